@@ -27,7 +27,7 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import Robot
-from training.actors.tasks import RunnerSpec, Trial, TrialResult
+from training.actors.pool import make_pool
 from training.common.command_line import (
     AnyRobot,
     ContactSeconds,
@@ -43,11 +43,12 @@ from training.common.command_line import (
 )
 from training.common.folders import make_folder
 from training.common.options import Options, option
+from training.env.settings import TrialSettings
 from training.evaluation.periodic import CHOOSING
-from training.evaluation.remembered import RememberedTrials
+from training.evaluation.plan import Trial, TrialResult, seed_of
 from training.evaluation.score import CONTACT_SECONDS, barn_metric, clearly_worse, summary, trial_seconds
 from training.evaluation.store import TrialTable
-from training.evaluation.trials import TRIAL_RUNNER, content, seed_of, world_list
+from training.evaluation.trials import content, drive, drive_missing, world_list
 from worlds.loading import FORMS
 
 with extra(__name__):
@@ -57,6 +58,7 @@ FINALISTS = 5  # generations whose means and winners take part in the last race
 FINAL_BLOCK = 8  # trials between two tests of the last race
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
+DriveTrials = Callable[[Sequence[Trial]], Dict[Trial, TrialResult]]  # evaluation.trials.drive_missing
 Found = TypeVar("Found")
 
 
@@ -129,12 +131,12 @@ def run(arguments: List[str]) -> None:
 
     @contextmanager
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> Iterator[SetTrials]:
-        rules = {"simulator": simulator, "protocol": options.protocol, "monitor": options.monitor}
-        made = {**rules, "planner_frequency": planner_frequency, "robot": options.robot.folder}
+        rules: Dict[str, Any] = {"simulator": simulator, "protocol": options.protocol, "monitor": options.monitor}
+        made = TrialSettings(**rules, planner_frequency=planner_frequency, robot=options.robot.folder)
         table = TrialTable(stem + "_trials.sqlite", [*rules.values(), planner_frequency, content(options.robot)])
-        drives = RememberedTrials(RunnerSpec(TRIAL_RUNNER, made), options.workers, options.ray_address, table)
-        with closing(table), closing(drives):
-            yield SetTrials(drives, worlds, space, options.planner)
+        with closing(table), make_pool(options.workers, options.ray_address) as pool:
+            found = partial(drive_missing, pool, partial(drive, made), table=table)
+            yield SetTrials(found, worlds, space, options.planner)
 
     with continuable():
         with driver(worlds, options.simulator, options.planner_frequency) as trials:
@@ -162,14 +164,14 @@ class SetTrials:
     """Drives sets of a robot's parameters through worlds.
 
     Args:
-        trials: drives the trials.
+        drive: gives the results of trials.
         worlds: [(name, specification), ...].
         space: of the sets.
         planner: kind of planner (applr_ros1/planner/variant.py).
     """
 
-    def __init__(self, trials: RememberedTrials, worlds: Sequence[Tuple[str, str]], space: Space, planner: str = OURS):
-        self.trials, self.worlds, self.space, self.planner = trials, worlds, space, planner
+    def __init__(self, drive: DriveTrials, worlds: Sequence[Tuple[str, str]], space: Space, planner: str = OURS):
+        self.drive, self.worlds, self.space, self.planner = drive, worlds, space, planner
         self.driven = 0  # trials, those of the table included
 
     def run(self, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[TrialResult]]:
@@ -179,7 +181,7 @@ class SetTrials:
             ApplrError: where a trial fails by an error.
         """
         trials = [[self.trial(theta, world, number, seed) for world, number in jobs] for theta in sets]
-        results = self.trials.run([trial for of_job in zip(*trials) for trial in of_job])  # equal sets drive once
+        results = self.drive([trial for of_job in zip(*trials) for trial in of_job])  # equal sets drive once
         self.driven += len(results)
         return [[results[trial] for trial in of_set] for of_set in trials]
 

@@ -21,7 +21,6 @@ from pydantic import Field
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.extras import absent
 from applr_ros1.policy import methods
-from training.actors.tasks import Trial
 from training.common.command_line import (
     AnyRobot,
     Seed,
@@ -33,9 +32,10 @@ from training.common.command_line import (
     parsed,
 )
 from training.common.options import PLACE, Options, option
+from training.evaluation.plan import Trial, plan_trials
 from training.evaluation.run import EvaluationOptions, drive, settings
 from training.evaluation.store import TrialStore
-from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
+from training.evaluation.trials import TRIAL_RUNNER, world_list
 from training.report.verdict import (
     LOOKS,
     OWN,
@@ -87,7 +87,7 @@ def run(options: TryOptions) -> int:
     )
     worlds = world_list(options.worlds, evaluation.protocol, robot)
     chosen = methods.parse(evaluation.methods, robot)
-    trials = plan([world[:2] for world in worlds], chosen, TRIALS, options.seed)
+    trials = plan_trials([world[:2] for world in worlds], chosen, TRIALS, options.seed)
     with continuable(), closing(TrialStore(out, settings(evaluation, worlds, chosen), trials)) as store:
         blocks = _blocks(store, names, max(1, options.workers), 60.0 * options.minutes)
         drive(store, evaluation, blocks)

@@ -24,7 +24,9 @@ from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.weights import make_weights
+from training.env.settings import TrialSettings
 from training.evaluation import trials
+from training.evaluation.plan import plan_trials
 from worlds import barn
 
 PLANNER, COSTMAPS = "TrajectoryPlannerROS", ("local_costmap", "global_costmap")
@@ -390,10 +392,10 @@ def test_shipped_policy_says_what_made_it_and_drives():
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200
     assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
-    runner = trials.TrialRunner("kinematic")
+    runner = trials.TrialRunner(TrialSettings())
     times = {}
-    for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
-        result = runner.run(task).result
+    for task in plan_trials([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
+        result = runner.run(task)
         assert result.success, result
         times[task.world, task.method] = result.time_s
     applr, dwa = (sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa"))

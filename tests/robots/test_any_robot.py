@@ -20,8 +20,8 @@ from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
 from training.bags.reader import TopicNames
+from training.evaluation.plan import COLUMNS
 from training.evaluation.store import read_rows
-from training.evaluation.trials import COLUMNS
 
 CRATE = """\
 base:

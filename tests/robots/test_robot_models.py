@@ -10,7 +10,9 @@ from applr_ros1.common.trees import merged
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.description import find
+from training.env.settings import TrialSettings
 from training.evaluation import trials
+from training.evaluation.plan import plan_trials
 from training.static_search import move_base_parameters
 
 OTHERS = ["husky", "turtlebot3_waffle_pi"]
@@ -22,8 +24,8 @@ def test_one_policy_drives_every_robot():
     assert os.path.getsize(path) < 6e6
     names = [(world, world) for world in ("generated:8", "generated:35")]
     for name in robots.NAMES:
-        runner = trials.TrialRunner("kinematic", robot=name, monitor=True)
-        results = [runner.run(task).result for task in trials.plan(names, [("every", path)], 1, seed=0)]
+        runner = trials.TrialRunner(TrialSettings(robot=name, monitor=True))
+        results = [runner.run(task) for task in plan_trials(names, [("every", path)], 1, seed=0)]
         assert all(result.success and not result.collided for result in results), (name, results)
 
 

@@ -1,5 +1,8 @@
 """A tiny task for the tests of training: go to zero on a line. No planner, no simulator, a millisecond an episode."""
 
+import os
+import time
+
 import gymnasium
 import numpy as np
 
@@ -28,8 +31,6 @@ class Slow(Line):
     """Half a second an episode, so that a test can kill an actor in the middle."""
 
     def step(self, action):
-        import time
-
         time.sleep(0.02)
         return super().step(action)
 
@@ -45,7 +46,15 @@ class Dying(Line):
     def reset(self, *, seed=None, options=None):
         result = super().reset(seed=seed)
         if self.x > 0.75:
-            import os
-
             os._exit(9)
         return result
+
+
+def drive(number, seconds=0.0):
+    """A call for workers: number 3 ends its process, number 4 fails, the rest say where they were executed."""
+    time.sleep(seconds)
+    if number == 3:
+        os._exit(9)
+    if number == 4:
+        raise ValueError("this trial cannot be driven\nat all")
+    return number, os.getpid()

@@ -1,4 +1,4 @@
-"""A runner of evaluation trials that drives nothing: an answer from the task alone, after a moment.
+"""Evaluation trials that drive nothing: a result from the task alone, after a moment.
 
 Methods named "bad..." fail, "mortal..." end their process the first time. Used by the tests of evaluate.py.
 """
@@ -9,41 +9,38 @@ import zlib
 
 import numpy as np
 
-from training.actors.tasks import Answer, TrialResult
+from training.evaluation.plan import TrialResult
 from training.evaluation.run import EvaluationOptions, settings
 
 SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of itself, with nothing in it
 
 
-class ToyRunner:
-    def __init__(self, simulator, **options):
-        self.simulator = simulator
-        if os.environ.get("TOY_BROKEN"):
-            raise ValueError("the toy is broken; mend it")
-
-    def run(self, task, policy):
-        rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
-        time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
-        if task.method.startswith("bad"):
-            raise ValueError("the toy will not; take another")
-        mark = os.environ.get("TOY_MARK", "")
-        if task.method.startswith("mortal") and not os.path.exists(mark):
-            open(mark, "w").close()
-            os._exit(9)
-        success = rng.random() < 0.9
-        seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
-        result = TrialResult(
-            success=bool(success),
-            collided=bool(rng.random() < 0.1),
-            timeout=not success,
-            time_s=float(seconds),
-            decisions=int(seconds // 2) + 1,
-            path_length_m=float(rng.uniform(6, 8)),
-            reason="finished" if success else "time limit",
-            route_m=7.0,
-            min_clearance_m=float(rng.uniform(0.1, 0.5)),
-            mean_jerk=8.0,
-            mean_turn=1.5,
-            switching=0.1,
-        )
-        return Answer(task, result=result)
+def drive(settings, task):
+    """As training.evaluation.trials.drive."""
+    if os.environ.get("TOY_BROKEN"):
+        raise ValueError("the toy is broken; mend it")
+    rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
+    time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
+    if task.method.startswith("bad"):
+        raise ValueError("the toy will not; take another")
+    mark = os.environ.get("TOY_MARK", "")
+    if task.method.startswith("mortal") and not os.path.exists(mark):
+        open(mark, "w").close()
+        os._exit(9)
+    success = rng.random() < 0.9
+    seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
+    result = TrialResult(
+        success=bool(success),
+        collided=bool(rng.random() < 0.1),
+        timeout=not success,
+        time_s=float(seconds),
+        decisions=int(seconds // 2) + 1,
+        path_length_m=float(rng.uniform(6, 8)),
+        reason="finished" if success else "time limit",
+        route_m=7.0,
+        min_clearance_m=float(rng.uniform(0.1, 0.5)),
+        mean_jerk=8.0,
+        mean_turn=1.5,
+        switching=0.1,
+    )
+    return result, b""

@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import safetensors.numpy
@@ -9,9 +10,9 @@ import safetensors.numpy
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
-from training.actors.collector import layout_of
-from training.actors.tasks import POLICY, Answer, RunnerSpec, TrialResult, WorkerSettings
-from training.env.rollout import make_environment, roll_out
+from training.actors.collector import collect, environment, layout_of
+from training.env.rollout import PolicyWeights, make_environment, roll_out
+from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
@@ -26,25 +27,11 @@ TOY = [
 NO_EVALUATION = ["--eval-worlds", "none"]
 
 
-class ToyTrials:
-    """Runner of trials in a toy environment; the default stands still."""
-
-    def __init__(self, env):
-        self.env = make_environment(env, {})
-
-    def run(self, task, policy):
-        """Drives one episode of the policy, or of the default where the task names another method."""
-        policy = policy if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
-        episode = roll_out(self.env, policy, task.seed)
-        return Answer(task, result=TrialResult(decisions=10, total_reward=float(sum(episode.rewards))))
-
-
-def toy_settings(env):
-    """Who drives in a toy environment "module:Class"."""
-    return WorkerSettings(
-        RunnerSpec("training.actors.collector:Collector", {"env": env, "options": {}}),
-        RunnerSpec("tests.support.toy_training:ToyTrials", {"env": env}),
-    )
+def drive(env, task, weights):
+    """Drives one episode of the policy, or of the default, which stands still, where the task names another method."""
+    policy = PolicyWeights(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
+    episode = roll_out(environment(env, "{}"), policy, task.seed)
+    return TrialResult(decisions=10, total_reward=float(sum(episode.rewards))), b""
 
 
 def toy_run(config, env=LINE):
@@ -54,7 +41,8 @@ def toy_run(config, env=LINE):
         @staticmethod
         def prepare(config):
             held_out = [("environment", "")] * (config.eval_worlds != "none")
-            return Preparation(toy_settings(env), None, held_out, layout_of(make_environment(env, {})))
+            layout = layout_of(make_environment(env, {}))
+            return Preparation(partial(collect, env, "{}"), partial(drive, env), None, held_out, layout)
 
         def write_policy(self, path, weights, metadata):
             write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))

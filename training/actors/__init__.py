@@ -1,6 +1,5 @@
-"""Workers that do tasks one after the other, in this process, in child processes or as Ray actors: one interface.
+"""Workers that execute calls, behind the interface of concurrent.futures, and what an actor does in an environment.
 
-tasks.py says what travels, worker.py does tasks, pool.py hands them out, local.py and ray.py are the two kinds of
-parallel workers. What a task means is defined by its runner: collector.py for training episodes,
-training/evaluation/trials.py for trials.
+pool.py executes in this process or hands out to workers: processes of this machine (process.py) or Ray actors (ray.py).
+collector.py is a training episode; a trial is training/evaluation/trials.py.
 """

@@ -1,60 +1,80 @@
-"""What an actor does in an environment: training episodes with exploration noise.
-
-Workers make this runner (training/actors/worker.py); learner/prepare.py names it.
-"""
+"""What an actor does in an environment: a training episode with exploration noise. learner/run.py submits them."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Dict, Optional
 
 import gymnasium
 import numpy as np
 
-from training.actors.tasks import Answer, Collect
-from training.actors.worker import PolicyWeights
-from training.env.rollout import make_environment, roll_out
+from training.env.rollout import PolicyWeights, make_environment, roll_out
 from training.replay.trajectory import Trajectory, TransitionLayout
 
-TRAINING = 0  # first number of the seeds of training episodes
+ACTOR = "actor-0"  # as trajectories name who drove them; all workers together count episodes on
+TRAINING, WORLDS = 0, 2  # first numbers of the seeds of training episodes, and of the worlds drawn for them
+INFO = ("world", "success", "collided", "timeout", "aborted", "flipped", "time_s")  # what a trajectory keeps
 
 
-class Collector:
-    """Runner of Collect tasks: an episode each, as a packed trajectory.
+@dataclass(frozen=True)
+class Collect:
+    """A training episode to be driven. All of its randomness comes from the run's seed and the episode's number.
+
+    sigma is the standard deviation of the noise, random asks for uniform actions instead of the policy's; world is an
+    index, None leaves the choice to the environment. version is the policy's, in gradient steps.
+    """
+
+    episode: int
+    seed: int
+    sigma: float
+    random: bool
+    world: Optional[int] = None
+    version: int = -1
+
+
+def draw_world(seed: int, episode: int, worlds: Optional[int]) -> Optional[int]:
+    """The index of an episode's world among so many; None where the environment chooses."""
+    return int(np.random.default_rng([WORLDS, seed, 0, episode]).integers(worlds)) if worlds else None
+
+
+@lru_cache(maxsize=1)
+def environment(env: str, options: str) -> gymnasium.Env:
+    """The environment "module:Class", made once in a process; options: its keyword arguments as JSON."""
+    return make_environment(env, json.loads(options))
+
+
+def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
+    """Drives an episode and packs its trajectory.
 
     Args:
         env: "module:Class" of the environment.
-        options: its keyword arguments.
+        options: its keyword arguments as JSON.
+        task: what to drive.
+        weights: the policy's, as PolicyWeights reads them.
     """
+    made = environment(env, options)
+    layout, policy = layout_of(made), PolicyWeights(weights)
+    rng = np.random.default_rng([TRAINING, task.seed, *ACTOR.encode(), task.episode])
 
-    def __init__(self, env: str, options: Dict[str, Any]):
-        self.env = make_environment(env, options)
-        self.layout = layout_of(self.env)
+    def act(observation: np.ndarray) -> np.ndarray:
+        if task.random:
+            return rng.uniform(-1.0, 1.0, layout.action).astype(np.float32)
+        noise = rng.standard_normal(layout.action, dtype=np.float32) * np.float32(task.sigma)
+        return np.clip(policy(observation[: layout.seen]) + noise, -1.0, 1.0)
 
-    def run(self, task: Collect, policy: Optional[PolicyWeights]) -> Answer:
-        """Drives the episode; all of its randomness comes from the task's seed, actor and episode."""
-        rng = np.random.default_rng([TRAINING, task.seed, *task.actor.encode(), task.episode])
-        size = self.layout.action
-
-        def act(observation: np.ndarray) -> np.ndarray:
-            if policy is None or task.random:
-                return rng.uniform(-1.0, 1.0, size).astype(np.float32)
-            noise = rng.standard_normal(size, dtype=np.float32) * np.float32(task.sigma)
-            return np.clip(policy(observation[: self.layout.seen]) + noise, -1.0, 1.0)
-
-        options = None if task.world is None else {"world": task.world}
-        episode = roll_out(self.env, act, int(rng.integers(2**31)), options)
-        info: Dict[str, Any] = {"return": float(sum(episode.rewards)), "length": len(episode.rewards)}
-        for name in ("world", "success", "collided", "timeout", "aborted", "flipped", "time_s"):
-            if name in episode.info:
-                value = episode.info[name]
-                info[name] = value.item() if isinstance(value, np.generic) else value
-        if episode.terms:
-            info["terms"] = episode.terms
-        info.update(actor=task.actor, episode=task.episode, version=task.version, sigma=task.sigma)
-        trajectory = Trajectory.of(
-            self.layout, episode.observations, episode.actions, episode.rewards, episode.terminated, info
-        )
-        return Answer(task, data=trajectory.pack())
+    begin = None if task.world is None else {"world": task.world}
+    driven = roll_out(made, act, int(rng.integers(2**31)), begin)
+    info: Dict[str, Any] = {"return": float(sum(driven.rewards)), "length": len(driven.rewards)}
+    for name in INFO:
+        if name in driven.info:
+            value = driven.info[name]
+            info[name] = value.item() if isinstance(value, np.generic) else value
+    if driven.terms:
+        info["terms"] = driven.terms
+    info.update(actor=ACTOR, episode=task.episode, version=task.version, sigma=task.sigma)
+    return Trajectory.of(layout, driven.observations, driven.actions, driven.rewards, driven.terminated, info).pack()
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:

@@ -1,228 +1,188 @@
-"""A pool of workers: any number of them do tasks, each asking for the next when it has done one.
+"""A pool of workers as an executor of concurrent.futures, which replaces workers that die or hang.
 
-make_pool chooses among none (everything happens in this process, the same in every run), child processes (local.py)
-and Ray actors (ray.py). A worker that dies or hangs is replaced; a trial that it had is given again, a training episode
-is not.
+make_pool chooses among none (calls run in this process, the same in every run), child processes (process.py) and Ray
+actors (ray.py). This is no ProcessPoolExecutor: there one death ends all workers, none can be killed, and Python 3.11
+waits for ever for one that was killed while a message to it was in its pipe (gh-94777).
 """
 
 from __future__ import annotations
 
-import queue
 import sys
 import threading
-from dataclasses import replace
-from typing import Callable, List, Optional, Protocol, Tuple
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from itertools import islice
+from queue import SimpleQueue
+from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Protocol, Set, Tuple, TypeVar
 
 from applr_ros1.common.errors import ApplrError
-from training.actors.tasks import POLICY, Answer, Collect, Task, Trial, WorkerSettings
-from training.actors.worker import Worker
+from training.actors.process import ChildProcess, WorkerDied, attempt
+from training.actors.ray import RayCluster
 
 GIVE_UP = 8  # workers that die one after the other without a single answer: something is wrong with all of them
-RETRIES = 2  # times that a trial is given again after its worker died
-TASK_SECONDS = 900.0  # without an answer, after which a worker counts as hung
-IDLE = 0.05  # [s] until a worker without a task asks again
-NextTask = Callable[[int], Optional[Task]]
+TRIES = 3  # times that a call is executed before its workers' deaths count as its error
+CALL_SECONDS = 900.0  # without an answer, after which a worker counts as hung
+T = TypeVar("T")
 
 
-class WorkerDied(Exception):
-    """A worker gives no answer any more; the message says how it ended."""
+class CallFailed(Exception):
+    """A call ended by an error, of one line, or its workers died; the pool goes on."""
 
 
-class Link(Protocol):
-    """A worker that runs elsewhere. Whoever makes a link starts the worker."""
+class Worker(Protocol):
+    """What executes calls elsewhere, one after the other. Whoever makes one starts it."""
 
-    @property
-    def has_place(self) -> bool:
-        """Whether it runs; on a Ray cluster that has lost a node it may wait for a place."""
+    def when_ready(self, callback: Callable[[], None]) -> None:
+        """Calls back, perhaps later and from another thread, when calls can be sent."""
 
-    def ask(self, task: Task, policy: bytes, seconds: float) -> Answer:
-        """The answer to a task; policy: a newer one than the worker has, or b"". Raises WorkerDied."""
+    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Tuple[Any, str]:
+        """(result, "") or (None, error) of process.attempt there. Raises WorkerDied, also after so many seconds."""
 
     def end(self) -> None:
         """End the worker, from whichever thread; what it is doing is lost."""
 
 
-class Pool:
-    """Workers, and the policies that they are sent. This one has none: poll() does one task here and now.
+class Pool(Executor):
+    """Executes each call when it is submitted, in this process.
 
-    Args:
-        settings: who does which task in a worker.
-        next_task: called with a worker's number for each new task, perhaps from another thread, but never twice at
-            once; None: nothing to do now, ask again.
+    Attributes:
+        slots: How many calls are worth submitting at once.
+        in_process: Whether submit() returns when the call is done.
+        alive: Workers at work.
+        replaced: Workers that died or hung.
     """
 
-    replaced = 0  # workers that died or hung
+    slots, in_process = 1, True
+    alive = replaced = 0
 
-    def __init__(self, settings: WorkerSettings, next_task: NextTask):
-        self.settings, self.next_task = settings, next_task
-        self._newest: Tuple[int, bytes] = (-1, b"")
-        self._pinned: Tuple[int, bytes] = (-1, b"")
-        self._known = -1
-        self._lock = threading.Lock()
+    def submit(self, function: Callable[..., Any], /, *args: Any) -> Future:  # type: ignore[override]
+        """A future of function(*args). Its exception is CallFailed, or ApplrError where the pool gives up."""
+        future: Future = Future()
+        result, error = attempt(function, args)
+        if error:
+            future.set_exception(CallFailed(error))
+        else:
+            future.set_result(result)
+        return future
 
-    def publish(self, version: int, weights: bytes) -> None:
-        """The newest policy, `version` gradient steps old; workers get it with their next training episode."""
-        with self._lock:
-            self._newest = (version, weights)
-
-    def pin_for_evaluation(self, version: int, weights: bytes) -> None:
-        """The policy of trials whose method is POLICY; replaces the one pinned before."""
-        with self._lock:
-            self._pinned = (version, weights)
-
-    def poll(self, timeout: float) -> List[Answer]:
-        """Answers that came in; waits for the first at most `timeout` seconds. Raises ApplrError."""
-        if not hasattr(self, "_worker"):
-            self._worker = Worker(self.settings)
-        task = self.next_task(0)
-        if task is None:
-            return []
-        task, self._known, weights = self._with_policy(task, self._known)
-        return [self._worker.run(task, weights)]
-
-    @property
-    def alive(self) -> int:
-        """Workers at work."""
-        return 0
-
-    def close(self) -> None:
-        """End the workers; tasks under way are lost."""
-
-    def _with_policy(self, task: Task, known: int) -> Tuple[Task, int, bytes]:
-        """(task, policy version that the worker has with it, weights if it has another one now)."""
-        with self._lock:
-            if isinstance(task, Collect):
-                version, weights = self._newest
-                task = replace(task, version=version)
-            elif task.method_spec == POLICY:
-                version, weights = self._pinned
-            else:
-                return task, known, b""
-        return task, version, weights if version != known else b""
+    def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future]]:
+        """(item, done future of function(item)) in the order of their ends; slots at once, the next when asked for."""
+        waiting = iter(items)
+        running: Dict[Future, T] = {}
+        while True:
+            for item in islice(waiting, self.slots - len(running)):
+                running[self.submit(function, item)] = item
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future
 
 
 class ParallelPool(Pool):
-    """Workers elsewhere, each served by a thread of its own; answers wait in a bounded queue.
+    """Workers elsewhere, a thread for each call under way.
 
     Args:
-        settings, next_task: as in Pool.
-        workers: how many.
         start: starts a worker.
-        task_seconds: without an answer, after which a worker counts as hung.
+        workers: how many.
+        close: called at the end.
+        seconds: without an answer, after which a worker counts as hung.
     """
 
     def __init__(
         self,
-        settings: WorkerSettings,
-        next_task: NextTask,
+        start: Callable[[], Worker],
         workers: int,
-        start: Callable[[], Link],
-        task_seconds: float = TASK_SECONDS,
+        close: Callable[[], None] = lambda: None,
+        seconds: float = CALL_SECONDS,
     ):
-        super().__init__(settings, next_task)
-        self._start, self.task_seconds = start, task_seconds
-        self._answers: "queue.Queue[Answer]" = queue.Queue()
-        self._most_waiting = 4 * workers + 16  # answers not yet taken, beyond which workers get no new task
-        self._asking = threading.Lock()
+        self.slots, self.in_process, self.seconds = workers, False, seconds
+        self._start, self._close = start, close
+        self._threads = ThreadPoolExecutor(workers)
+        self._idle: SimpleQueue[Optional[Worker]] = SimpleQueue()  # None: closed
+        self._ready: Set[Worker] = set()
+        self.workers: Set[Worker] = set()
+        self._lock = threading.Lock()
+        self._closed = False
         self._deaths = 0  # since the last answer
-        self._failed = ""
-        self._stop = threading.Event()
-        self.links: List[Link] = [start() for _ in range(workers)]
-        self._threads = [threading.Thread(target=self._serve, args=(i,), daemon=True) for i in range(workers)]
-        for thread in self._threads:
-            thread.start()
-
-    def poll(self, timeout: float) -> List[Answer]:
-        """Answers that came in; waits for the first at most `timeout` seconds. Raises ApplrError."""
-        if self._failed:
-            raise ApplrError(self._failed)
-        answers: List[Answer] = []
-        try:
-            answers.append(self._answers.get(timeout=timeout) if timeout > 0 else self._answers.get_nowait())
-            while True:
-                answers.append(self._answers.get_nowait())
-        except queue.Empty:
-            return answers
+        for _ in range(workers):
+            self._add()
 
     @property
-    def alive(self) -> int:
-        """Workers at work."""
-        return sum(thread.is_alive() and link.has_place for thread, link in zip(self._threads, self.links))
+    def alive(self) -> int:  # type: ignore[override]
+        """Workers at work; on a Ray cluster that has lost a node others wait for a place."""
+        return len(self._ready)
 
-    def close(self) -> None:
-        """End the workers; tasks under way are lost."""
-        self._stop.set()
-        for link in self.links:
-            link.end()
-        for thread in self._threads:
-            thread.join(3.0)
+    def submit(self, function: Callable[..., Any], /, *args: Any) -> Future:  # type: ignore[override]
+        """As Pool.submit; the next worker that is idle executes the call."""
+        return self._threads.submit(self._call, function, args)
 
-    def _serve(self, number: int) -> None:
-        """One worker's thread."""
-        known = -1  # version of the policy that the worker has
-        try:
-            while not self._stop.is_set():
-                with self._asking:
-                    full = self._answers.qsize() >= self._most_waiting
-                    task = None if full else self.next_task(number)
-                if task is None:
-                    self._stop.wait(IDLE)
-                    continue
-                for _ in range(1 + RETRIES * isinstance(task, Trial)):
-                    task, known, weights = self._with_policy(task, known)
-                    try:
-                        answer = self.links[number].ask(task, weights, self.task_seconds)
-                    except WorkerDied as death:
-                        known = -1
-                        if not self._replace(number, str(death)):
-                            return
-                    else:
-                        self._deaths = 0
-                        self._answers.put(answer)
-                        break
-                else:
-                    if isinstance(task, Trial):
-                        text = f"its worker died {1 + RETRIES} times; see the messages above"
-                        self._answers.put(Answer(task, text))
-        except Exception as error:  # a thread must not die unheard
-            self._failed = f"the pool of workers failed: {type(error).__name__}: {error}"
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
+        """End the workers; calls under way are lost."""
+        with self._lock:
+            self._closed = True  # from now on the set of workers stays as it is
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for worker in self.workers:
+            worker.end()
+        for _ in range(self.slots):
+            self._idle.put(None)
+        self._threads.shutdown(wait=wait)
+        self._close()
 
-    def _replace(self, number: int, how: str) -> bool:
-        """A new worker in the place of one that ended; False where the pool is closed or gives up."""
-        if self._stop.is_set():
-            return False
-        self.links[number].end()
-        print(f"worker {number} {how}; a new one takes its place", file=sys.stderr)
-        with self._asking:
+    def _call(self, function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
+        for _ in range(TRIES):
+            worker = self._idle.get()
+            if worker is None:
+                break
+            try:
+                result, error = worker.call(function, args, self.seconds)
+            except WorkerDied as death:
+                self._replace(worker, str(death))
+                continue
+            self._deaths = 0
+            self._idle.put(worker)
+            if error:
+                raise CallFailed(error)
+            return result
+        raise CallFailed("the pool is closed" if self._closed else f"its worker died {TRIES} times; see above")
+
+    def _replace(self, worker: Worker, how: str) -> None:
+        """A new worker in the place of one that ended. Raises ApplrError where the pool gives up."""
+        worker.end()
+        with self._lock:
+            if self._closed:
+                return
+            self._ready.discard(worker)
+            self.workers.discard(worker)
             self.replaced += 1
             self._deaths += 1
             if self._deaths >= GIVE_UP:
-                self._failed = (
+                raise ApplrError(
                     f"{GIVE_UP} workers {how} one after the other without an answer; see their messages above"
                 )
-                self._stop.set()
-                return False
-        self.links[number] = self._start()
-        if self._stop.is_set():  # closed meanwhile
-            self.links[number].end()
-        return True
+        print(f"worker {how}; a new one takes its place", file=sys.stderr)
+        self._add()
+
+    def _add(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            worker = self._start()
+            self.workers.add(worker)
+
+        def ready() -> None:
+            if not self._closed:
+                self._ready.add(worker)
+                self._idle.put(worker)
+
+        worker.when_ready(ready)
 
 
-def make_pool(
-    settings: WorkerSettings,
-    next_task: NextTask,
-    workers: int,
-    ray_address: str = "",
-    task_seconds: float = TASK_SECONDS,
-) -> Pool:
+def make_pool(workers: int, ray_address: str = "", seconds: float = CALL_SECONDS) -> Pool:
     """A pool.
 
     Args:
-        settings: who does which task in a worker.
-        next_task: as in Pool.
         workers: how many; 0: in this process.
         ray_address: HOST:PORT of a Ray cluster, "local" for one that is started here; "": child processes.
-        task_seconds: without an answer, after which a worker counts as hung.
+        seconds: without an answer, after which a worker counts as hung.
 
     Raises:
         ApplrError: where Ray does not answer, or where an address is given that no worker would run at.
@@ -230,9 +190,8 @@ def make_pool(
     if ray_address and workers == 0:
         raise ApplrError(f"--ray-address {ray_address}: nothing would run there; it needs 1 worker or more")
     if workers == 0:
-        return Pool(settings, next_task)
-    from training.actors import local, ray
-
-    if ray_address:
-        return ray.RayPool(settings, next_task, workers, ray_address, task_seconds)
-    return ParallelPool(settings, next_task, workers, lambda: local.ChildProcess(settings), task_seconds)
+        return Pool()
+    if not ray_address:
+        return ParallelPool(ChildProcess, workers, seconds=seconds)
+    cluster = RayCluster(ray_address, workers)
+    return ParallelPool(cluster.worker, workers, cluster.close, seconds)

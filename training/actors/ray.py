@@ -2,52 +2,74 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import sys
 from functools import lru_cache
-from typing import Any, Callable, Dict
+from typing import Any, Callable, Dict, Tuple
 
 from applr_ros1.common.errors import ApplrError, reason
-from training.actors.local import environment
-from training.actors.pool import NextTask, ParallelPool, WorkerDied
-from training.actors.tasks import Answer, Task, WorkerSettings
-from training.actors.worker import Worker
+from training.actors.process import WorkerDied, attempt, environment
+
+LARGE = 100_000  # bytes of an argument that lies once in Ray's store, for all actors
 
 
-class RayPool(ParallelPool):
-    """`workers` actors of Ray at `address`, with "local" of a Ray that is started on this machine."""
+class RayCluster:
+    """A Ray at an address, with "local" one that is started on this machine for so many workers.
 
-    def __init__(self, settings: WorkerSettings, next_task: NextTask, workers: int, address: str, task_seconds: float):
-        self._ray = ray = start_ray(address, workers)
-        remote = ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(Worker)
-        put = lru_cache(maxsize=2)(ray.put)  # a policy lies once in Ray's store, for all actors
-        super().__init__(
-            settings, next_task, workers, lambda: RayActor(ray, remote.remote(settings), put), task_seconds
-        )
+    That one listens on the loopback interface only, and has no dashboard.
 
-    def close(self) -> None:
-        """End the actors and leave Ray."""
-        super().close()
-        self._ray.shutdown()
+    Raises:
+        ApplrError: with one line, where nothing answers there.
+    """
+
+    def __init__(self, address: str, workers: int):
+        if address == "local":
+            os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: so no other host
+        else:
+            _check_address(address)
+        import ray
+
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        options: Dict[str, Any] = {"num_cpus": workers, "_node_ip_address": "127.0.0.1"} if address == "local" else {}
+        if not ray.is_initialized():
+            try:
+                ray.init(
+                    address,
+                    include_dashboard=False,
+                    logging_level=logging.ERROR,
+                    runtime_env={"env_vars": environment()},
+                    **options,
+                )
+            except Exception as error:  # Ray raises many kinds
+                raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
+        if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
+            print(f"Ray at {address} takes work from anybody who reaches it: set RAY_AUTH_MODE=token", file=sys.stderr)
+        self.ray, self.put = ray, lru_cache(maxsize=2)(ray.put)
+        self.close = ray.shutdown
+
+    def worker(self) -> "RayActor":
+        """Starts a worker."""
+        return RayActor(self)
 
 
 class RayActor:
-    """An actor (pool.Link)."""
+    """An actor that executes calls one after the other (pool.Worker)."""
 
-    def __init__(self, ray: Any, actor: Any, put: Callable[[bytes], Any]):
-        self._ray, self._actor, self._put = ray, actor, put
-        self._ready = actor.__ray_ready__.remote()
+    def __init__(self, cluster: RayCluster):
+        self._ray, self._put = cluster.ray, cluster.put
+        self.actor = cluster.ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Actor).remote()
 
-    @property
-    def has_place(self) -> bool:
-        """Whether a node has taken it."""
-        return bool(self._ray.wait([self._ready], timeout=0)[0])
+    def when_ready(self, callback: Callable[[], None]) -> None:
+        """Calls back when a node has taken it, or it is dead."""
+        self.actor.__ray_ready__.remote().future().add_done_callback(lambda _: callback())
 
-    def ask(self, task: Task, policy: bytes, seconds: float) -> Answer:
-        """The answer to a task. Raises WorkerDied."""
+    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Tuple[Any, str]:
+        """What attempt() gives there. Raises WorkerDied."""
+        sent = [self._put(arg) if isinstance(arg, bytes) and len(arg) > LARGE else arg for arg in args]
         try:
-            return self._ray.get(self._actor.run.remote(task, self._put(policy) if policy else b""), timeout=seconds)
+            return self._ray.get(self.actor.attempt.remote(function, *sent), timeout=seconds)
         except self._ray.exceptions.GetTimeoutError:
             raise WorkerDied(f"gave no answer for {seconds:g} s") from None
         except self._ray.exceptions.RayError as error:
@@ -57,40 +79,16 @@ class RayActor:
     def end(self) -> None:
         """End the actor."""
         try:
-            self._ray.kill(self._actor)
+            self._ray.kill(self.actor)
         except Exception as error:  # it is dead, or its node is; Ray raises many kinds
             print(f"Ray: {reason(error)}", file=sys.stderr)
 
 
-def start_ray(address: str, workers: int) -> Any:
-    """The ray module, connected. Raises ApplrError with one line where nothing answers there.
+class _Actor:
+    """What runs in an actor's process."""
 
-    A Ray that is started here listens on the loopback interface only, and has no dashboard.
-    """
-    if address == "local":
-        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: no cluster, so no other host
-    import ray
-
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    options: Dict[str, Any] = {
-        "include_dashboard": False,
-        "log_to_driver": True,
-        "logging_level": "ERROR",
-        "runtime_env": {"env_vars": environment()},
-        "address": address,
-    }
-    if address == "local":
-        options.update(num_cpus=workers, _node_ip_address="127.0.0.1")
-    else:
-        _check_address(address)
-    if not ray.is_initialized():
-        try:
-            ray.init(**options)
-        except Exception as error:  # Ray raises many kinds
-            raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
-    if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
-        print(f"Ray at {address} takes work from anybody who reaches it: set RAY_AUTH_MODE=token", file=sys.stderr)
-    return ray
+    def attempt(self, function: Callable[..., Any], *args: Any) -> Tuple[Any, str]:
+        return attempt(function, args)
 
 
 def _check_address(address: str, seconds: float = 5.0) -> None:

@@ -1,4 +1,4 @@
-"""One episode in any Gymnasium environment. Actors collect experience with it."""
+"""One episode in any Gymnasium environment, and the policy that drives it. Actors collect experience with them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,29 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional
 import gymnasium
 import numpy as np
 
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.network import forward, layers_of
+
 NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
+
+
+class PolicyWeights:
+    """The learnt policy in numpy, of any size, without noise: observation → action.
+
+    Args:
+        weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32, or of several such
+            networks side by side (applr_ros1/policy/network.py).
+    """
+
+    def __init__(self, weights: bytes):
+        arrays, _ = unpack(weights, "weights")
+        count = len(arrays) // 2
+        ends = arrays["0.weight"].shape[-1], arrays[f"{count - 1}.weight"].shape[-2]
+        self.layers = layers_of(arrays, *ends, "weights")
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Observation (n,) → action (m,) float32 in [-1, 1]."""
+        return np.tanh(forward(self.layers, observation))
 
 
 class Rollout(NamedTuple):

@@ -11,9 +11,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.files import StorageError, read_bytes, write_bytes
 from applr_ros1.planner.variant import OURS
-from training.actors.tasks import POLICY, Answer, Trial, TrialResult
+from training.evaluation.plan import POLICY, Trial, TrialResult, plan_trials
 from training.evaluation.score import summary
-from training.evaluation.trials import plan
 
 THETA0 = -1  # number of the round that drives the default
 CHOOSING = 2**31  # added to seeds of trials that choose: evaluate.py's seeds are smaller, so it judges on others
@@ -73,19 +72,19 @@ class PeriodicEvaluation:
         self.step, self.version = step, version
         method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
-        trials = plan(self.worlds, [method], self.trials, seed, 0, self.planner, self.robots)
+        trials = plan_trials(self.worlds, [method], self.trials, seed, 0, self.planner, self.robots)
         self._open = len(trials)
         return trials
 
-    def add(self, answer: Answer) -> Optional[Dict[str, Any]]:
-        """Takes a trial's answer, which may be an error. The round's summary when it was the last, else None.
+    def add(self, result: Optional[TrialResult]) -> Optional[Dict[str, Any]]:
+        """Takes a trial's result, None for an error. The round's summary when it was the last, else None.
 
         Raises:
             StorageError: where every trial of the round failed by an error.
         """
         self._open -= 1
-        if answer.result is not None:
-            self._results.append(answer.result)
+        if result is not None:
+            self._results.append(result)
         if self._open > 0:
             return None
         number, self.number = self.number, None

@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from contextlib import closing
+from functools import partial
+from pkgutil import resolve_name
 from typing import Any, Dict, Iterable, Literal, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
 from applr_ros1.policy import methods
 from applr_ros1.robots import on_ground
-from training.actors.tasks import RunnerSpec, Trial, TrialResult
+from training.actors.pool import make_pool
 from training.common.command_line import (
     AnyRobot,
     Monitor,
@@ -26,9 +27,10 @@ from training.common.command_line import (
 )
 from training.common.options import Options, option
 from training.common.provenance import provenance
-from training.evaluation.remembered import RememberedTrials
+from training.env.settings import TrialSettings
+from training.evaluation.plan import Trial, TrialResult, plan_trials
 from training.evaluation.store import TRIALS, TrialStore
-from training.evaluation.trials import TRIAL_RUNNER, described, plan, world_list
+from training.evaluation.trials import TRIAL_RUNNER, described, drive_missing, world_list
 from worlds import World
 
 
@@ -68,7 +70,7 @@ def evaluate(options: EvaluationOptions) -> None:
     """
     worlds = world_list(options.worlds, options.protocol, options.robot)
     chosen = methods.parse(options.methods, options.robot)
-    trials = plan(
+    trials = plan_trials(
         [w[:2] for w in worlds],
         chosen,
         options.trials,
@@ -128,9 +130,8 @@ def drive(store: TrialStore, options: EvaluationOptions, blocks: Optional[Iterab
     workers = min(options.workers, wanted - done)
     if options.ground:
         on_ground(options.robot, options.ground)  # refused here, not by every worker
-    arguments = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "ground")}
-    arguments["robot"] = options.robot.folder
-    runner = RunnerSpec(options.runner, arguments)
+    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "ground")}
+    runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
     bar = tqdm(total=wanted if blocks is None else None, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
 
     def show(trial: Trial, result: TrialResult) -> None:
@@ -138,10 +139,10 @@ def drive(store: TrialStore, options: EvaluationOptions, blocks: Optional[Iterab
         how = f"{result.time_s:.1f} s" if result.success else result.reason
         bar.set_postfix_str(f"{trial.world} {trial.method} {how}", refresh=False)
 
-    with bar, closing(RememberedTrials(runner, workers, options.ray_address, store)) as trials:
+    with bar, make_pool(workers, options.ray_address) as pool:
         try:
             for block in [store.plan] if blocks is None else blocks:
-                trials.run(block, show)
+                drive_missing(pool, runner, block, store, show)
         finally:
             seconds = time.monotonic() - began
             store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)

@@ -8,8 +8,8 @@ from typing import Any, Dict, Sequence
 import numpy as np
 from scipy import stats
 
-from training.actors.tasks import TrialResult
 from training.env.episode import TIME_LIMIT
+from training.evaluation.plan import TrialResult
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
 LEVEL = 0.05  # of the one-sided paired t-test

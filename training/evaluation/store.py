@@ -22,9 +22,8 @@ from typing import Any, Dict, Iterable, List, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
-from training.actors.tasks import Trial, TrialResult
 from training.common.folders import Lock, make_folder
-from training.evaluation.trials import COLUMNS, MEASURES
+from training.evaluation.plan import COLUMNS, MEASURES, Trial, TrialResult
 
 TABLE, TRIALS, MEASURES_FILE = "trials.sqlite", "trials.csv", "measures.csv"
 SETTINGS, TRACES = "evaluation.json", "traces"

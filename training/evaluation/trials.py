@@ -1,7 +1,7 @@
-"""Evaluation trials: which there are, what seed each has, and the one runner that drives them.
+"""Drives evaluation trials. A trial depends on its task and settings only, not on who drives it or what was before.
 
-evaluate.py, the periodic evaluation of a training and static_search.py plan Trials and have them driven by TrialRunner
-in a pool of workers. A trial depends on its task only, not on who drives it or what was driven before.
+evaluate.py, the periodic evaluation of a training and static_search.py have the trials of plan.py driven by drive() in
+a pool of workers.
 """
 
 from __future__ import annotations
@@ -9,71 +9,91 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import zlib
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from functools import lru_cache
+from typing import Any, Callable, Dict, List, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import FORMS
-from applr_ros1.policy.form import PAPER
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load, on_ground
-from training.actors.tasks import POLICY, Answer, Trial, TrialResult
-from training.actors.worker import PolicyWeights
-from training.env.episode import TIME_LIMIT, Episode, counting_cells
+from training.actors.pool import CallFailed, Pool
+from training.env.episode import Episode, counting_cells
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
-from training.env.reward import Reward
+from training.env.rollout import PolicyWeights
+from training.env.settings import TrialSettings
+from training.evaluation.plan import POLICY, Trial, TrialResult
 from worlds import World, WorldError
 
-KEY = ("world", "method", "trial", "seed")
-COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
-MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
+TRIAL_RUNNER = "training.evaluation.trials:drive"  # as the commands' hidden option names it
+Drive = Callable[[Trial], Tuple[TrialResult, bytes]]  # the result, and the packed trace where it was asked for
 
 
-def seed_of(base: int, world: str, trial: int) -> int:
-    """The trial's seed: the same for every method, and whatever other worlds are driven."""
-    return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
+class TrialTable(Protocol):
+    """Where trials are kept and looked up (store.py)."""
+
+    def find(self, trial: Trial) -> Optional[TrialResult]:
+        """The result of a trial, or None."""
+
+    def add(self, trial: Trial, result: TrialResult, trace: bytes) -> None:
+        """Keep a trial."""
 
 
-def plan(
-    worlds: Sequence[Tuple[str, str]],
-    chosen: Sequence[Tuple[str, str]],
-    trials: int,
-    seed: int,
-    traces: int = 1,
-    planner: str = OURS,
-    robots: Sequence[str] = ("",),
-) -> List[Trial]:
-    """All trials in the order of trials.csv.
-
-    First every world's first trial with each method, then every second one, so that a run that is stopped has driven
-    all worlds, and more trials of the same evaluation only append.
+def drive_missing(
+    pool: Pool,
+    drive: Drive,
+    trials: Sequence[Trial],
+    table: Optional[TrialTable] = None,
+    show: Callable[[Trial, TrialResult], None] = lambda trial, result: None,
+) -> Dict[Trial, TrialResult]:
+    """The results of trials, of which those are driven that the table does not hold; equal ones once.
 
     Args:
-        worlds: [(name, specification), ...].
-        chosen: the methods, [(name, specification), ...].
-        trials: of each method in each world.
-        seed: of all of them.
-        traces: of so many trials of each method in each world the driven path is kept.
-        planner: kind of planner (applr_ros1/planner/variant.py).
-        robots: who drives, as Trial.robot; world after world the next of them.
+        pool: of workers.
+        drive: drives a trial there.
+        trials: wanted.
+        table: where trials are kept, so that what was stopped comes to where it was and to the same result.
+        show: called with each trial that was driven, after it was kept.
+
+    Raises:
+        ApplrError: a trial failed by an error.
     """
-    return [
-        Trial(
-            *(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces),
-            robot=robots[i % len(robots)],
-        )
-        for trial in range(trials)
-        for i, (world, world_spec) in enumerate(worlds)
-        for method, method_spec in chosen
-    ]
+    wanted = dict.fromkeys(trials)
+    known = {trial: table.find(trial) for trial in wanted} if table else {}
+    results = {trial: result for trial, result in known.items() if result is not None}
+    for trial, future in pool.unordered(drive, [trial for trial in wanted if trial not in results]):
+        try:
+            results[trial], trace = future.result()
+        except CallFailed as error:
+            raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
+        if table:
+            table.add(trial, results[trial], trace)
+        show(trial, results[trial])
+    return results
+
+
+def drive(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[TrialResult, bytes]:
+    """Drives a trial.
+
+    Args:
+        settings: what with.
+        trial: which.
+        weights: of the policy that a trial of the method POLICY drives.
+
+    Returns:
+        Its result, and the packed trace where the trial asks for it.
+    """
+    named = settings.model_copy(update={"robot": trial.robot or settings.robot})
+    runner = _runner(named.model_dump_json())
+    result = runner.run(trial, PolicyWeights(weights) if weights else None)
+    return result, pack_trace(runner.trace) if trial.trace else b""
 
 
 def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:
@@ -99,58 +119,34 @@ def content(robot: Robot) -> str:
     return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
 
 
-TRIAL_RUNNER = "training.evaluation.trials:TrialRunner"  # as workers are told
-ROBOTS_TRIALS = "training.evaluation.trials:RobotsTrials"
+@lru_cache(maxsize=16)
+def _runner(settings: str) -> TrialRunner:
+    return TrialRunner(TrialSettings.model_validate_json(settings))
 
 
 class TrialRunner:
-    """Runner of Trial tasks (training/actors/worker.py): one after the other, with one simulator.
+    """Drives trials one after the other with one simulator, and a planner of each kind that the tasks name.
 
-    There is a planner of each kind that the tasks name.
-
-    Args:
-        simulator: name of the simulator.
-        protocol: one of PROTOCOLS.
-        reward: fields of the Reward that total_reward is counted in.
-        period: decision period [s]; None: each method's own, which a policy that is being learnt does not have.
-        monitor: whether the collision monitor stands between the planner and the base.
-        planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
-        robot: name or folder of the robot that drives; worlds are at its scale.
-        time_limit: time after which a trial ends and counts as failed [s].
-        observation: what a policy that is being learnt sees, and in which form total_reward is counted: "paper" or
-            "dimensionless".
-        ground: what it drives on (robots.GROUNDS), instead of the robot's own.
-        base: of a policy that is being learnt in the dimensionless form (applr_ros1/policy/dimensionless.py).
+    Attributes:
+        trace: Of the last one.
     """
 
-    def __init__(
-        self,
-        simulator: str,
-        protocol: str = "paper",
-        reward: Optional[Dict[str, Any]] = None,
-        period: Optional[float] = None,
-        monitor: bool = False,
-        planner_frequency: Optional[int] = None,
-        robot: str = JACKAL.name,
-        time_limit: float = TIME_LIMIT,
-        observation: str = PAPER,
-        ground: str = "",
-        base: Optional[Dict[str, float]] = None,
-    ):
-        self.robot = on_ground(load(robot), ground) if ground else load(robot)
+    def __init__(self, settings: TrialSettings):
+        robot = load(settings.robot) if isinstance(settings.robot, str) else settings.robot
+        self.robot = on_ground(robot, settings.ground) if settings.ground else robot
+        self.settings, self.period = settings, settings.period
         self.space = space_of(self.robot)
-        self.protocol, self.monitor = protocol, monitor
-        self.reward, self.form = Reward(**(reward or {})), FORMS[observation](self.robot, period, base)
-        self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
-        self.time_limit = time_limit
+        self.form = FORMS[settings.observation](self.robot, settings.period, settings.base)
+        self.simulator = sim_bridge.make(settings.simulator, robot=self.robot)
         self._params = counting_cells(self.robot.parameters())
-        if planner_frequency is not None:
-            self._params["planner_frequency"] = float(planner_frequency)
+        if settings.planner_frequency is not None:
+            self._params["planner_frequency"] = float(settings.planner_frequency)
         self._episodes: Dict[str, Episode] = {}
-        self._worlds: Dict[str, World] = {}
-        self._methods: Dict[str, methods.Method] = {}
+        self.trace = Trace()
+        self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
+        self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
-    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Answer:
+    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> TrialResult:
         """Drives the trial; policy: what a trial of the method POLICY drives."""
         world, method = self._world(task.world_spec), self._method(task, policy)
         if self.period is not None:
@@ -165,8 +161,9 @@ class TrialRunner:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
-            total += self.reward.judge(self.form, before, episode)[0]
-        result = TrialResult(
+            total += self.settings.reward.judge(self.form, before, episode)[0]
+        self.trace = episode.trace
+        return TrialResult(
             success=bool(outcome.success),
             collided=bool(outcome.collided),
             timeout=bool(outcome.timeout),
@@ -181,7 +178,6 @@ class TrialRunner:
             decisions=int(outcome.decisions),
             total_reward=float(total),
         )
-        return Answer(task, result=result, data=pack_trace(episode.trace) if task.trace else b"")
 
     def episode(self, planner: str, period: float) -> Episode:
         """The loop that drives this kind of planner, made when first asked for; period: that of the decisions [s]."""
@@ -191,20 +187,13 @@ class TrialRunner:
                 MoveBase(self._params, planner=planner),
                 self.robot,
                 period=period,
-                end_on_collision=PROTOCOLS[self.protocol].end_on_collision,
+                end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
                 record=True,
-                monitor=self.monitor,
+                monitor=self.settings.monitor,
             )
-            self._episodes[planner].time_limit = self.time_limit
+            self._episodes[planner].time_limit = self.settings.time_limit
         self._episodes[planner].set_period(period)
         return self._episodes[planner]
-
-    def _world(self, spec: str) -> World:
-        if spec not in self._worlds:
-            if len(self._worlds) >= 400:
-                self._worlds.clear()
-            self._worlds[spec] = at_scale(self.protocol, spec, self.robot)
-        return self._worlds[spec]
 
     def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
         if task.theta is not None:
@@ -215,23 +204,7 @@ class TrialRunner:
             if self.period is None:
                 raise ValueError("the policy that is being learnt has no decision period of its own: state it")
             return methods.Policy(self.form, policy.layers)
-        if task.method_spec not in self._methods:
-            self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
-        return self._methods[task.method_spec]
-
-
-class RobotsTrials:
-    """Runner of Trial tasks that name their robots: a TrialRunner for each of them, made with the same options."""
-
-    def __init__(self, **options: Any):
-        self._options = options
-        self._runners: Dict[str, TrialRunner] = {}
-
-    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Answer:
-        """Drives the trial with its robot."""
-        if task.robot not in self._runners:
-            self._runners[task.robot] = TrialRunner(**dict(self._options, robot=task.robot))
-        return self._runners[task.robot].run(task, policy)
+        return self._made(task.method_spec)
 
 
 def pack_trace(trace: Trace) -> bytes:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from functools import partial
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 import torch
@@ -12,12 +14,13 @@ import torch
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
-from training.actors.collector import layout_of
-from training.actors.tasks import RunnerSpec, WorkerSettings
+from training.actors.collector import Collect, collect, layout_of
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.rollout import NAVIGATION
-from training.evaluation.trials import ROBOTS_TRIALS, TRIAL_RUNNER, world_list
+from training.env.settings import TrialSettings
+from training.evaluation.plan import Trial, TrialResult
+from training.evaluation.trials import drive, world_list
 from training.learner.config import TrainConfig
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
@@ -27,7 +30,8 @@ from training.replay.trajectory import TransitionLayout
 class Preparation:
     """What prepare() found."""
 
-    settings: WorkerSettings
+    collect: Callable[[Collect, bytes], bytes]  # drives a training episode with a policy's weights in a worker
+    drive: Callable[[Trial, bytes], Tuple[TrialResult, bytes]]  # the same of a trial
     worlds: Optional[int]  # how many there are to train in; None: the environment chooses
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
     layout: TransitionLayout
@@ -39,18 +43,18 @@ def prepare(config: TrainConfig) -> Preparation:
     robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, config.eval_protocol, robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
-    common = {
+    common: Dict[str, Any] = {
         "robot": config.eval_robot,
         "simulator": config.simulator,
         "reward": config.reward(),
         "period": config.decision_period,
         "monitor": config.monitor,
         "base": config.start.base,
+        "observation": config.observation,
     }
     options = {
         **common,
         "robot": config.robot,
-        "observation": config.observation,
         "worlds": config.worlds,
         "planner": config.planner,
         "randomisation": config.randomisation(),
@@ -65,13 +69,8 @@ def prepare(config: TrainConfig) -> Preparation:
         env.step(-np.ones(layout_of(env).action, np.float32))
     env.close()
     return Preparation(
-        WorkerSettings(
-            RunnerSpec("training.actors.collector:Collector", {"env": NAVIGATION, "options": options}),
-            RunnerSpec(
-                ROBOTS_TRIALS if len(config.eval_robots) > 1 else TRIAL_RUNNER,
-                dict(common, observation=config.observation, protocol=config.eval_protocol),
-            ),
-        ),
+        partial(collect, NAVIGATION, json.dumps(options)),
+        partial(drive, TrialSettings(**common, protocol=config.eval_protocol)),
         len(worlds),
         held_out,
         layout_of(env),

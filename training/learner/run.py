@@ -12,8 +12,10 @@ import signal
 import sys
 import threading
 import time
+from collections import deque
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
-from typing import Any, Dict, Optional, Set
+from typing import Any, Deque, Dict, Optional, Set, Union
 
 import numpy as np
 import safetensors.numpy
@@ -26,12 +28,12 @@ from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PAPER, PaperForm
 from applr_ros1.robots import load
-from training.actors.pool import make_pool
-from training.actors.scheduler import TaskScheduler
-from training.actors.tasks import Answer, Trial
+from training.actors.collector import ACTOR, Collect, draw_world
+from training.actors.pool import CallFailed, make_pool
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.plan import POLICY, Trial, TrialResult
 from training.evaluation.score import CONTACT_SECONDS
 from training.learner.config import BASE, PROVENANCE, TrainConfig
 from training.learner.learner import Learner
@@ -78,27 +80,18 @@ class TrainingRun:
             robots=config.eval_robots,
         )
         self._forget_lost_best()
-        self.scheduler = TaskScheduler(
-            config.seed,
-            made.worlds,
-            config.noise,
-            0 if config.init_from else config.learning_starts,
-            self.learner.store.next_episode,
-        )
-        self.scheduler.transitions = self.learner.transitions
+        self.made = made
+        self._next_episode = self.learner.store.next_episode(ACTOR)
+        self._trials: Deque[Trial] = deque()  # of the evaluation, not yet begun
+        self._running: Dict[Future, Union[Trial, Collect]] = {}  # and those whose results are not yet taken
         self.board = TensorBoardLog(self.folder, self.steps)
         self.stopping: Optional[str] = None
         self.errors = self.refusals = 0  # in a row
-        self._published = -1
+        self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
         self._saved = self._shown = time.monotonic()
-        self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
+        self._weights = b""  # of the policy that the present evaluation drives
         self._known_errors: Set[str] = set()
-        self.pool = make_pool(
-            made.settings,
-            self.scheduler.next_task,
-            0 if self.offline else config.actors,
-            config.ray_address,
-        )
+        self.pool = make_pool(0 if self.offline else config.actors, config.ray_address)
         often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
         self.bar = tqdm(total=self.goal, initial=self.steps, unit=" steps", mininterval=often, dynamic_ncols=True)
         self._write_config()  # from now on it is a run
@@ -168,7 +161,7 @@ class TrainingRun:
             self.save()
             self._draw()
         finally:
-            self.pool.close()
+            self.pool.shutdown()
             self.bar.close()
             self.board.close()
             self.learner.store.close()
@@ -193,28 +186,58 @@ class TrainingRun:
             self.save()
         self._show_status()
 
-    def _collect(self, timeout: float) -> None:
-        for answer in self.pool.poll(timeout):
-            if answer.error:
-                self._failed(answer.error)
+    def _submit(self) -> None:
+        """Keeps the workers busy, with the trials of an evaluation first; in this process, one task after the other.
+
+        Elsewhere workers go on while this process learns, until too many results wait to be taken in.
+        """
+        slots = self.pool.slots
+        most = 1 if self.pool.in_process else 4 * slots + 16
+        while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
+            if self._trials:
+                trial = self._trials.popleft()
+                weights = self._weights if trial.method_spec == POLICY else b""
+                self._running[self.pool.submit(self.made.drive, trial, weights)] = trial
+            elif self.offline or self.finished:
+                return
             else:
+                episode = self._episode()
+                self._running[self.pool.submit(self.made.collect, episode, self._policy)] = episode
+
+    def _episode(self) -> Collect:
+        """The next training episode."""
+        config, number, transitions = self.config, self._next_episode, self.learner.transitions
+        self._next_episode += 1
+        random = transitions < config.learning_starts and not config.init_from
+        world = draw_world(config.seed, number, self.made.worlds)
+        return Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+
+    def _collect(self, timeout: float) -> None:
+        self._submit()
+        for future in wait(self._running, timeout, FIRST_COMPLETED).done:
+            try:
+                result = future.result()
                 self.errors = 0
-            if isinstance(answer.task, Trial):
-                self._trial_done(answer)
-            elif not answer.error and not self.offline and not self.finished:
-                trajectory = self.learner.take(answer.data)
+            except CallFailed as error:
+                self._failed(str(error))
+                result = None
+            if isinstance(self._running[future], Trial):
+                self._trial_done(result and result[0])
+            elif result is not None and not self.finished:
+                trajectory = self.learner.take(result)
                 if trajectory is not None:
                     self._taken(trajectory)
                 else:
                     self._refused()
+            del self._running[future]
 
     def _taken(self, trajectory: Trajectory) -> None:
         self.refusals = 0
-        self.scheduler.transitions = self.learner.transitions
         self.board.episode(trajectory.info, self.steps)
         while self.learner.updates_due and not self.stopping:
             self.learner.train(10)
             self._publish()
+            self._submit()
 
     def _failed(self, text: str) -> None:
         """An episode ended by an error: counted, printed once, and too many in a row end the run."""
@@ -237,9 +260,7 @@ class TrainingRun:
         updates = self.learner.td3.updates
         interval = BROADCAST_INTERVAL if self.config.actors else 1
         if self._published < 0 or updates >= self._published + interval:
-            self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
-            self._published = updates
-            self.scheduler.ready = True
+            self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
@@ -247,18 +268,17 @@ class TrainingRun:
         number = self.evaluation.due(self.steps, last=self.finished and self.config.minutes > 0.0)
         if number is None:
             return False
-        self._weights = self.learner.td3.actor_weights()
-        self.pool.pin_for_evaluation(self.learner.td3.updates, safetensors.numpy.save(self._weights))
-        self.scheduler.evaluate(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
+        self._weights = safetensors.numpy.save(self.learner.td3.actor_weights())
+        self._trials.extend(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
         return True
 
-    def _trial_done(self, answer: Answer) -> None:
-        summary = self.evaluation.add(answer)
+    def _trial_done(self, result: Optional[TrialResult]) -> None:
+        summary = self.evaluation.add(result)
         if summary is None:
             return
         self._say(describe(summary))
         if summary["best"]:
-            self.export(self.folder / "best.safetensors", self._weights, summary)
+            self.export(self.folder / "best.safetensors", safetensors.numpy.load(self._weights), summary)
         self.board.round(summary)
         self._draw()
 

@@ -19,9 +19,10 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.drives.comparison import Comparison, compare
 from applr_ros1.policy.parameter_space import Space
+from training.evaluation.plan import COLUMNS, KEY, MEASURES
 from training.evaluation.score import FAILURE_SECONDS
 from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows, read_trace
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, under
+from training.evaluation.trials import under
 from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")

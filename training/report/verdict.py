@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from applr_ros1.drives.comparison import compare
-from training.actors.tasks import Trial, TrialResult
+from training.evaluation.plan import Trial, TrialResult
 from training.evaluation.score import CONTACT_SECONDS, FAILURE_SECONDS, trial_seconds
 from training.report.figures import canvas
 from training.report.statistics import mean_time, rate

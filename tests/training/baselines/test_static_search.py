@@ -8,9 +8,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
 from training import static_search
-from training.actors.tasks import TrialResult
-from training.evaluation import trials
 from training.evaluation.periodic import CHOOSING
+from training.evaluation.plan import TrialResult, seed_of
 from training.evaluation.score import clearly_worse
 from training.static_search import SetTrials, StaticOptions, race
 
@@ -61,8 +60,8 @@ def test_a_search_for_the_metric_prefers_what_arrives():
 
 def test_a_search_never_drives_evaluates_seeds():
     searched = SetTrials(None, [("w", "w")], SPACE).trial(SPACE.theta0, 0, 0, 3).seed
-    assert searched == trials.seed_of(CHOOSING + 3, "w", 0)
-    assert searched not in {trials.seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
+    assert searched == seed_of(CHOOSING + 3, "w", 0)
+    assert searched not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
 
 def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):

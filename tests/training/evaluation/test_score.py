@@ -11,11 +11,12 @@ import safetensors.numpy
 from applr_ros1.policy.actor import save
 from applr_ros1.policy.dimensionless import PARAMETERS, SIZE, DimensionlessForm
 from applr_ros1.robots import JACKAL, load
-from training.actors.tasks import POLICY, Answer, TrialResult
-from training.actors.worker import PolicyWeights
 from training.env.env import ApplrEnv
+from training.env.rollout import PolicyWeights
+from training.env.settings import TrialSettings
 from training.evaluation import score, trials
 from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.evaluation.plan import POLICY, TrialResult, plan_trials
 from training.td3.td3 import TD3, TD3Options
 
 
@@ -42,32 +43,30 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     worlds = [("generated:8", "generated:8")]
     periodic = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3, 0.0)
     (trial,) = periodic.begin(-1, 0, 0)
-    (other,) = trials.plan(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
+    (other,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial == other
-    assert trial.seed not in {t.seed for seed in range(200) for t in trials.plan(worlds, [("dwa", "dwa")], 20, seed)}
-    answer = trials.TrialRunner("kinematic").run(trial)
-    faster = trials.TrialRunner("kinematic", period=1.0).run(trial).result  # a training's own decision period
+    assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
+    result = trials.TrialRunner(TrialSettings()).run(trial)
+    faster = trials.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
     assert faster.decisions == math.ceil(faster.time_s)
-    assert periodic.add(answer)["score"] == answer.result.time_s < 100.0
+    assert periodic.add(result)["score"] == result.time_s < 100.0
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
     weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, {"period_s": 0.5}, DimensionlessForm)
-    learnt = PolicyWeights((tmp_path / "a.safetensors").read_bytes())
     spec = str(tmp_path / "a.safetensors")
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
-    every = trials.RobotsTrials(simulator="kinematic", period=0.5, **options)
+    settings = TrialSettings(period=0.5, **options)
     chosen = [("generated:8", "generated:8"), ("generated:9", "generated:9")]
-    for task in trials.plan(chosen, [("policy", POLICY)], 1, 0, robots=("jackal", "husky")):
-        measured = every.run(task, learnt)
-        runner = trials.TrialRunner("kinematic", robot=task.robot, period=0.5, **options)
-        assert runner.run(replace(task, method_spec=spec)).result == measured.result
-        assert measured.task == task
-        assert (measured.result.decisions, trials.TrialRunner("kinematic").period) == (10, None)
+    for task in plan_trials(chosen, [("policy", POLICY)], 1, 0, robots=("jackal", "husky")):
+        measured, trace = trials.drive(settings, task, (tmp_path / "a.safetensors").read_bytes())
+        runner = trials.TrialRunner(TrialSettings(robot=task.robot, period=0.5, **options))
+        assert runner.run(replace(task, method_spec=spec)) == measured
+        assert measured.decisions == 10
     with pytest.raises(ValueError, match="state it"):
-        trials.TrialRunner("kinematic", **options)
+        trials.TrialRunner(TrialSettings(**options))
 
 
 def test_the_environment_earns_what_the_evaluation_counts():
@@ -75,10 +74,9 @@ def test_the_environment_earns_what_the_evaluation_counts():
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0, "exact_time": True}, "period": 1.0}
     weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = PolicyWeights(safetensors.numpy.save(weights))
-    (task,) = trials.plan([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
-    total = (
-        trials.TrialRunner("kinematic", robot="husky", time_limit=6.0, **options).run(task, learnt).result.total_reward
-    )
+    (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
+    runner = trials.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
+    total = runner.run(task, learnt).total_reward
     env = ApplrEnv(worlds="generated:8", robot="husky", limit=6, **options)
     observation, _ = env.reset(options={"simulator_seed": task.seed})
     rewards = []
@@ -120,5 +118,5 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
         if number is not None:
             (trial,) = periodic.begin(number, step, 0)
             assert trial.robot == "jackal"
-            periodic.add(Answer(trial, result=TrialResult(True, time_s=float(step))))
+            periodic.add(TrialResult(True, time_s=float(step)))
     assert periodic.due(170, True) is None

@@ -26,17 +26,18 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT
 from tests.support.trial_tables import kept
 from training import evaluate
-from training.actors.tasks import Trial, TrialResult
 from training.env.episode import TIME_LIMIT
+from training.env.settings import TrialSettings
 from training.evaluation import store as trial_store
 from training.evaluation import trials
+from training.evaluation.plan import COLUMNS, Trial, TrialResult, plan_trials, seed_of
 
 HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m"
 
 
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
     given = "--worlds", worlds, "--methods", chosen, "--trials", "4", "--out", out, "--no-report", *more
-    runner = "--runner", "tests.support.toy_runner:ToyRunner"
+    runner = "--runner", "tests.support.toy_runner:drive"
     return [sys.executable, "-m", "training.evaluate", *map(str, given), *runner]
 
 
@@ -59,14 +60,14 @@ def refused(done, *words):
 
 # -- plan ------------------------------------------------------------------------------------------------------------
 def test_same_seeds_for_every_method_and_whatever_else_is_driven():
-    both = trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
-    alone = trials.plan([("b", "b")], [("y", "y")], 3, seed=5)
+    both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
+    alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
     seeds = {(t.world, t.trial, t.method): t.seed for t in both}
     assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
-    assert seeds["a", 0, "x"] != trials.seed_of(6, "a", 0)
-    assert both == trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # more only append
+    assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
+    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # more only append
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -122,20 +123,20 @@ def _rows(folder):
 
 
 def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
-    plan = trials.plan([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
+    plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session goes on
         store = trial_store.TrialStore(tmp_path, {}, plan)
         assert len(store.results) == begin
         for task in plan[::-1][begin : begin + 3]:
             store.add(task, TrialResult(time_s=math.pi, path_length_m=1.0))
         store.close()
-    rows = trial_store.read_rows(tmp_path / "trials.csv", trials.COLUMNS)
+    rows = trial_store.read_rows(tmp_path / "trials.csv", COLUMNS)
     assert [(row["world"], row["trial"]) for row in rows] == [(task.world, str(task.trial)) for task in plan]
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == ("3.1416", "1.0", "False")
 
 
 def test_a_damaged_trial_is_named_and_driven_again(tmp_path, capsys):
-    plan = trials.plan([("w", "w")], [("m", "m")], 2, seed=0)
+    plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
     with closing(trial_store.TrialTable(tmp_path / "t.sqlite")) as table:
         for task in plan:
             table.add(task, TrialResult(time_s=8.5))
@@ -164,7 +165,7 @@ def test_more_trials_only_append(tmp_path):
 
 
 def test_another_evaluations_folder_is_refused(tmp_path):
-    plan = trials.plan([("w", "w")], [("m", "m")], 3, seed=0)
+    plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
     store = trial_store.TrialStore(tmp_path, {"seed": 0}, plan)
     for task in plan:
         store.add(task, TrialResult())
@@ -185,17 +186,17 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     trial_store.TrialStore(tmp_path, {"seed": 0}, plan).close()
     (tmp_path / "evaluation.json").write_text("{")
     refuse("not JSON")
-    for text in ("a,b\n1,2\n", ",".join(trials.COLUMNS) + "\nw,m,0\n"):
+    for text in ("a,b\n1,2\n", ",".join(COLUMNS) + "\nw,m,0\n"):
         (tmp_path / "trials.csv").write_text(text)
         with pytest.raises(StorageError, match="expected world,method"):
-            trial_store.read_rows(tmp_path / "trials.csv", trials.COLUMNS)
+            trial_store.read_rows(tmp_path / "trials.csv", COLUMNS)
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
     refused(
         run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:", " failed: the toy will not"
     )
-    refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), "cannot start", "the toy is broken")
+    refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), " failed: the toy is broken; mend it")
 
 
 @pytest.mark.parametrize(
@@ -287,8 +288,8 @@ def test_trial_depends_on_its_task_only():
     """Driven first, or after another world with another method: the same, to the last digit."""
     (tmp_set, other) = ("fast_dwa", "generated:64")
     task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, "ours")
-    fresh = trials.TrialRunner("kinematic").run(task)
-    used = trials.TrialRunner("kinematic")
+    fresh = trials.TrialRunner(TrialSettings()).run(task)
+    used = trials.TrialRunner(TrialSettings())
     before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
     episode = used.episode("ours", 2.0)
     episode.time_limit = 6.0
@@ -296,13 +297,13 @@ def test_trial_depends_on_its_task_only():
     episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
     theta = tuple(methods.make(tmp_set).theta(context()))
-    assert used.run(replace(task, theta=theta)).result == fresh.result  # a set that a search hands over
+    assert used.run(replace(task, theta=theta)) == fresh  # a set that a search hands over
 
 
 def test_store_and_traces(tmp_path):
     trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
     trace.decided = [0.0]
-    plan = trials.plan([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
+    plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     store = trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)
     with pytest.raises(StorageError, match="another"):
         trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)

@@ -1,5 +1,6 @@
 """Planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
 
+import json
 import math
 
 import pytest
@@ -101,10 +102,10 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
         ground=[0, 2],
     )
     made = prepare(config)
-    env = ApplrEnv(**made.settings.collect.options["options"])
+    env = ApplrEnv(**json.loads(made.collect.args[1]))
     evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, 0.0, planner=config.eval_planner)
     (trial,) = evaluation.begin(-1, 0, 0)
-    held_out = TrialRunner(**made.settings.trial.options).episode(trial.planner, config.decision_period)
+    held_out = TrialRunner(made.drive.args[0]).episode(trial.planner, config.decision_period)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
     assert set(kinds) == {"ours", "cpp-like"}
     env.reset(seed=0)

@@ -18,9 +18,9 @@ from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
-from training.actors.tasks import Answer, TrialResult
-from training.actors.worker import PolicyWeights
+from training.env.rollout import PolicyWeights
 from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.plan import TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.run import TrainingRun
@@ -284,7 +284,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
             for trial in rounds.begin(number, step, step):
                 touched = trial.world == "w1"
                 result = TrialResult(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds)
-                summary = rounds.add(Answer(trial, result=result))
+                summary = rounds.add(result)
             yield summary
 
     first = made()

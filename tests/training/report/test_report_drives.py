@@ -10,9 +10,9 @@ import pytest
 
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.toy_runner import SETTINGS
-from training.actors.tasks import TrialResult
 from training.evaluation import store as trial_store
 from training.evaluation import trials
+from training.evaluation.plan import TrialResult, plan_trials
 from training.report import __main__ as report
 from training.report import drives, write
 
@@ -32,7 +32,7 @@ METHODS = ("dwa", "mine", "quiet")
 def folder(tmp_path):
     """Three methods in a built-in world and one in a world whose file has gone; the last method left no trace."""
     worlds = ["generated:7", "gone"]
-    plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
+    plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
     settings = dict(SETTINGS, worlds=worlds, world_specs=["generated:7", "/gone.world"])
     store = trial_store.TrialStore(tmp_path, settings, plan)
     for task in plan:
@@ -83,7 +83,7 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
     more = tmp_path_factory.mktemp("more")
 
     def drive(out, world, methods=METHODS, about="fixed", **changed):
-        plan = trials.plan([(world, world)], [(m, m) for m in methods], 1, seed=0)
+        plan = plan_trials([(world, world)], [(m, m) for m in methods], 1, seed=0)
         settings = {**SETTINGS, "worlds": [world], "world_specs": [world], **changed}
         settings["methods"] = {name: {"kind": about} for name in methods}
         store = trial_store.TrialStore(out, settings, plan)

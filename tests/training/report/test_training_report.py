@@ -15,9 +15,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.comparison import compare, over_worlds
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
-from training.actors.tasks import TrialResult
 from training.evaluation import store as trial_store
 from training.evaluation import trials
+from training.evaluation.plan import TrialResult, plan_trials
 from training.report import data, paper, statistics, tables, write
 from training.report.figures import region_of
 from training.report.summary import summary
@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
     """40 worlds, three methods, six trials: applr is 25 % faster, fails in one world, dwa fails now and then."""
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
-    plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
+    plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
     settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
     learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor"}}
     settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
@@ -212,7 +212,7 @@ def test_any_two_methods_are_compared_in_pairs(results):
 def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
     """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
     worlds = ["generated:%d" % n for n in range(1, 7)]
-    plan = trials.plan([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
+    plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"), plan)
     for trial in plan:
         good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
@@ -269,7 +269,7 @@ def test_report_is_whole(folder):
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
-    plan = trials.plan([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
+    plan = plan_trials([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
     store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
     result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
     store.add(plan[0], result, trials.pack_trace(Trace))

@@ -13,7 +13,7 @@ from applr_ros1.planner import state_machine
 from applr_ros1.policy import methods
 from tests.support import HANGS, ROOT
 from training import try_robot
-from training.actors.tasks import Answer, Trial, TrialResult
+from training.evaluation.plan import Trial, TrialResult
 from training.evaluation.trials import content
 from training.report import verdict as judging
 from training.report.verdict import decided, mean_scores, paired_trials
@@ -114,34 +114,27 @@ def test_every_reason_for_which_move_base_aborts_has_a_remedy():
         assert any(judging.reason(f"planner aborted: {text}").startswith(start) for start, _ in judging.REMEDIES), text
 
 
-class Fixed:
-    """A runner in which the policy takes 10 s less."""
-
-    gain = 10.0
-
-    def __init__(self, simulator, **options):
-        assert (simulator, options["monitor"]) == ("kinematic", True)
-
-    def run(self, task, policy):
-        seconds = 30.0 + task.seed % 7 - (self.gain + task.seed % 3) * (task.method == "applr")
-        return Answer(task, result=TrialResult(success=True, time_s=seconds, reason="finished", decisions=5))
+def fixed(settings, task, gain=10.0):
+    """As training.evaluation.trials.drive; the policy takes 10 s less."""
+    assert (settings.simulator, settings.monitor) == ("kinematic", True)
+    seconds = 30.0 + task.seed % 7 - (gain + task.seed % 3) * (task.method == "applr")
+    return TrialResult(success=True, time_s=seconds, reason="finished", decisions=5), b""
 
 
-class Slower(Fixed):
-    gain = -10.0
+def slower(settings, task):
+    return fixed(settings, task, -10.0)
 
 
-class Clocked(Fixed):
+CLOCK = [0.0]
+
+
+def clocked(settings, task):
     """The first drive takes the time in which kernels are compiled, the others a second."""
-
-    clock = [0.0]
-
-    def run(self, task, policy):
-        self.clock[0] += 1.0 if self.clock[0] else 600.0
-        return super().run(task, policy)
+    CLOCK[0] += 1.0 if CLOCK[0] else 600.0
+    return fixed(settings, task)
 
 
-@pytest.mark.parametrize(("runner", "status", "method"), [("Fixed", 0, "applr"), ("Slower", 1, "dwa")])
+@pytest.mark.parametrize(("runner", "status", "method"), [("fixed", 0, "applr"), ("slower", 1, "dwa")])
 def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method, tmp_path, capsys):
     words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:{runner}"]
     assert try_robot.main(words) == status
@@ -157,8 +150,8 @@ def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method,
 
 
 def test_when_the_time_after_the_first_course_is_spent_it_ends_after_the_one_under_way(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(try_robot, "time", SimpleNamespace(monotonic=lambda: Clocked.clock[0]))
-    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:Clocked"]
+    monkeypatch.setattr(try_robot, "time", SimpleNamespace(monotonic=lambda: CLOCK[0]))
+    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:clocked"]
     assert try_robot.main([*words, "--minutes", "0.05"]) == 1
     printed = capsys.readouterr().out
     assert "Whether the policy pays on turtlebot3_burger is not clear" in printed

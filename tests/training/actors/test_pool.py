@@ -1,0 +1,246 @@
+"""The pool of workers: both kinds execute calls, dead ones are replaced, Ray's nodes may go, a training goes on."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from applr_ros1.common.errors import ApplrError
+from tests.support.processes import is_alive
+from tests.support.toy_env import drive
+from tests.support.toy_training import main, toy_run
+from training.actors.collector import Collect, collect, draw_world
+from training.actors.pool import CallFailed, make_pool
+from training.actors.process import ROOT
+from training.actors.ray import RayCluster
+from training.learner.config import parse
+from training.learner.learner import Learner, LearnerOptions
+from training.replay.trajectory import Trajectory, TransitionLayout
+from training.td3.td3 import TD3, TD3Options
+
+LAYOUT = TransitionLayout(0, 1, 1)
+SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2", "--device=cpu"]
+
+
+def weights(seed=0, units=(8,)):
+    return safetensors.numpy.save(TD3(1, 1, TD3Options(net_arch=list(units)), seed=seed).actor_weights())
+
+
+def results(pool, numbers, seconds=0.0):
+    """{number: (number, process) or the error of its call}."""
+    found = {}
+    for number, future in pool.unordered(partial(drive, seconds=seconds), numbers):
+        found[number] = str(future.exception()) if future.exception() else future.result()
+    return found
+
+
+def test_an_episode_depends_on_run_and_number_only_and_noise_has_its_standard_deviation():
+    env = "tests.support.toy_env:Line", "{}"
+    still = {name: np.zeros_like(array) for name, array in safetensors.numpy.load(weights()).items()}
+    for sigma in (0.0, 0.1):
+        tasks = [Collect(episode, 0, sigma, False, version=7) for episode in range(40)]
+        driven = [collect(*env, task, safetensors.numpy.save(still)) for task in [*tasks, tasks[3]]]
+        *trajectories, again = [Trajectory.unpack(data, LAYOUT) for data in driven]
+        assert np.array_equal(again.action, trajectories[3].action)
+        assert np.array_equal(again.rest, trajectories[3].rest)
+        assert 0.9 * sigma <= np.concatenate([t.action for t in trajectories]).std() <= 1.1 * sigma
+    assert (trajectories[9].info["episode"], trajectories[9].info["version"]) == (9, 7)
+    assert {draw_world(3, episode, 40) for episode in range(1000)} == set(range(40))
+    assert draw_world(3, 5, None) is None
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_every_call_has_one_answer(workers):
+    """A call whose worker dies is executed again, and in the end answered by an error; the others do not suffer."""
+    numbers = [number for number in range(12) if workers or number != 3]
+    with make_pool(workers) as pool:
+        found = results(pool, numbers)
+        assert pool.alive == workers
+    assert found.pop(4) == "this trial cannot be driven"
+    if workers:
+        assert "its worker died 3 times" in found.pop(3)
+        assert pool.replaced == 3
+    assert [number for number, _ in found.values()] == list(found)
+    assert (os.getpid() in {pid for _, pid in found.values()}) == (workers == 0)
+
+
+def test_processes_are_gone_at_the_end_whatever_they_do():
+    with make_pool(2) as pool:
+        pids = [worker.process.pid for worker in pool.workers]
+        futures = [pool.submit(time.sleep, 60) for _ in range(5)]
+        time.sleep(1.0)
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 5
+    assert all(future.cancelled() or isinstance(future.exception(), CallFailed) for future in futures)
+    assert not any(map(is_alive, pids))
+
+
+SLOW_START = "import sys, time\nif 'training.actors.process' in sys.orig_argv:\n    time.sleep(1.5)\n"
+
+
+def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(SLOW_START)
+    monkeypatch.syspath_prepend(tmp_path)  # a worker's path begins with this one's
+    with make_pool(1) as pool:
+        assert pool.submit(len, bytes(3_000_000)).result(30) == 3_000_000
+        assert pool.replaced == 0
+    with make_pool(1) as pool:  # nor is the end held up by a message that is never read
+        future, begun = pool.submit(len, bytes(3_000_000)), time.monotonic()
+    assert time.monotonic() - begun < 5
+    assert future.exception()
+
+
+@pytest.mark.fault("20")
+def test_a_killed_and_a_stopped_process_are_replaced():
+    with make_pool(2, seconds=4.0) as pool:
+        assert len(results(pool, range(5, 9))) == 4
+        killed, stopped = [worker.process for worker in pool.workers]
+        threading.Timer(0.5, killed.send_signal, [signal.SIGKILL]).start()
+        threading.Timer(0.5, stopped.send_signal, [signal.SIGSTOP]).start()
+        found = results(pool, range(5, 13), seconds=0.3)
+        assert [number for number, _ in sorted(found.values())] == list(range(5, 13))
+        assert pool.replaced == 2
+        assert pool.alive == 2
+
+
+def test_workers_end_when_the_process_that_started_them_is_killed():
+    """SIGKILL: they notice within seconds, by their closed sockets."""
+    code = (
+        "import time; from training.actors.pool import make_pool\n"
+        "pool = make_pool(2); [pool.submit(time.sleep, 0.1).result() for _ in range(4)]\n"
+        "print(*[worker.process.pid for worker in pool.workers], flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    pids = [int(word) for word in process.stdout.readline().split()]
+    process.kill()
+    process.wait()
+    end = time.monotonic() + 5
+    while time.monotonic() < end and any(map(is_alive, pids)):
+        time.sleep(0.05)
+    assert len(pids) == 2
+    assert not any(map(is_alive, pids))
+
+
+def test_workers_that_all_die_end_the_run_in_one_line():
+    with make_pool(2) as pool:
+        errors = [pool.submit(drive, 3).exception(60) for _ in range(3)]
+    assert [type(error) for error in errors] == [CallFailed, CallFailed, ApplrError]
+    assert "8 workers died one after the other" in str(errors[2])
+
+
+def test_training_with_processes_some_of_which_die(tmp_path, capsys):
+    out = tmp_path / "run"
+    options, env = ["--total-timesteps=600", "--eval-worlds=none"], "tests.support.toy_env:Dying"
+    assert main([*SMALL, *options, "--out", str(out)], env) == 0
+    saved = Learner.saved(out)
+    assert saved["transitions"] >= 600
+    assert saved["updates"] == saved["transitions"] // 10
+    assert "died; a new one takes its place" in capsys.readouterr().err
+    assert (
+        main(["--resume", "--out", str(out), "--total-timesteps", "700"], env) == 0
+    )  # another incarnation, new episodes
+    assert Learner.saved(out)["transitions"] >= 700
+
+
+def trajectory(number, version=0):
+    rng = np.random.default_rng(number)
+    states, actions = rng.uniform(-1, 1, (11, 1)), rng.uniform(-1, 1, (10, 1))
+    about = {"actor": "a", "episode": number, "version": version}
+    return Trajectory.of(LAYOUT, states, actions, rng.normal(size=10), False, about)
+
+
+@pytest.mark.fault("20")
+def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on(tmp_path):
+    options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=1000, utd_ratio=1.0, device="cpu")
+    learner = Learner(LAYOUT, options, tmp_path)
+    broken = trajectory(3)
+    broken.reward[1] = np.nan
+    wrong = b"", b"nonsense" * 20, broken.pack(), pickle.dumps([1]), trajectory(6, version="new").pack()
+    good = [each.pack() for each in (trajectory(1), trajectory(1), trajectory(2), trajectory(5, version=9))]
+    for blob in (*good[:2], *wrong, *good[2:]):
+        learner.take(blob)
+        learner.train()
+    assert learner.transitions == 30
+    assert learner.td3.updates == 30
+    reasons = " | ".join(learner.refused)
+    words = "came twice", "truncated", "not a safetensors file", "NaN", "not a whole number"
+    assert all(part in reasons for part in words), reasons
+
+
+def test_ray_addresses_of_no_use_are_one_line_soon():
+    begun = time.monotonic()
+    for address in ("127.0.0.1:1", "nowhere", "ray://127.0.0.1:1"):
+        with pytest.raises(ApplrError, match="no Ray answers at"):
+            RayCluster(address, 1)
+    assert time.monotonic() - begun < 15
+    with pytest.raises(ApplrError, match="--ray-address 127.0.0.1:1: nothing would run there"):
+        make_pool(0, "127.0.0.1:1")
+
+
+LISTENS = """
+import os
+from training.actors.ray import RayCluster
+
+ray = RayCluster("local", 1).ray
+session = os.path.basename(ray._private.worker._global_node.get_session_dir_path())
+mine = set()
+for pid in filter(str.isdigit, os.listdir("/proc")):
+    try:
+        if int(pid) == os.getpid() or session in open("/proc/%s/cmdline" % pid).read():
+            mine |= {os.readlink(entry.path)[8:-1] for entry in os.scandir("/proc/%s/fd" % pid)}
+    except OSError:
+        continue  # it has ended
+rows = [line.split() for name in ("tcp", "tcp6") for line in list(open("/proc/net/" + name))[1:]]
+print(*{row[1].split(":")[0] for row in rows if row[3] == "0A" and row[9] in mine})
+ray.shutdown()
+"""
+
+
+@pytest.mark.fault("20b")
+def test_ray_on_this_machine_listens_on_loopback_only():
+    pytest.importorskip("ray")
+    done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    addresses = done.stdout.splitlines()[-1].split()  # as /proc/net writes 127.0.0.1, and that in IPv6
+    assert addresses, done.stderr
+    assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
+
+
+@pytest.mark.slow
+def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
+    """A training on two Ray nodes; one goes when both drive, and the training comes to its end with the other."""
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        victim = cluster.add_node(num_cpus=1, include_dashboard=False)
+        options = ["--total-timesteps=400", "--eval-worlds=none"]
+        words = [*SMALL, *options, "--ray-address", cluster.address, "--out", str(tmp_path / "run")]
+        run = toy_run(parse(words), "tests.support.toy_env:Slow")
+        seen = []
+
+        def lose_a_node():
+            while run.pool.alive < 2 or run.steps < 50:
+                time.sleep(0.05)
+            seen.append((run.pool.alive, run.steps))
+            cluster.remove_node(victim)
+
+        losing = threading.Thread(target=lose_a_node)
+        losing.start()
+        status = run.run()
+        losing.join()
+    finally:
+        cluster.shutdown()
+    ((alive, steps),) = seen
+    assert (status, alive, steps < 300) == (0, 2, True)
+    assert run.learner.transitions >= 400
+    assert run.pool.replaced >= 1
+    assert run.pool.alive == 1, "the other waits for a place"

@@ -1,0 +1,38 @@
+"""What trials and training episodes are driven with: the environment (env.py) and evaluation/trials.py share it."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Literal, Optional, Union
+
+from pydantic import Field, InstanceOf
+
+from applr_ros1.robots import JACKAL, Robot
+from training.common.options import Options
+from training.env.episode import TIME_LIMIT
+from training.env.protocols import PAPER
+from training.env.reward import Reward
+
+
+class TrialSettings(Options):
+    """Who drives, in what, under which rules, and how it is counted; as JSON it identifies them for workers."""
+
+    simulator: Any = Field("kinematic", description="Name of the simulator.")
+    robot: Union[str, InstanceOf[Robot]] = Field(
+        JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale."
+    )
+    ground: str = Field("", description="What it drives on (robots.GROUNDS), instead of the robot's own.")
+    protocol: str = Field(PAPER, description="One of env/protocols.py.")
+    observation: Literal["paper", "dimensionless"] = Field(
+        "paper",
+        description="Form of what a learnt policy sees and does, and of the reward (applr_ros1/policy/form.py).",
+    )
+    base: Dict[str, float] = Field(
+        {}, description="Parameters that an action of the dimensionless form does not choose; else the defaults."
+    )
+    period: Optional[float] = Field(None, description="Decision period [s]; None: each method's own, for trials.")
+    reward: Reward = Field(Reward(), description="Its coefficients.")
+    monitor: bool = Field(False, description="Whether the collision monitor stands between the planner and the base.")
+    planner_frequency: Optional[float] = Field(
+        None, description="Global plans per second instead of the robot's; fewer make the simulation faster."
+    )
+    time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")

@@ -1,0 +1,99 @@
+"""Evaluation trials: what identifies one, what comes out of it, which there are and what seed each has."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.planner.variant import OURS
+
+POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
+KEY = ("world", "method", "trial", "seed")
+COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
+MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial to be driven, without noise.
+
+    world and method are names, as they stand in trials.csv; world_spec and method_spec say how to get them. method_spec
+    may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. planner is MoveBase's
+    (applr_ros1/planner/variant.py); trace asks for the driven path. robot names who drives where the settings do not.
+    """
+
+    world: str
+    method: str
+    trial: int
+    seed: int
+    world_spec: str
+    method_spec: str
+    planner: str
+    trace: bool = False
+    theta: Optional[Tuple[float, ...]] = None
+    robot: str = ""
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """How a trial went. An environment that knows no courses leaves time_s at NaN and gives only the last two.
+
+    time_s is the full limit where the trial timed out; min_clearance_m is the smallest laser range; mean_turn the mean
+    |yaw acceleration|; switching the mean change of the parameters per decision, in action units.
+    """
+
+    success: bool = False
+    collided: bool = False
+    timeout: bool = False
+    time_s: float = float("nan")
+    path_length_m: float = 0.0
+    reason: str = ""
+    route_m: float = 0.0
+    min_clearance_m: float = 0.0
+    mean_jerk: float = 0.0  # [m/s^3]
+    mean_turn: float = 0.0  # [rad/s^2]
+    switching: float = 0.0
+    decisions: int = 0
+    total_reward: float = 0.0
+
+
+def seed_of(base: int, world: str, trial: int) -> int:
+    """The trial's seed: the same for every method, and whatever other worlds are driven."""
+    return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
+
+
+def plan_trials(
+    worlds: Sequence[Tuple[str, str]],
+    chosen: Sequence[Tuple[str, str]],
+    trials: int,
+    seed: int,
+    traces: int = 1,
+    planner: str = OURS,
+    robots: Sequence[str] = ("",),
+) -> List[Trial]:
+    """All trials in the order of trials.csv.
+
+    First every world's first trial with each method, then every second one, so that a run that is stopped has driven
+    all worlds, and more trials of the same evaluation only append.
+
+    Args:
+        worlds: [(name, specification), ...].
+        chosen: the methods, [(name, specification), ...].
+        trials: of each method in each world.
+        seed: of all of them.
+        traces: of so many trials of each method in each world the driven path is kept.
+        planner: kind of planner (applr_ros1/planner/variant.py).
+        robots: who drives, as Trial.robot; world after world the next of them.
+    """
+    return [
+        Trial(
+            *(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces),
+            robot=robots[i % len(robots)],
+        )
+        for trial in range(trials)
+        for i, (world, world_spec) in enumerate(worlds)
+        for method, method_spec in chosen
+    ]
