@@ -28,6 +28,9 @@ FIGURES = {  # name -> module beside this file, in the order in which they are m
     "sb3_td3_updates": "learning",
     "actor_inference": "learning",
     "reconfigure_all": "reconfigure",
+    "way_of_scan": "ways",
+    "way_of_decision": "ways",
+    "way_of_transition": "ways",
 }
 
 

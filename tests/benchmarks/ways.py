@@ -1,0 +1,90 @@
+"""The ways of a scan, a decision and a transition through the files. Called by run.py.
+
+Counted are Python functions of the package that are called on the way, without ROS: the files in which they stand, and
+the moves, calls from one file into another. Compiled kernels count with the file that calls them.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import worlds
+from applr_ros1 import robots
+from applr_ros1.policy import methods
+from tests.benchmarks.cycle import _episode
+from training import train
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = tuple(str(ROOT / name) for name in ("applr_ros1", "sim_bridge", "training", "worlds"))
+COURSE = "generated:140"
+
+
+class Way:
+    """Counts calls while it is active: from the first call of `begin`, until the first return of `end`.
+
+    begin, end: (file below the repository, function); None: from the start, to the end of the with block.
+    """
+
+    def __init__(self, begin=None, end=None):
+        self._begin, self._end = begin, end
+        self._on = begin is None
+        self.files, self.moves = set(), 0
+
+    def __enter__(self):
+        sys.setprofile(self._see)
+        return self
+
+    def __exit__(self, *_):
+        sys.setprofile(None)
+
+    def _see(self, frame, event, _):
+        path = frame.f_code.co_filename
+        if event not in ("call", "return") or not path.startswith(PACKAGES):
+            return
+        place = str(Path(path).relative_to(ROOT)), frame.f_code.co_name
+        self._on |= event == "call" and place == self._begin
+        if self._on and event == "call":
+            self.files.add(path)
+            self.moves += frame.f_back is not None and frame.f_back.f_code.co_filename not in (path, __file__)
+        if event == "return" and place == self._end:
+            self._on, self._begin = False, None
+
+    def figure(self):
+        """How many files, and what run.py prints behind that."""
+        return len(self.files), "files, %d moves between them" % self.moves
+
+
+def _driving():
+    policy = methods.make("applr", robots.JACKAL)
+    episode = _episode("kinematic", period=policy.period, monitor=True)
+    episode.layout = policy.layout
+    episode.reset(worlds.load(COURSE), seed=0)
+    episode.decide(policy.theta(episode.context()))
+    return episode, policy
+
+
+def way_of_scan():
+    """From the laser's ranges to the simulated base: costmaps, a new plan, the local plan, the monitor."""
+    episode, _ = _driving()
+    with Way() as way:
+        episode._cycle()
+    return way.figure()
+
+
+def way_of_decision():
+    """From scan and plan through observation and policy to the parameters in force."""
+    episode, policy = _driving()
+    with Way() as way:
+        episode.apply(policy.theta(episode.context()))
+    return way.figure()
+
+
+def way_of_transition():
+    """From a step of the environment to the end of the first update of the networks, with --actors 0."""
+    options = (
+        "--recipe jackal --actors 0 --total-timesteps 12 --learning-starts 4 --batch-size 4 --worlds generated:140"
+    )
+    way = Way(("training/env/env.py", "step"), ("training/td3/td3.py", "update"))
+    with tempfile.TemporaryDirectory() as folder, way:
+        train.main([*options.split(), "--simulator", "kinematic", "--eval-worlds", COURSE, "--out", folder])
+    return way.figure()
