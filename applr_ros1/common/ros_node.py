@@ -13,7 +13,7 @@ from __future__ import annotations
 import faulthandler
 import socket
 from contextlib import contextmanager
-from typing import Iterator
+from typing import Any, Iterator
 
 import rosgraph
 import rospy
@@ -24,7 +24,7 @@ PATIENCE = 3.0  # s for the master's answer; rospy itself would wait for ever
 LONGEST = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
-def init_node(name: str, **options: bool) -> None:
+def init_node(name: str, **options: Any) -> None:
     """As rospy.init_node. A node that still runs LONGEST seconds after it was asked to end is ended with status 1.
 
     What each of its threads was doing is then printed on stderr.

@@ -11,7 +11,7 @@ from applr_ros1.common.errors import run_script
 
 NODES = {  # take nothing but NAME:=VALUE
     "applr": "applr_ros1.nodes.applr.main",
-    "collision_monitor": "applr_ros1.nodes.monitor.node",
+    "collision_monitor": "applr_ros1.nodes.monitor.guard",
     "move_base": "applr_ros1.nodes.move_base.node",
     "send_goal": "applr_ros1.nodes.tools.send_goal",
     "sim_bridge": "sim_bridge.ros_bridge",

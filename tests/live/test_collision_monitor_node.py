@@ -1,8 +1,12 @@
 """The collision monitor as a ROS node before a fake Jackal: it stops at a wall and for blind scanners."""
 
+import os
+import signal
 import time
+import xmlrpc.client
 
 import pytest
+import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
@@ -72,12 +76,32 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), 2.0, "zero")
     took = jackal.commands[-1][0] - last
     measured("zero after", took, "s")
-    assert took < 0.3 * slowness()
+    assert took < (0.15 + 0.05 + 0.5 / 1.9) * slowness(), "silence is noticed, and the base braked from .5 m/s"
     assert actions[-1].startswith("stop: no command has come for 0.1")
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, 2.0, "more zeros")
     drive(stack, 0.5, 0.3)
     assert jackal.commands[-1][1] == 0.5
+
+
+@pytest.mark.fault("14a")
+@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_a_monitor_that_does_not_live_stops_the_base_and_is_started_anew(stack, kind, measured):
+    jackal, commands, _ = stack
+    jackal.put((0.0, 0.0, 0.0))
+    drive(stack, 0.5, 0.5)
+    os.kill(node_pid("/collision_monitor"), kind)
+    began = time.time()
+    wait_for(lambda: jackal.commands[-1][1] == 0.0 and jackal.commands[-1][0] > began, 5.0, "zero")
+    measured("zero after", time.time() - began, "s")
+    assert time.time() - began < 0.5 * slowness()
+    jackal.put((0.0, 0.0, 0.0))
+    wait_for(lambda: drive(stack, 0.3, 0.3) and jackal.commands[-1][1] > 0.0, 60.0, "commands that pass again")
+
+
+def node_pid(name):
+    uri = rosgraph.Master("/test").lookupNode(name)
+    return xmlrpc.client.ServerProxy(uri).getPid("/test")[2]
 
 
 def test_says_which_node_sends_commands_past_it(stack):

@@ -1,9 +1,8 @@
 """The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
 
-Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
+Started by guard.py beside it. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
 them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
-zeros until one comes. If the node itself dies, nothing stops the base but a time-out of its own
-(`base.command_timeout` in robot.yaml).
+zeros until one comes. Where anything in it raises, whatever message came, the base is stopped and /diagnostics says so.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], and the fields of
 monitor/settings.py.
@@ -13,6 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections import deque
 from dataclasses import fields, replace
 from typing import Deque, Tuple
@@ -23,7 +23,7 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
 from applr_ros1.common.arguments import frame_prefix, number_within
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
@@ -34,6 +34,7 @@ from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.check import usable
 
+from .guard import Heartbeat
 from .other_publishers import OtherPublishers
 
 LOOK = 0.01  # s of wall time between looks for a new scan
@@ -84,11 +85,17 @@ class CollisionMonitorNode:
 
     def spin(self) -> None:
         """Until shutdown: takes scans, publishes zeros while no command comes, and diagnostics once a second."""
-        due = time.monotonic()
+        due, heartbeat = time.monotonic(), Heartbeat()
         while not rospy.is_shutdown():
             with self._lock:
-                self._take_scans()
-                self._break_silence()
+                try:
+                    self._take_scans()
+                    self._break_silence()
+                except Exception as problem:
+                    self._fail(problem)
+            if not heartbeat.beat():
+                self._out.publish(conversions.twist(0.0, 0.0))
+                rospy.signal_shutdown("the process that started this node is gone")
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT
                 self._report()
@@ -144,14 +151,26 @@ class CollisionMonitorNode:
 
     def _take_command(self, message: Twist) -> None:
         with self._lock, until_shutdown():
-            self._take_scans()
-            self._beats.append((self._now - self._commanded).to_sec())
-            self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
-            verdict = self._judge(message)
-            self._out.publish(conversions.twist(*verdict.command))
-            self._counts[verdict.action] += 1
-            self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
-            self._say(verdict)
+            try:
+                self._take_scans()
+                self._beats.append((self._now - self._commanded).to_sec())
+                self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
+                verdict = self._judge(message)
+                self._out.publish(conversions.twist(*verdict.command))
+                self._counts[verdict.action] += 1
+                self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
+                self._say(verdict)
+            except Exception as problem:
+                self._fail(problem)
+
+    def _fail(self, problem: Exception) -> None:
+        """Stop the base: something in the monitor has raised, and nothing that it knows can be relied on."""
+        if rospy.core.is_shutdown_requested():
+            raise problem
+        self._out.publish(conversions.twist(0.0, 0.0))
+        rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
+        self.monitor.reset()
+        self._say(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
 
     def _judge(self, message: Twist) -> Verdict:
         now = rospy.get_rostime()
@@ -213,3 +232,7 @@ def main() -> int:
     with until_shutdown():
         node.spin()
     return 0
+
+
+if __name__ == "__main__":
+    run_script("applr_ros1.nodes.monitor.node", node=True)
