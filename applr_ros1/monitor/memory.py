@@ -28,6 +28,7 @@ class ObstacleMemory:
     def __init__(self, radius=8.0, seconds=300.0):
         self.radius, self.seconds = float(radius), float(seconds)
         self._points = np.zeros((CAPACITY, 3))
+        self._forgotten = np.empty((CAPACITY, 2))
         self._count = 0
 
     @property
@@ -44,12 +45,17 @@ class ObstacleMemory:
 
         Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
         NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
+
+        Returns:
+            (k, 2) x, y [m] of the points that were forgotten without a scan that shows them gone: for their age, their
+            distance, or because there are too many.
         """
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         x, y, yaw = (float(v) for v in scan.sensor_pose)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
         limits = self.radius, float(scan.stamp) - self.seconds, float(scan.stamp)
-        self._count = _update(self._points, self._count, ranges, beams, (x, y, yaw), limits)
+        self._count, lost = _update(self._points, self._count, self._forgotten, ranges, beams, (x, y, yaw), limits)
+        return self._forgotten[:lost]
 
     def around(self, pose, reach):
         """(k, 2) the points at most `reach` [m] from a robot at pose (x, y, yaw) [m], in its frame [m]."""
@@ -70,13 +76,17 @@ def _around(points, count, pose, reach):
 
 
 @kernel
-def _update(points, count, ranges, beams, sensor, limits):
-    count = _keep(points, count, ranges, beams, sensor, limits)
+def _update(points, count, forgotten, ranges, beams, sensor, limits):
+    """(number of points, number of rows of `forgotten` that were written)."""
+    count, lost = _keep(points, count, forgotten, ranges, beams, sensor, limits)
     angle_min, increment, range_min, range_max = beams
     sx, sy, syaw = sensor
     radius, _, now = limits
     surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
     count -= surplus  # the oldest stand in front
+    for k in range(surplus):
+        forgotten[lost] = points[k, :2]
+        lost += 1
     for k in range(count):
         points[k] = points[k + surplus]
     last_x, last_y = np.inf, np.inf
@@ -94,23 +104,25 @@ def _update(points, count, ranges, beams, sensor, limits):
             points[count, 0], points[count, 1], points[count, 2] = x, y, now
             count += 1
         last_x, last_y = x, y
-    return count
+    return count, lost
 
 
 @kernel
-def _keep(points, count, ranges, beams, sensor, limits):
-    """Move the points that stay to the front of the array and return how many they are."""
+def _keep(points, count, forgotten, ranges, beams, sensor, limits):
+    """Move the points that stay to the front of the array; returns how many they are, and how many are forgotten."""
     radius, oldest, _ = limits
-    kept = 0
+    kept = lost = 0
     for k in range(count):
         x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
-        if stamp < oldest or (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
-            continue
         if _is_measured(x, y, ranges, beams, sensor):
+            continue
+        if stamp < oldest or (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
+            forgotten[lost] = x, y
+            lost += 1
             continue
         points[kept, 0], points[kept, 1], points[kept, 2] = x, y, stamp
         kept += 1
-    return kept
+    return kept, lost
 
 
 @kernel

@@ -10,17 +10,20 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.seen import SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import EVERYTHING, edge_points, half_planes, safe_scale
+from applr_ros1.monitor.stopping import EVERYTHING, edge_points, half_planes, on_arc, safe_scale
 from applr_ros1.robots import JACKAL
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE = 2.0  # a measured speed above this many times the fastest command is rejected
 AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
+TINY = 1e-6  # [m/s, rad/s]: what is slower stands
+FAR = 1e6  # [m, rad]: no pose is farther from its origin
 AHEAD_OF_CLOCK = 0.1  # [s] by which stamps may be ahead of the clock; beyond, the clock was set back
 
 
@@ -72,6 +75,7 @@ class CollisionMonitor:
         self.seen = SeenSpace(self.settings.memory_radius)
         self.scanner = ScannerCheck()
         self.matcher = ScanMatcher()
+        self.motion = PoseMotion()
         self.reset()
 
     def _fastest(self, reaction):
@@ -85,6 +89,7 @@ class CollisionMonitor:
         self.seen.clear()
         self.scanner.clear()
         self.matcher.clear()
+        self.motion.clear()
         self._stamp = None
         self._fault = "no scan has come yet"
         self.ages = (0.0, 0.0, 0.0)
@@ -103,8 +108,9 @@ class CollisionMonitor:
         if self.matcher.lost:
             self.memory.clear()
             self.seen.clear()
+            self.motion.clear()
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
-        self.memory.update(scan)
+        self.seen.forget(self.memory.update(scan))  # what is not remembered is not known to be free either
         self.seen.update(scan)
         return ""
 
@@ -122,43 +128,57 @@ class CollisionMonitor:
             A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within AHEAD
             are reduced to it.
         """
-        verdict = self._judge(now, pose, twist, command, ages)
-        return replace(verdict, command=self.braked(now, twist[0], verdict.command))
-
-    def braked(self, now, measured, command=(0.0, 0.0)):
-        """The (v, w) that the base is given at `now` [s] instead of `command`; measured: its wheels' speed [m/s]."""
-        (then, was, turned), (v, w) = self._given, command
-        if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
-            left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
-            if left > 0.0:
-                if v == 0.0 and w == 0.0:
-                    w = turned * left / abs(was)
-                v = max(v, left) if was > 0.0 else min(v, -left)
-        self._given = now, v, w
-        return v, w
-
-    def _judge(self, now, pose, twist, command, ages):
+        pose, twist, command = (tuple(map(float, numbers)) for numbers in (pose, twist, command))
+        command = tuple(0.0 if abs(value) < TINY else value for value in command)
         self.ages = (0.0 if self._stamp is None else now - self._stamp, *ages)
         problem = self._problem(pose, twist, command)
         if problem:
-            return Verdict((0.0, 0.0), STOP, 0.0, problem)
-        v, w = (float(value) for value in command)
+            return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
         pose = self.matcher.corrected(pose)
+        self.motion.take(now - ages[0], pose)
+        twists = [(*twist, self.motion.velocity[2])]
+        if self.motion.contradicts(twist):
+            twists.append(self.motion.velocity)
+        verdict = self._judge(pose, twists, command)
+        return replace(verdict, command=self.braked(now, twists[-1][0], verdict.command))
+
+    def braked(self, now, measured, command=(0.0, 0.0)):
+        """The (v, w) that the base is given at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
+
+        Where v falls more slowly than asked, w stays with it on the command's arc, as safe_scale has judged it; but the
+        base turns no faster for that than it was commanded before.
+        """
+        (then, was, turned), (v, w) = self._given, command
+        if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
+            left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
+            if left > 0.0 and v * math.copysign(1.0, was) < left:
+                if v == 0.0 and w == 0.0:
+                    w = turned * left / abs(was)
+                elif v * was > 0.0:
+                    w = on_arc(left, v, w, turned)
+                v = math.copysign(left, was)
+        self._given = now, v, w
+        return v, w
+
+    def _judge(self, pose, twists, command):
+        """The Verdict on a command; it must be safe from each of the velocities (v, w, s)."""
+        v, w = command
         self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
             return Verdict((v, w))
         settings = self.settings
-        since, reaction = max(0.0, ages[0]), settings.reaction_time + max(map(abs, self.ages))
+        since, reaction = max(0.0, self.ages[1]), settings.reaction_time + max(map(abs, self.ages))
         most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self._fastest(reaction), (v, w))))
         v, w = most * v, most * w
-        speed, turn = max(abs(v), abs(twist[0])), max(abs(w), abs(twist[1]))
+        speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
+        turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
         longest = since + reaction + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
         points = self.memory.around(pose, self._radius + settings.margin + speed * longest + 0.05)
         seen = self.seen.cells, *map(int, self.seen.corner), self._edge, pose
-        scale, free = self._scale(points, twist, (v, w), (since, reaction), seen)
+        scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
         creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
         if scale < creep:  # into what has not been seen it may creep, if nothing is known to stand there
-            known, free = self._scale(points, twist, (v, w), (since, reaction), EVERYTHING)
+            known, free = self._scale(points, twists, (v, w), (since, reaction), EVERYTHING)
             if known > scale:
                 scale = min(known, creep)
                 reason = "creeping: no scan has shown the space within the stopping distance"
@@ -177,16 +197,20 @@ class CollisionMonitor:
         reason = "slowed for an obstacle, or space not seen, within the stopping distance"
         return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
 
-    def _scale(self, points, twist, command, times, seen):
-        """safe_scale before points (k, 2) [m] in the robot's frame."""
-        s = self.settings
+    def _scale(self, points, twists, command, times, seen):
+        """The least safe_scale of all the velocities, before points (k, 2) [m] in the robot's frame."""
+        s, scales = self.settings, []
         brake = s.deceleration, s.yaw_deceleration
-        twist = float(twist[0]), float(twist[1])
-        return safe_scale(points, self._planes, s.margin, twist, command, times, brake, seen)
+        for v, w, aside in twists:
+            turns = self._given[2], s.turn_gain, s.turn_ahead, aside
+            scales.append(safe_scale(points, self._planes, s.margin, (v, w), command, times, brake, seen, turns))
+        return min(scales)
 
     def _problem(self, pose, twist, command):
         if not all(math.isfinite(value) for value in (*pose, *twist, *command)):
             return "the command, the pose or the velocity is not finite"
+        if any(abs(value) > FAR for value in pose):
+            return f"the pose is ({pose[0]:g} m, {pose[1]:g} m, {pose[2]:g} rad), which cannot be"
         if any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest)):
             return f"the odometry says {twist[0]:g} m/s and {twist[1]:g} rad/s, which cannot be"
         if self._fault:

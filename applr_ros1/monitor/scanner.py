@@ -8,6 +8,8 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.scan_matching import beam_at
 
 MAX_BEAMS = 100_000
+FINEST = 1e-5  # [rad] between beams
+FAR = 1e6  # [m, rad]: no sensor is farther from its frame's origin
 BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
 ENOUGH = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
 STILL_VISIBLE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
@@ -104,9 +106,11 @@ def geometry_fault(scan):
     numbers = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, *scan.sensor_pose, scan.stamp
     if not all(math.isfinite(value) for value in numbers):
         return "the scan's geometry, pose or stamp is not finite"
+    if any(abs(value) > FAR for value in (scan.angle_min, *scan.sensor_pose)):
+        return f"the scan's first angle or pose is beyond {FAR:g}"
     if not 3 <= count <= MAX_BEAMS:
         return f"a scan of {count} beams: 3 to {MAX_BEAMS} are possible"
-    if scan.angle_increment == 0.0 or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
+    if abs(scan.angle_increment) < FINEST or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
         return f"{count} beams {scan.angle_increment:g} rad apart are no planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"

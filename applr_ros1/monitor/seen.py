@@ -44,6 +44,10 @@ class SeenSpace:
         _follow(self.cells, self.corner, x, y)
         _see(self.cells, ranges, beams, (x, y, yaw))
 
+    def forget(self, points):
+        """Points (k, 2) [m] of obstacles that the memory has let go: what is about them counts as not seen."""
+        _forget(self.cells, self.corner, points)
+
     def stand(self, planes, reach, pose):
         """The body (half planes within `reach` [m] of its origin) is at pose (x, y, yaw): what it touches is free."""
         x, y, yaw = (float(v) for v in pose)
@@ -86,6 +90,16 @@ def _see(cells, ranges, beams, sensor):
             place = beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])
             if place < ranges.shape[0] and ranges[int(place)] >= max(distance - BEHIND, range_min):
                 row[column] = 1
+
+
+@kernel
+def _forget(cells, corner, points):
+    n, around = cells.shape[0], int(math.ceil(BEHIND / CELL))
+    for k in range(points.shape[0]):
+        ci, cj = int(math.floor(points[k, 0] / CELL)), int(math.floor(points[k, 1] / CELL))
+        for i in range(max(ci - around, corner[0]), min(ci + around + 1, corner[0] + n)):
+            for j in range(max(cj - around, corner[1]), min(cj + around + 1, corner[1] + n)):
+                cells[i % n, j % n] = 0
 
 
 @kernel

@@ -20,6 +20,8 @@ class MonitorSettings:
             scan, pose and twist, which the monitor measures, come on top.
         deceleration: braking on which one can rely [m/s^2].
         yaw_deceleration: the same of the turn rate [rad/s^2].
+        turn_gain: how many times as fast as commanded the base may turn.
+        turn_ahead: how far [m] ahead of the robot's origin the point lies about which it turns.
         creep_speed: fastest speed of any point of the body [m/s] in space that no scan has shown.
         scan_timeout: age of the newest scan, pose or twist at which the base must stand [s].
         memory_radius: distance within which obstacles are remembered [m].
@@ -32,6 +34,8 @@ class MonitorSettings:
     reaction_time: float
     deceleration: float
     yaw_deceleration: float
+    turn_gain: float = 1.0
+    turn_ahead: float = 0.0
     creep_speed: float = 0.1
     scan_timeout: float = 0.5
     memory_radius: float = 8.0

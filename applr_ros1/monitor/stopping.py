@@ -56,7 +56,7 @@ def penetration(planes, margin, x, y):
 
 
 @kernel
-def safe_scale(points, planes, margin, twist, command, times, brake, seen):
+def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns=(0.0, 1.0, 0.0, 0.0)):
     """The largest factor for a command after which the base can still stop freely, and whether braking now is free.
 
     Args:
@@ -69,6 +69,9 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen):
         brake: (deceleration [m/s^2], angular deceleration [rad/s^2]).
         seen: (cells, first and second of corner, of SeenSpace; edge_points of the body; robot's (x, y, yaw) in the
             frame of the cells), or EVERYTHING.
+        turns: (turn rate [rad/s] that the base was given last, see on_arc; how many times as fast as commanded it may
+            turn; how far [m] ahead of its origin the point lies about which it turns; speed [m/s] at which it was
+            measured to move to the left).
 
     Returns:
         (scale in [0, 1], free): scale * command is allowed; free is False where not even 0 is.
@@ -76,14 +79,14 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen):
     before = np.empty(points.shape[0])
     for i in range(points.shape[0]):
         before[i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1]))
-    if _is_free_either_way(points, before, planes, margin, twist, command, 1.0, times, brake, seen):
+    if _is_free_either_way(points, before, planes, margin, twist, command, 1.0, times, brake, seen, turns):
         return 1.0, True
-    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen, 0.0):
+    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen, 0.0, turns):
         return 0.0, False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_either_way(points, before, planes, margin, twist, command, middle, times, brake, seen):
+        if _is_free_either_way(points, before, planes, margin, twist, command, middle, times, brake, seen, turns):
             low = middle
         else:
             high = middle
@@ -96,21 +99,39 @@ def _towards(value, target, change):
 
 
 @kernel
-def _is_free_either_way(points, before, planes, margin, twist, command, scale, times, brake, seen):
-    """Whether a command is free where the base turns as commanded at once, and where it goes on turning as measured."""
-    w = scale * command[1]
-    return _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, w) and (
-        w == twist[1] or _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, twist[1])
+def on_arc(v, command_v, command_w, turned):
+    """The turn rate with which a base that is faster than commanded, at v, is on the command's arc; command_v not 0.
+
+    No larger than the larger of the commanded one and the one given before, `turned`. [m/s, rad/s]
+    """
+    w = min(abs(command_w * v / command_v), max(abs(command_w), abs(turned)))
+    return math.copysign(w, command_w)
+
+
+@kernel
+def _is_free_either_way(points, before, planes, margin, twist, command, scale, times, brake, seen, turns):
+    """Whether a command is free where the base turns as commanded at once, faster, and where it goes on as measured."""
+    gain = turns[1]
+    return (
+        _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, 1.0, turns)
+        and (
+            gain == 1.0
+            or _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, gain, turns)
+        )
+        and _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, 0.0, turns)
     )
 
 
 @kernel
-def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, turn):
+def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, gain, turns):
     """Whether the body meets nothing while the base goes on, takes scale * command, and brakes after the reaction.
 
-    turn: the turn rate during the reaction [rad/s]. A scale of 0 brakes at once.
+    gain: how many times as fast as commanded it turns during the reaction; 0: as measured. A scale of 0 brakes at once.
+    Sideways it moves as a turn about the stated point makes it, and slides on as it was measured to beyond that.
     """
     v, w = twist
+    turned, _, ahead, aside = turns
+    slide = aside + ahead * w
     want_v, want_w = scale * command[0], scale * command[1]
     x = y = yaw = 0.0
     since, left = times[0], times[1] if scale > 0.0 else 0.0
@@ -122,7 +143,9 @@ def _is_free(points, before, planes, margin, twist, command, scale, times, brake
         elif left > 0.0:
             # the base gains speed at once, the worst case; it loses speed no faster than it can brake
             v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * STEP)
-            w = turn
+            if gain > 0.0:
+                falls = want_v * v > 0.0 and abs(v) > abs(want_v)
+                w = gain * (on_arc(v, want_v, want_w, turned) if falls else want_w)
             left -= STEP
         else:
             steps = max(abs(v) / brake[0], abs(w) / brake[1]) / STEP
@@ -130,8 +153,11 @@ def _is_free(points, before, planes, margin, twist, command, scale, times, brake
                 return _is_seen_beyond(seen, x, y, yaw, want_v, want_w)
             v -= v / steps
             w -= w / steps
-        x += v * step * math.cos(yaw + 0.5 * w * step)
-        y += v * step * math.sin(yaw + 0.5 * w * step)
+            slide -= slide / steps
+        aside = slide - ahead * w
+        c, s = math.cos(yaw + 0.5 * w * step), math.sin(yaw + 0.5 * w * step)
+        x += (v * c - aside * s) * step
+        y += (v * s + aside * c) * step
         yaw += w * step
         c, s = math.cos(yaw), math.sin(yaw)
         for i in range(points.shape[0]):

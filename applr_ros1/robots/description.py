@@ -174,6 +174,8 @@ class Monitoring(Section):
     yaw_deceleration: float = real(
         "rad/s^2", 0.01, 200.0, "how hard it ends a turn, at most max_yaw_acceleration", 12.0
     )
+    turn_gain: float = real("", 0.5, 3.0, "how many times as fast as commanded the base may turn", 1.0)
+    turn_ahead: float = real("m", -2.0, 2.0, "how far ahead of base_link the point lies about which it turns", 0.0)
 
 
 class Simulation(Section):

@@ -1,0 +1,172 @@
+"""The monitor's rules about the way: arcs, what is forgotten, sideways motion, odometry that contradicts poses."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from applr_ros1.monitor.monitor import SLOW, STOP, CollisionMonitor
+from applr_ros1.monitor.motion import PoseMotion
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stopping import EVERYTHING, half_planes, safe_scale
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.robots import JACKAL
+from tests.monitor.test_collision_monitor import BEAMS, scan_of, seen_all_around, wall
+
+SETTINGS = MonitorSettings.of(JACKAL)
+HERE = (0.0, 0.0, 0.0)
+
+
+def test_creeping_and_stopping_keep_the_arc_of_the_command():
+    """Figures of a drive in which the robot left a turn straight on and hit a wall."""
+    monitor = CollisionMonitor()
+    assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
+    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078))
+    assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
+    stopped = monitor.braked(0.1, 1.6)
+    assert stopped == pytest.approx((1.48, w / v * 1.48))
+
+
+@pytest.mark.parametrize("command", [(0.5, 1.0), (0.5, -1.0), (0.5, 0.2)])
+def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_turning(command):
+    monitor = CollisionMonitor()
+    monitor.braked(0.0, 2.0, (2.0, 0.4))
+    v, w = monitor.braked(0.05, 2.0, command)
+    assert v == pytest.approx(2.0 - 1.9 * 0.05)
+    assert abs(w) == pytest.approx(min(abs(command[1]) * v / 0.5, max(abs(command[1]), 0.4)))
+    assert w * command[1] > 0.0
+
+
+numbers = st.floats(-2.0, 2.0, allow_nan=False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(numbers, numbers, st.floats(0.3, 3.0)), min_size=2, max_size=6))
+def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(commands):
+    monitor, before, motion = CollisionMonitor(), (0.0, 0.0), (0.0, 0.0)
+    for step, (v, w, distance) in enumerate(commands):
+        now = 0.05 * step
+        monitor.see(scan_of(wall(distance), HERE, now))
+        verdict = monitor.filter(now, HERE, motion, (v, w))
+        given_v, given_w = verdict.command
+        if verdict.action == STOP:
+            assert given_w * before[0] == pytest.approx(before[1] * given_v, abs=1e-9)
+        elif (
+            verdict.action == SLOW and given_v * v > 0.0 and abs(given_w) < max(abs(before[1]), abs(verdict.scale * w))
+        ):
+            assert given_w * v == pytest.approx(w * given_v, abs=1e-9), (verdict, before)
+        before = motion = verdict.command
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.1], ids=["4 cm", "20 cm"])
+@pytest.mark.parametrize("forgets", ["time", "distance", "capacity"])
+def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
+    """A post is looked at and left behind; the robot turns its back to it, and may then only creep to it."""
+    if forgets == "capacity":
+        monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1500)
+    monitor, post = CollisionMonitor(), np.array([-0.65, 0.0])
+    edge = [post + radius * np.array([math.cos(a), math.sin(a)]) for a in np.arange(-1.4, 1.41, 0.1)]
+    for stamp, yaw in ((0.0, math.pi), (0.1, 0.0)):
+        ranges = scan_of(edge, (0.0, 0.0, yaw), stamp).ranges
+        monitor.see(scan_of([], (0.0, 0.0, yaw), stamp, ranges=np.minimum(ranges, np.float32(9.0 + stamp))))
+    back = (-1.0, 0.0)
+    kept = monitor.filter(0.1, HERE, (0.0, 0.0), back)
+    assert "obstacle" in kept.reason
+    stamp, noise = 0.1, np.random.default_rng(0)
+    # it waits, goes 9 m away and comes back, or sees too much: ranges change so that no image counts as frozen
+    places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
+    for x in places.get(forgets, [0.0] * 6):
+        stamp += 100.0 if forgets == "time" else 0.1
+        far = (2.0 + (stamp % 7.0 if forgets == "capacity" else 6.0)) * np.ones(BEAMS)
+        ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
+        monitor.see(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges))
+        monitor.matcher.clear()  # the made-up ranges are those of no room
+    assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
+    verdict = monitor.filter(stamp, HERE, (0.0, 0.0), back)
+    assert verdict.action == SLOW
+    assert "creeping" in monitor.filter(stamp, (-0.2, 0.0, 0.0), (0.0, 0.0), back).reason
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_post_in_the_way_of_a_slide_slows_the_command(side):
+    """At 1 m/s ahead and .6 m/s aside the body meets a post beside its way that it would pass without sliding."""
+    points, planes = np.array([[0.5, side * (0.208 + 0.06)]]), half_planes(SETTINGS.body)
+    rest = (points, planes, 0.03, (1.0, 0.0), (1.0, 0.0), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
+    assert safe_scale(*rest, (0.0, 1.0, 0.0, 0.0))[0] == 1.0
+    assert safe_scale(*rest, (0.0, 1.0, 0.0, side * 0.6))[0] < 1.0
+    assert safe_scale(*rest, (0.0, 1.0, 0.0, -side * 0.6))[0] == 1.0
+
+
+def test_a_turn_moves_the_body_about_the_stated_point_and_as_fast_as_stated():
+    """Turning to the left about a point ahead the body goes to the right, where a post stands beyond its own circle."""
+    planes, command = half_planes(SETTINGS.body), (0.0, 1.5)
+    post = np.array([[-0.2, -0.33]])
+    args = (post, planes, 0.03, command, command, (0.0, 0.15), (1.9, 3.3), EVERYTHING)
+    assert safe_scale(*args, (0.0, 1.0, 0.0, 0.0))[0] == 1.0
+    assert safe_scale(*args, (0.0, 1.0, 0.3, -0.45))[0] < 1.0
+    wide = (np.array([[0.29, -0.17]]), planes, 0.03, (0.0, 0.0), (0.0, 1.0), (0.0, 0.1), (1.9, 12.0), EVERYTHING)
+    assert safe_scale(*wide, (0.0, 3.0, 0.0, 0.0))[0] <= safe_scale(*wide, (0.0, 1.0, 0.0, 0.0))[0]
+
+
+def test_poses_give_the_velocity_ahead_aside_and_of_the_turn():
+    motion, yaw = PoseMotion(), 0.0
+    for step in range(10):
+        stamp, yaw = 0.05 * step, math.pi / 2 + 0.3 * 0.05 * step
+        motion.take(stamp, (-0.2 * stamp, 1.5 * stamp, yaw))  # ahead is +y, to the left is -x
+    v, w, s = motion.velocity
+    assert (v, w) == pytest.approx((1.5, 0.3), abs=0.06)
+    assert s == pytest.approx(0.2 - 1.5 * 0.3 * 0.325, abs=0.06), "the heading has turned by .1 rad meanwhile"
+    assert motion.contradicts((-1.5, 0.3))
+    assert motion.contradicts((0.3, 0.3))
+    assert not motion.contradicts((1.6, 0.3))
+    motion.take(0.1, HERE)  # the clock was set back
+    assert motion.velocity == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("stated", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
+def test_a_stated_velocity_that_poses_contradict_does_not_hide_the_wall(stated, action):
+    """At 2 m/s by its poses, .9 m before a wall, what the odometry states is -2, .3 or 2 m/s."""
+    monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
+    for step in range(12):
+        now, x = 0.05 * step, 0.1 * step
+        monitor.see(scan_of(wall(2.2, 2.0), (x, 0.0, 0.0), now))
+        verdict = monitor.filter(now, (x, 0.0, 0.0), (stated, 0.0), (2.0, 0.0))
+    assert verdict.action == action
+
+
+FLOATS = st.one_of(st.floats(), st.sampled_from([5e-324, -5e-324, -0.0, 1e308, -1e308, math.nan, math.inf, 1e-300]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.tuples(FLOATS, FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS)
+)
+def test_no_number_ends_a_command(pose, twist, command, ages):
+    monitor = seen_all_around(wall(3.0))
+    monitor.filter(0.0, HERE, (1.0, 0.1), (1.0, 0.1))
+    for where, moving, asked in (
+        (pose, (1.0, 0.1), (1.0, 0.1)),
+        (HERE, twist, (1.0, 0.1)),
+        (HERE, (1.0, 0.1), command),
+    ):
+        verdict = monitor.filter(0.05, where, moving, asked, ages if asked is command else (0.0, 0.0))
+        assert all(math.isfinite(value) for value in verdict.command)
+        assert all(abs(value) <= limit + 1e-9 for value, limit in zip(verdict.command, monitor.fastest))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
+def test_no_number_ends_a_scan(numbers, ranges, field):
+    """One field at a time, and all; the same with the ranges. What cannot be is refused in a line."""
+    good = (0.05, -2.0, 0.5, 0.1, 10.0, 0.1, 0.2)
+    one = [*good[:field], numbers[field], *good[field + 1 :]]
+    for stamp, first, increment, least, most, x, yaw in (one, numbers, good):
+        monitor = seen_all_around(wall(3.0))
+        with np.errstate(over="ignore"):
+            scan = LaserScan(stamp, first, increment, least, most, np.array(ranges, np.float32), (x, 0.0, yaw))
+        assert isinstance(monitor.see(scan), str)
+        verdict = monitor.filter(0.05, HERE, (0.0, 0.0), (0.5, 0.5))
+        assert all(math.isfinite(value) for value in verdict.command)
