@@ -28,9 +28,7 @@ import worlds
 from applr_ros1.common.angles import transform_point, yaw_of
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives import animation, picture
-from applr_ros1.drives.animation import STEP
-from applr_ros1.drives.picture import Drive, View
+from applr_ros1.drives import drawing
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.check import with_remarks
@@ -72,8 +70,8 @@ def main():
         low_x, high_x, low_y, high_y = bounding_box(robot)
         outline = np.array([[high_x, high_y], [low_x, high_y], [low_x, low_y], [high_x, low_y]])
         drive.title = "{world}, {robot}, method {method}: {reason} in {time_s:.1f} s".format(**result)
-        result["picture"] = _leave(values["picture"], lambda path: picture.save(drive, path))
-        result["animation"] = _leave(values["animation"], lambda path: animation.save(drive, outline, path))
+        result["picture"] = _leave(values["picture"], lambda path: drawing.save(drive, path))
+        result["animation"] = _leave(values["animation"], lambda path: drawing.save_animation(drive, outline, path))
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
@@ -213,7 +211,7 @@ class Observer:
         began = self._began
         track = np.array(self.track, dtype=np.float64).reshape(-1, 5) - (began, 0.0, 0.0, 0.0, 0.0)
         steps = {name: [(max(0.0, t - began), value) for t, value in seen] for name, seen in self.parameters.items()}
-        return Drive(
+        return drawing.Drive(
             self.world,
             track[track[:, 0] <= seconds + 1e-6],
             {name: seen for name, seen in steps.items() if seen},
@@ -232,7 +230,7 @@ class Observer:
     def _on_scan(self, message):
         """Every tenth of a simulated second keeps what was known, in the world's frame."""
         self._newest["scan"] = message
-        if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < STEP - 1e-6:
+        if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < drawing.STEP - 1e-6:
             return
         now, x, y = self.track[-1][:3]
         pose = (x, y, self._yaw)
@@ -243,7 +241,7 @@ class Observer:
         laser = transform_point(pose, laser_x, laser_y)
         scan = laser + np.column_stack((ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)))
         plan, chosen = (self._path(topic) for topic in self._paths)
-        self.views.append(View(now, pose, scan, plan, chosen, self._samples()))
+        self.views.append(drawing.View(now, pose, scan, plan, chosen, self._samples()))
 
     def _path(self, topic):
         """(n, 2) of the newest path on a topic in the world's frame, which is the map's; odom's origin is the start."""

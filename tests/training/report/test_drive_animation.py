@@ -4,7 +4,7 @@ import numpy as np
 from PIL import Image, ImageColor
 
 import worlds
-from applr_ros1.drives import animation, picture
+from applr_ros1.drives import drawing
 from worlds.draw import MOVER
 from worlds.world import Mover
 
@@ -14,9 +14,9 @@ FOOTPRINT = np.array([(-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2)])
 
 def last_frame(path, world, time, world_time=0.0):
     """(height, width, 3) of the animation's only frame, at `time` of a drive."""
-    view = picture.View(time, (0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, NOTHING)
-    drive = picture.Drive(world, np.zeros((1, 5)), views=[view], world_time=world_time)
-    animation.save(drive, FOOTPRINT, str(path / "a.gif"))
+    view = drawing.View(time, (0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, NOTHING)
+    drive = drawing.Drive(world, np.zeros((1, 5)), views=[view], world_time=world_time)
+    drawing.save_animation(drive, FOOTPRINT, str(path / "a.gif"))
     with Image.open(path / "a.gif") as image:
         return np.asarray(image.convert("RGB"))
 
