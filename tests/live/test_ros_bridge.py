@@ -235,35 +235,6 @@ def test_contact_is_reported(robot):
     assert any(message.data for message in robot.heard["/collision"])
 
 
-def test_obstacles_are_put_down_and_taken_away_during_a_drive(robot):
-    rospy.ServiceProxy("/sim_bridge/reset", Empty)()
-    change = rospy.Publisher("/sim_bridge/change_obstacle", Marker, queue_size=5)
-    wait_for(change.get_num_connections, 5.0, "connection")
-    x, y = position(robot.next("/sim_bridge/ground_truth"))
-
-    def cylinders():
-        return len(robot.heard["/sim_bridge/obstacles"][-1].markers) - 1
-
-    def ask(action, at, frame="world"):
-        marker = Marker(action=action)
-        marker.header.frame_id, marker.scale.x = frame, 0.15
-        marker.pose.position.x, marker.pose.position.y = at
-        change.publish(marker)
-
-    before, nearest = cylinders(), min(robot.next("/front/scan").ranges)
-    ask(Marker.ADD, (x, y + 0.6))
-    robot.wait(lambda: cylinders() == before + 1)
-    robot.forget()
-    assert min(robot.next("/front/scan").ranges) < nearest
-    ask(Marker.DELETE, (x, y + 0.65))
-    robot.wait(lambda: robot.heard["/sim_bridge/obstacles"] and cylinders() == before)
-    ask(Marker.ADD, (x, y))
-    robot.wait(lambda: "it would touch the robot" in robot.process.text)
-    ask(Marker.ADD, (x, y), "odom")
-    robot.wait(lambda: "give it in world" in robot.process.text)
-    assert cylinders() == before
-
-
 def test_time_stands_goes_on_by_steps_and_more_slowly(robot):
     pause, step = (
         rospy.ServiceProxy("/sim_bridge/" + name, kind) for name, kind in (("pause", SetBool), ("step", Trigger))
