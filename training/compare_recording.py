@@ -16,7 +16,7 @@ import lzma
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -42,23 +42,19 @@ PANELS = 5  # drives that are drawn
 PLANE = World("plane", np.empty((0, 3)), np.empty((0, 5)), arena_course())
 
 
-class Drive(NamedTuple):
-    """A recorded drive: rows (n, 8) of COLUMNS and WHEELS in the order of time."""
+def read_drives(path: Path, robot: Robot) -> List[Tuple[str, np.ndarray]]:
+    """The drives of a file: name, and rows (n, 8) of COLUMNS and WHEELS in the order of time.
 
-    name: str
-    rows: np.ndarray
-
-
-def read_drives(path: Path, robot: Robot) -> List[Drive]:
-    """The drives of a file; ApplrError where it cannot be used."""
-    drives = _of_csv(path) if ".csv" in path.suffixes else _of_bag(path, robot)
-    usable = [drive for drive in drives if len(drive.rows) > 2 and np.ptp(drive.rows[:, T]) > SECOND]
+    Raises ApplrError where it cannot be used.
+    """
+    drives = _of_csv(path) if ".csv" in path.suffixes else [(path.stem, _of_bag(path, robot))]
+    usable = [(name, rows) for name, rows in drives if len(rows) > 2 and np.ptp(rows[:, T]) > SECOND]
     if not usable:
         raise ApplrError(f"{path}: no drive of more than a second; give one with commands and poses")
     return usable
 
 
-def _of_csv(path: Path) -> List[Drive]:
+def _of_csv(path: Path) -> List[Tuple[str, np.ndarray]]:
     found: Dict[str, List[List[float]]] = {}
     try:
         with lzma.open(path, "rt") if path.suffix == ".xz" else open(path) as file:
@@ -68,15 +64,15 @@ def _of_csv(path: Path) -> List[Drive]:
                 found.setdefault(row.get("profile") or path.name.split(".")[0], []).append(values)
     except (OSError, EOFError, lzma.LZMAError, KeyError, ValueError, TypeError) as error:
         raise ApplrError(f"{path}: {error}; give a CSV with the columns {', '.join(COLUMNS)}") from None
-    return [Drive(name, np.array(rows)) for name, rows in found.items()]
+    return [(name, np.array(rows)) for name, rows in found.items()]
 
 
-def _of_bag(path: Path, robot: Robot) -> List[Drive]:
+def _of_bag(path: Path, robot: Robot) -> np.ndarray:
     recording = read_messages(path, TopicNames.of(robot), robot)
     given = np.array([(-1, 0.0, 0.0), *recording.commands], dtype=float)
     at, pose = recording.odometry.at, recording.odometry.pose
     command = given[np.searchsorted(given[:, 0], at) - 1, 1:]
-    return [Drive(path.stem, np.hstack([1e-9 * at[:, None], command, pose, command]))]
+    return np.hstack([1e-9 * at[:, None], command, pose, command])
 
 
 def standing_in(robot: Robot, ground: str) -> KinematicSimulator:
@@ -85,12 +81,12 @@ def standing_in(robot: Robot, ground: str) -> KinematicSimulator:
     return KinematicSimulator(replace(robot, simulation=robot.simulation.model_copy(update={"command_delay": 0.0})))
 
 
-def replay(simulator: KinematicSimulator, drive: Drive, begin: int = 0, end: Optional[int] = None) -> np.ndarray:
+def replay(simulator: KinematicSimulator, rows: np.ndarray, begin: int = 0, end: Optional[int] = None) -> np.ndarray:
     """(k, 3) poses at rows begin + 1 to end of a drive, from the recorded pose and motion at row `begin`.
 
     The wheels' angles are counted from 0 at the first row.
     """
-    rows, base = drive.rows, simulator.robot.base
+    base = simulator.robot.base
     t, turning = rows[:, T], rows[:, TURNING]
     half = 0.5 * base.track * (simulator.robot.simulation.track_multiplier or 1.0)
     way = (turning[1 : begin + 1] * np.diff(t[: begin + 1])[:, None]).sum(axis=0)
@@ -108,12 +104,12 @@ def replay(simulator: KinematicSimulator, drive: Drive, begin: int = 0, end: Opt
     return np.array(poses)
 
 
-def second_on(simulator: KinematicSimulator, drive: Drive) -> np.ndarray:
+def second_on(simulator: KinematicSimulator, rows: np.ndarray) -> np.ndarray:
     """(n, 2): how far [m] and how much turned [rad] the simulated robot is off after each second."""
-    t, off = drive.rows[:, T], []
+    t, off = rows[:, T], []
     for start in np.arange(t[0], t[-1] - SECOND, EVERY):
         begin, end = np.searchsorted(t, (start, start + SECOND))
-        x, y, yaw = replay(simulator, drive, begin, end)[-1] - drive.rows[end, POSE]
+        x, y, yaw = replay(simulator, rows, begin, end)[-1] - rows[end, POSE]
         off.append((np.hypot(x, y), abs(normalize_angle_modulo(yaw))))
     return np.array(off)
 
@@ -136,10 +132,10 @@ def _compare(given: CompareOptions) -> None:
     drives = [drive for path in given.files for drive in read_drives(path, given.robot)]
     grounds = [ground for ground in GROUNDS if ground in ("plain", given.robot.simulation.ground)]
     simulators = {ground: standing_in(given.robot, ground) for ground in grounds}
-    off = {ground: [second_on(simulator, drive) for drive in drives] for ground, simulator in simulators.items()}
+    off = {ground: [second_on(simulator, rows) for _, rows in drives] for ground, simulator in simulators.items()}
     print("off a second on         " + "".join(f"{ground:>14}       " for ground in grounds))
-    for n, drive in enumerate(drives):
-        _print(drive.name[:24], [off[ground][n] for ground in grounds])
+    for n, (name, _) in enumerate(drives):
+        _print(name[:24], [off[ground][n] for ground in grounds])
     every = {ground: np.concatenate(off[ground]) for ground in grounds}
     _print("mean", list(every.values()))
     given.out.mkdir(parents=True, exist_ok=True)
@@ -165,12 +161,13 @@ def _draw_drives(drives, simulators, file):
     chosen = np.unique(np.linspace(0, len(drives) - 1, PANELS).round().astype(int))
     figure, axes = canvas(len(chosen), 2, (2.6, 1.9))
     for column, n in enumerate(chosen):
-        t, rows = drives[n].rows[:, T], drives[n].rows
-        shown = [(name, _rates(t[1:], replay(simulator, drives[n])), "-") for name, simulator in simulators.items()]
+        title, rows = drives[n]
+        t = rows[:, T]
+        shown = [(name, _rates(t[1:], replay(simulator, rows)), "-") for name, simulator in simulators.items()]
         for name, (time, v, w), line in [*shown, ("recorded", _rates(t, rows[:, POSE]), "k--")]:
             axes[0, column].plot(time, v, line, lw=1, label=name)
             axes[1, column].plot(time, w, line, lw=1)
-        axes[0, column].set_title(drives[n].name, fontsize=8)
+        axes[0, column].set_title(title, fontsize=8)
         axes[1, column].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("speed [m/s]")
     axes[1, 0].set_ylabel("yaw rate [rad/s]")

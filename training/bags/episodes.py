@@ -71,7 +71,7 @@ class Goal:
 
 
 @dataclass
-class Sample:
+class RebuiltObservation:
     """An observation to be rebuilt from messages, and what came of it.
 
     Attributes:
@@ -210,7 +210,7 @@ def _finish(recording, goal, finish: Optional[float]) -> None:
         goal.end, goal.status = int(recording.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
 
 
-def _samples(recording, goal) -> List[Sample]:
+def _samples(recording, goal) -> List[RebuiltObservation]:
     """The samples at which decisions were made, and the end of the course.
 
     The course ends where the goal was reached or given up, or, if it was cut off by a time limit, a whole period after
@@ -233,8 +233,8 @@ def _samples(recording, goal) -> List[Sample]:
     return samples
 
 
-def _sample(recording, goal, at, decision=None) -> Sample:
-    sample, odometry = Sample(at, decision), recording.odometry.stamp
+def _sample(recording, goal, at, decision=None) -> RebuiltObservation:
+    sample, odometry = RebuiltObservation(at, decision), recording.odometry.stamp
     if decision:
         sample.scan = _last(recording.scan_stamp == decision["scan"])
         sample.pose = _last(odometry == decision["odometry"])
@@ -365,9 +365,9 @@ def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def split_at_gaps(samples, skip: Callable[[str], None]) -> Iterator[List[Sample]]:
+def split_at_gaps(samples, skip: Callable[[str], None]) -> Iterator[List[RebuiltObservation]]:
     """Runs of samples with usable transitions between them; `skip` is called with the trouble of the others."""
-    run: List[Sample] = []
+    run: List[RebuiltObservation] = []
     for sample in samples:
         if sample.trouble:
             skip(sample.trouble)

@@ -32,7 +32,7 @@ STILL = 0.02, 0.05  # m/s, rad/s: less is no motion
 FELL = 0.9  # of its speed: when it is slower, the base has begun to brake
 
 
-class Sample(NamedTuple):
+class Reading(NamedTuple):
     """A message of the odometry: stamp [s], pose, and twist ahead and about z."""
 
     time: float
@@ -52,7 +52,7 @@ class Stop(NamedTuple):
     way: float
 
 
-def stop_of(samples: List[Sample], braked: float, command: float, turning: bool) -> Stop:
+def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
     """What a run shows that was told at the time `braked` [s] to stop from `command` [m/s, or rad/s where turning]."""
     motion = [abs(s.w if turning else s.v) for s in samples]
     before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
@@ -82,7 +82,7 @@ class Base:
     """
 
     def __init__(self, command: str, odometry: str, free: float):
-        self.free, self.samples = free, []  # type: float, List[Sample]
+        self.free, self.samples = free, []  # type: float, List[Reading]
         self._out = rospy.Publisher(command, Twist, queue_size=1)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._out.publish(Twist()))
@@ -98,7 +98,7 @@ class Base:
         pose, speed = message.pose.pose, message.twist.twist
         stamp = message.header.stamp.to_sec()
         self.samples.append(
-            Sample(stamp, pose.position.x, pose.position.y, yaw_of(pose.orientation), speed.linear.x, speed.angular.z)
+            Reading(stamp, pose.position.x, pose.position.y, yaw_of(pose.orientation), speed.linear.x, speed.angular.z)
         )
 
     def ahead(self) -> float:
