@@ -112,7 +112,7 @@ def save_animation(drive: Drive, outline: np.ndarray, path: str) -> None:
     background = Image.frombuffer("RGBA", size, figure.canvas.buffer_rgba()).convert("RGB")
     palette = Image.new("P", (1, 1))
     moving = [part for color in (*MOVING, DRIVEN, ROBOT, MOVER, GOAL, "white") for part in ImageColor.getrgb(color)]
-    palette.putpalette(moving + background.quantize(240).getpalette())
+    palette.putpalette(moving + (background.quantize(240).getpalette() or []))
     every = max(STEP, (views[-1].time - views[0].time) / MOST_FRAMES)
     frames, due = [], -math.inf
     for view in views:
@@ -120,7 +120,7 @@ def save_animation(drive: Drive, outline: np.ndarray, path: str) -> None:
             due = view.time + every - 1e-6
             frame = background.copy()
             _move(frame, axes, drive, view, outline)
-            frames.append(frame.quantize(palette=palette, dither=0))
+            frames.append(frame.quantize(palette=palette, dither=Image.Dither.NONE))
     duration = [int(1000 * every)] * (len(frames) - 1) + [2000]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=duration, loop=0)
 
