@@ -5,9 +5,7 @@ page.py writes them.
 
 from __future__ import annotations
 
-import csv
 import html
-import io
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Dict, List, Sequence
@@ -49,9 +47,7 @@ class Table:
 
     def csv(self) -> str:
         """The table as CSV with a header line."""
-        buffer = io.StringIO()
-        csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
-        return buffer.getvalue()
+        return pd.DataFrame(self.rows, columns=self.columns).to_csv(index=False, lineterminator="\n")
 
     def html(self) -> str:
         """The table in HTML, its title above and its notes below; a wide one scrolls in its own box."""

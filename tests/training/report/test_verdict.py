@@ -19,6 +19,7 @@ from training.report import verdict as judging
 from training.report.verdict import decided, mean_scores, paired_trials
 
 ROBOT = "mine", "/home/me/mine", False
+BOTH, THREE = ("dwa", "applr"), ("dwa", "applr", "static")
 
 
 def trials_of(world, seconds, trial=0):
@@ -32,7 +33,7 @@ def trials_of(world, seconds, trial=0):
     return found
 
 
-def pairs_of(*courses, methods=("dwa", "applr")):
+def pairs_of(*courses, methods=BOTH):
     found = {}
     for number, values in enumerate(courses):
         found.update(trials_of(f"world{number}", dict(zip(methods, values))))
@@ -47,17 +48,11 @@ def around(*middles, count=12):
 @pytest.mark.parametrize(
     ("courses", "methods", "method", "second", "third"),
     [
-        (around(30, 20), ("dwa", "applr"), "applr", "The policy pays on mine: it takes 10.0 s less", "Drive with it"),
-        (
-            around(20, 30),
-            ("dwa", "applr"),
-            "dwa",
-            "does not pay on mine: it takes 10.0 s more",
-            "Keep your parameters, or",
-        ),
-        (around(20, 20), ("dwa", "applr"), "dwa", "Whether the policy pays on mine is not clear", "more --minutes"),
-        (around(30, 25, 15), ("dwa", "applr", "static"), "static", "the best single set does", "static.yaml"),
-        (around(30, 15, 25), ("dwa", "applr", "static"), "applr", "The policy pays", "Drive with it"),
+        (around(30, 20), BOTH, "applr", "The policy pays on mine: it takes 10.0 s less", "Drive with it"),
+        (around(20, 30), BOTH, "dwa", "does not pay on mine: it takes 10.0 s more", "Keep your parameters, or"),
+        (around(20, 20), BOTH, "dwa", "Whether the policy pays on mine is not clear", "more --minutes"),
+        (around(30, 25, 15), THREE, "static", "the best single set does", "static.yaml"),
+        (around(30, 15, 25), THREE, "applr", "The policy pays", "Drive with it"),
     ],
 )
 def test_the_verdict_is_three_sentences_and_a_method(courses, methods, method, second, third):
@@ -76,24 +71,26 @@ def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
     assert "9 (56 %" in sentences[0]
 
 
-def test_it_ends_once_one_method_is_better_than_each_of_the_others():
-    assert decided(mean_scores(pairs_of(*around(30, 20, count=8))))
-    assert decided(mean_scores(pairs_of(*around(20, 30, count=8))))
-    assert not decided(mean_scores(pairs_of(*around(20, 20, count=8))))
-    assert not decided(mean_scores(pairs_of(*around(30, 20, 20, count=8), methods=("dwa", "applr", "static"))))
-    assert decided(mean_scores(pairs_of(*around(30, 20, 10, count=8), methods=("dwa", "applr", "static"))))
-
-
-def test_a_difference_at_a_level_of_five_percent_is_not_yet_clear():
-    courses = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]  # one-sided p = .036
-    assert not decided(mean_scores(pairs_of(*courses)))
+@pytest.mark.parametrize(
+    ("courses", "methods", "clear"),
+    [
+        (around(30, 20, count=8), BOTH, True),
+        (around(20, 30, count=8), BOTH, True),
+        (around(20, 20, count=8), BOTH, False),
+        (around(30, 20, 20, count=8), THREE, False),
+        (around(30, 20, 10, count=8), THREE, True),
+        ([(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)], BOTH, False),  # one-sided p = .036
+    ],
+)
+def test_it_ends_once_one_method_is_clearly_better_than_each_of_the_others(courses, methods, clear):
+    assert decided(mean_scores(pairs_of(*courses, methods=methods))) == clear
 
 
 def test_half_driven_courses_and_further_trials_of_a_world_are_no_pairs_of_their_own():
     found = trials_of("a", {"dwa": 20.0, "applr": 10.0})
     found.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
     found.update(trials_of("b", {"dwa": 20.0}))
-    trials = paired_trials(found, ("dwa", "applr"))
+    trials = paired_trials(found, BOTH)
     scores = mean_scores(trials)
     assert (len(trials), scores.dwa.tolist(), scores.applr.tolist()) == (4, [25.0], [15.0])
 
