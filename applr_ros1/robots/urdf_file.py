@@ -7,16 +7,18 @@ import io
 import logging
 import os
 import re
-import sys
-import types
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Set, Tuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from defusedxml import ElementTree
 
 from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.files import read_bytes
+from applr_ros1.robots.xacro_file import MAX_TEXT, expand
 
+MAX_DEPTH = 100  # levels of tags
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
@@ -29,46 +31,55 @@ class _Packages:
         roots = [own, own.parent, own.parent.parent]
         roots += [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
         self.missing: Set[str] = set()
-        self._found: Dict[str, str] = {}
+        self.found: Dict[str, str] = {}
         for file in (file for root in roots for depth in range(3) for file in root.glob("*/" * depth + "package.xml")):
             with contextlib.suppress(ElementTree.ParseError, OSError):
                 name = (ElementTree.parse(file).findtext("name") or "").strip()
-                self._found.setdefault(name, str(file.parent))
+                self.found.setdefault(name, str(file.parent))
 
     def folder(self, name: str) -> str:
-        """The folder of a package; where there is none, a pattern that no file matches.
-
-        xacro passes over an include whose pattern matches nothing, so that a robot needs not have the packages of all
-        sensors that its file could add.
-        """
-        if name not in self._found:
+        """The folder of a package; where there is none, one that is not there."""
+        if name not in self.found:
             self.missing.add(name)
-        return self._found.get(name, f"/there is no package [{name}]")
+        return self.found.get(name, f"/there is no package {name}")
 
 
 def _text(path: str, arguments: Mapping[str, str], packages: _Packages) -> str:
     """The URDF in a file, which xacro has gone over where it is for xacro."""
-    import xacro
-
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_bytes(path, MAX_TEXT).decode()
     except UnicodeDecodeError:
         raise ApplrError(f"{path} is no text: give a URDF or xacro file") from None
     if "xacro" not in text:
         return text
-    index = types.ModuleType("ament_index_python.packages")  # where xacro asks for packages
-    index.get_package_share_directory = packages.folder  # type: ignore[attr-defined]
-    sys.modules.update({"ament_index_python": types.ModuleType("ament_index_python"), index.__name__: index})
-    try:
-        with contextlib.redirect_stderr(io.StringIO()):
-            return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
-    except Exception as error:  # what a file of expressions raises can be anything
-        missing = re.search(r"Undefined substitution argument (\S+)", str(error))
-        if missing:
-            raise ApplrError(f"{path} needs the argument {missing[1]}: give {missing[1]}:=VALUE") from None
+    text, problem, packages.missing = expand(path, arguments, packages.found)
+    if problem:
+        needed = re.search(r"Undefined substitution argument (\S+)", problem)
+        if needed:
+            raise ApplrError(f"{path} needs the argument {needed[1]}: give {needed[1]}:=VALUE")
         absent = ", ".join(sorted(packages.missing))
         there = f"; put {absent} beside its package, or source the workspace that has them" if absent else ""
-        raise ApplrError(f"{path}: xacro refuses it: {reason(error)}{there}") from None
+        raise ApplrError(f"{path}: xacro refuses it: {problem}{there}")
+    return text
+
+
+def _check_tree(path: str, root: Element) -> None:
+    """Refuses tags nested too deep, and joints that lead in a circle."""
+    depth, level = 0, [root]
+    while level and depth <= MAX_DEPTH:
+        depth, level = depth + 1, [child for element in level for child in element]
+    if level:
+        raise ApplrError(f"{path} has over {MAX_DEPTH} levels of tags; a URDF has six")
+    ends = [
+        [end.get("link") for tag in ("child", "parent") for end in j.findall(tag)[:1]] for j in root.findall("joint")
+    ]
+    above = {pair[0]: pair[1] for pair in ends if len(pair) == 2}
+    for link in above:
+        at, steps = link, 0
+        while at in above:
+            at, steps = above[at], steps + 1
+            if steps > len(above):
+                raise ApplrError(f"{path}: the joints above the link {at} lead back to it; take one of them out")
 
 
 class UrdfFile:
@@ -82,6 +93,7 @@ class UrdfFile:
 
     def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str = ""):
         try:
+            import xacro  # noqa: F401  (xacro_file.py's process needs it)
             import yourdfpy
         except ModuleNotFoundError as missing:
             raise ApplrError(
@@ -91,7 +103,7 @@ class UrdfFile:
         self.path, self.packages = path, _Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
         text = _text(path, arguments, self.packages)
-        named = sorted(set(re.findall(r"<xacro:arg\s+name=\"(\w+)\"", Path(path).read_text(encoding="utf-8"))))
+        named = sorted(set(re.findall(r"<xacro:arg\s+name=\"(\w+)\"", read_bytes(path, MAX_TEXT).decode())))
         self.choices = f"; the file takes {', '.join(name + ':=' for name in named)}" if named else ""
         try:
             self.xml = ElementTree.fromstring(text)
@@ -101,6 +113,7 @@ class UrdfFile:
             raise ApplrError(
                 f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF or xacro file, whose is <robot>"
             )
+        _check_tree(path, self.xml)
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
         try:
             self.urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)

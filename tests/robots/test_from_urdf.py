@@ -1,11 +1,13 @@
 """A robot's folder, written from its URDF or xacro file and its parameter files."""
 
 import re
+from xml.sax.saxutils import escape
 
 import pytest
 import yaml
 
 from applr_ros1 import robots
+from applr_ros1.robots import xacro_file
 from training import check_robot, new_robot
 
 pytest.importorskip("yourdfpy")
@@ -255,6 +257,8 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         ),
         (TWO + RAYS, {}, "needs the argument reach: give reach:=VALUE"),
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
+        (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
+        (TWO + joint("base_footprint", "0 0 0", "scanner"), {}, "joints above the link scanner lead back"),
         (TWO, {"costmap_common.yaml": "robot_base_frame: hull\n"}, "has no link hull"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, r"dwa.yaml holds \$\(arg fast\)"),
     ],
@@ -264,6 +268,47 @@ def test_what_is_wrong_is_one_line(make, urdf, more, line):
     assert status == 1
     assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", said), said
     assert not file.exists()
+
+
+CODE = "[w.__init__.__globals__['system']('touch {0}') for s in [python.type.mro(python.list)[1]] "
+CODE += "for w in s.__subclasses__() if w.__name__ == '_wrap_close']"
+TO_THEMSELVES = "it is nested too deep or too large"
+
+
+@pytest.mark.parametrize(
+    ("urdf", "line"),
+    [
+        ('<link name="${{' + CODE + '}}"/>', "more than arithmetic"),
+        ('<link name="$(eval [many for many in [1]])"/>', "more than arithmetic"),
+        ('<xacro:property name="len" value="${{python.vars}}"/><link name="${{len(math).x}}"/>', "len.*more than"),
+        ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', TO_THEMSELVES),
+        ("<link name=\"${{'a' * 10**10}}\"/>", TO_THEMSELVES),
+        ('<link name="${{9**9**9}}"/>', "takes over 5 s"),
+    ],
+)
+def test_a_xacro_file_runs_no_code_and_is_bounded(make, tmp_path, urdf, line):
+    status, said, _ = make(urdf.format(tmp_path / "ran") + TWO)
+    assert status == 1
+    assert re.fullmatch(rf"\./applr robot: .*{line}.*; if you trust .*: xacro \S+crate.urdf > robot.urdf\n", said), said
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_xacro_file_calculates(tmp_path):
+    (tmp_path / "sizes.yaml").write_text("wheel: {radius: .1, sides: [left, right]}\n")
+    wanted = {
+        "radians(180) == pi and 2 * -(3 // 2) + 7 % 4": 1,
+        "max(len(name), 2) if 1 < 2 <= 2 and not 0 else 5": 5,
+        "sizes['wheel']['radius'] ** 2": 0.1**2,
+        "'%s_%d' % (sizes.wheel.sides[1:][0].upper(), round(math.sqrt(16)))": "RIGHT_4",
+        "name in ('crate', 'box')": True,
+    }
+    text = '<xacro:arg name="many" default="3"/><xacro:property name="name" value="crate"/>'
+    text += '<xacro:property name="sizes" value="${xacro.load_yaml(\'sizes.yaml\')}"/>'
+    text += "".join(f'<link name="${{{escape(expression)}}}"/>' for expression in wanted)
+    text += '<link name="$(eval many * 2)"/>'
+    (tmp_path / "a.xacro").write_text(HEAD + text + "</robot>")
+    urdf, problem, _ = xacro_file.expand(str(tmp_path / "a.xacro"), {}, {})
+    assert re.findall('<link name="(.*?)"', urdf) == [str(value) for value in (*wanted.values(), 6)], problem
 
 
 def test_a_robot_that_is_there_is_not_overwritten(make):

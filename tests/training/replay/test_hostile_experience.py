@@ -12,6 +12,7 @@ from rosbags.rosbag2 import storage_mcap
 
 from training import appld, bags_to_dataset, demonstrate, static_search
 from training.bags import reader
+from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import Demonstrator
 
 
@@ -51,7 +52,7 @@ def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, wo
 
 
 # -- bags --------------------------------------------------------------------------------------------------------------
-def bag_with_chunk(path, packed, method):
+def bag_with_chunk(path, packed, method, message=b"bool data\n"):
     """A ROS 1 bag of one chunk of one connection."""
 
     def record(data=b"", **fields):
@@ -62,7 +63,7 @@ def bag_with_chunk(path, packed, method):
     names = {"topic": b"/front/scan", "type": b"std_msgs/Bool", "md5sum": b"8b94c1b53db61fb6aed406028ad6332a"}
     definition = b"".join(
         struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v
-        for n, v in dict(names, message_definition=b"bool data\n").items()
+        for n, v in dict(names, message_definition=message).items()
     )
     start = b"#ROSBAG V2.0\n"
     first = len(start) + 4096
@@ -91,6 +92,25 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
         assert peak < 1 << 24
     finally:
         tracemalloc.stop()
+
+
+def test_code_in_a_message_definition_is_not_run(tmp_path):
+    """ROS's own rosbag makes Python of such a constant's name."""
+    code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
+    for number, message in enumerate((code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")):
+        bag_with_chunk(tmp_path / f"{number}.bag", lz4.frame.compress(b""), b"lz4", message.encode())
+        with pytest.raises(reader.BagError):
+            reader.read_bag(tmp_path / f"{number}.bag")
+    assert not (tmp_path / "ran").exists()
+
+
+def test_messages_of_another_definition_are_one_line(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as bag:
+        bag.scan(1.0, [1.0] * 720)
+        bag._put("/applr/decision", "std_msgs/msg/String", 1.0, "left")
+    with pytest.raises(reader.BagError, match="a.bag: .*no attribute 'before'") as refused:
+        reader.read_bag(tmp_path / "a.bag")
+    assert "\n" not in str(refused.value)
 
 
 def test_compressed_data_are_what_they_were():
