@@ -5,13 +5,16 @@ publishing, the lock that closing the topic needs may be taken, and the node wou
 after 17 s. init_node() ends it earlier and says where it was.
 
 A shutdown of rospy also closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile. It raises
-ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError.
+ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError. For those
+in callbacks, services and threads, rospy or Python would print a traceback, which init_node() prevents.
 """
 
 from __future__ import annotations
 
 import faulthandler
+import logging
 import socket
+import threading
 from contextlib import contextmanager
 from typing import Any, Iterator
 
@@ -40,6 +43,16 @@ def init_node(name: str, **options: Any) -> None:
         where = rosgraph.get_master_uri()
         raise ApplrError(f"no ROS master at {where}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
     rospy.init_node(name, **options)
+    logging.getLogger("rosout").addFilter(
+        lambda record: not (rospy.core.is_shutdown_requested() and "Traceback" in record.getMessage())
+    )
+    print_exception = threading.excepthook
+
+    def print_while_running(error: Any) -> None:
+        if not rospy.core.is_shutdown_requested():
+            print_exception(error)
+
+    threading.excepthook = print_while_running
     rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(LONGEST, exit=True))
 
 

@@ -1,0 +1,74 @@
+"""What nodes print that are interrupted while messages come: no traceback."""
+
+import itertools
+import os
+import signal
+import threading
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID
+from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from move_base_msgs.msg import MoveBaseActionGoal
+from std_msgs.msg import Float64, String, Time
+
+from tests.support.jackal import JACKAL
+from tests.support.ros_harness import session, wait_for
+
+pytestmark = pytest.mark.ros
+
+NODES = {
+    "sim_bridge": ("_simulator:=kinematic",),
+    "move_base": ("odom:=odometry/filtered",),
+    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered"),
+    "applr": ("_method:=dwa",),
+}
+SENT = {
+    "/cmd_vel_in": Twist,
+    "/cmd_vel": Twist,
+    "/move_base/goal": MoveBaseActionGoal,
+    "/move_base/cancel": GoalID,
+    "/move_base_simple/goal": PoseStamped,
+    "/move_base/local_costmap/footprint": Polygon,
+    "/applr/heartbeat": Time,
+    "/sim_bridge/world": String,
+    "/sim_bridge/real_time_factor": Float64,
+}
+
+
+@pytest.mark.parametrize("times", [3, pytest.param(20, marks=pytest.mark.long)])
+def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(times):
+    ros = session()
+    rospy.set_param("/use_sim_time", True)
+    rospy.set_param("/move_base", JACKAL)
+    publishers = {topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()}
+    over = threading.Event()
+
+    def send():
+        for topic, publisher in itertools.cycle(publishers.items()):
+            publisher.publish(SENT[topic]())
+            if over.wait(1e-3 / len(publishers)):
+                return
+
+    sender = threading.Thread(target=send)
+    for k in range(times):
+        nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
+        for node in nodes[:2]:
+            wait_for(lambda node=node: "ready" in node.text or not node.alive(), 90.0, "nodes")
+        wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), 90.0, "subscribers")
+        if not k:
+            sender.start()
+        over.wait(1.0)
+        for node in nodes:
+            os.kill(node.pid, signal.SIGINT)
+        ended = [node.process.wait(30.0) for node in nodes]
+        text = "".join(node.text for node in nodes)
+        if "Traceback" in text or any(ended):
+            break
+    over.set()
+    sender.join()
+    for publisher in publishers.values():
+        publisher.unregister()
+    rospy.set_param("/use_sim_time", False)
+    assert "Traceback" not in text, text
+    assert ended == [0] * len(nodes), text
