@@ -1,5 +1,6 @@
 """What the launch files make of their arguments, and what nodes and demo say of arguments that are of no use."""
 
+import contextlib
 import json
 import os
 import re
@@ -11,7 +12,8 @@ from test_launch import inside
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.nodes.tools import demo, launcher, record, send_goal
+from applr_ros1.nodes.tools import demo, launcher, play, record, send_goal
+from applr_ros1.nodes.viewer import admission
 from applr_ros1.policy import methods
 from tests.support import ROOT
 
@@ -26,6 +28,7 @@ roslaunch.xmlloader.XmlLoader().load(sys.argv[1], config, argv=sys.argv[2:], ver
 print(json.dumps({
     "cleared": config.clear_params,
     "parameters": {name: param.value for name, param in config.params.items()},
+    "environment": {node.name: dict(node.env_args) for node in config.nodes},
     "words": {node.name: shlex.split(node.args or "") for node in config.nodes},
 }))
 """
@@ -57,7 +60,9 @@ def test_method_policy_and_meter_scoring_reach_their_nodes():
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("applr:/a.safetensors", "auto")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
-    found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")["parameters"]
+    found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")
+    assert found["environment"]["applr"] == {"APPLR_METHOD": "period:1:/own.py:Own"}
+    found = found["parameters"]
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
     assert loaded("jackal_applr.launch")["parameters"]["/applr/method"] == "auto"
@@ -133,6 +138,47 @@ def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
         ("package.own:Own", "package.own:Own"),
     ):
         assert methods.absolute(spec) == methods.absolute(methods.absolute(spec)) == becomes.format(tmp_path)
+
+
+def test_the_demos_master_listens_on_loopback_only(monkeypatch):
+    from rosgraph.network import get_bind_address
+
+    for name in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_NAMESPACE"):
+        monkeypatch.setenv(name, "")  # is as before after the test
+    monkeypatch.setenv("ROS_IP", "192.0.2.1")
+    stack = SimpleNamespace(start=lambda: None, stop=lambda: None)
+    monkeypatch.setattr(launcher, "Stack", lambda given, port: stack)
+    with launcher.own_stack({}):
+        assert get_bind_address() == "127.0.0.1"
+
+
+def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
+    """Any local user, and a website in a browser, can write there."""
+    opened, there = [], []
+
+    class Stack:
+        def wait_until_up(self, part, condition, *_, **__):
+            there.append(part)
+            if part == "the page":
+                assert not condition()
+                written["/viewer/address"] = f"http://127.0.0.1:8081/{os.environ[admission.TOKEN]}/"
+                assert condition()
+                written["/viewer/address"] = "http://evil.example/"
+
+        def wait(self, *_, **__):
+            raise KeyboardInterrupt
+
+    written = {"/viewer/address": "file:///etc/passwd"}
+    monkeypatch.setenv(admission.TOKEN, "secret")
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(play.rospy, "get_param", lambda name, default=None: written[name])
+    monkeypatch.setattr(play, "own_stack", lambda given: contextlib.nullcontext(Stack()))
+    monkeypatch.setattr(play.webbrowser, "open", opened.append)
+    monkeypatch.setattr("sys.argv", ["play.py"])
+    with pytest.raises(KeyboardInterrupt):
+        play.main()
+    assert opened == ["http://127.0.0.1:8081/secret/"]
+    assert there == ["the page", "move_base"]
 
 
 def test_a_recording_loses_nothing(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from applr_ros1.robots import RobotError
+from applr_ros1.robots import RobotError, load
 from tests.support import HANGS, ros_harness
 
 pytest.importorskip("rospy")
@@ -79,6 +79,24 @@ def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp
     )
     with pytest.raises(RobotError, match="inflation_radus"):
         node.main()
+
+
+def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_path, monkeypatch):
+    """Any local user, and a website in a browser, can write on the parameter server."""
+    main, robot = importlib.import_module("applr_ros1.nodes.applr.main"), load("jackal")
+    spec = f"{tmp_path}/own.py:Own"
+    (tmp_path / "own.py").write_text(f"open('{tmp_path}/ran', 'w')\nclass Own:\n    def theta(self, _): pass\n")
+    monkeypatch.setattr(sys, "argv", ["applr.py"])
+    monkeypatch.setenv("APPLR_METHOD", "applr")
+    method, trouble = main.make_method(spec, robot, main.own_method(spec))
+    assert (method.name, (tmp_path / "ran").exists()) == ("dwa", False)
+    assert "start the node with _method:=" in trouble
+    sys.argv.append("_method:=" + spec)
+    assert main.make_method(spec, robot, main.own_method(spec))[0].name == spec
+    assert (tmp_path / "ran").exists()
+    monkeypatch.setattr(sys, "argv", ["applr.py"])
+    monkeypatch.setenv("APPLR_METHOD", spec)
+    assert main.make_method(spec, robot, main.own_method(spec))[0].name == spec
 
 
 class Searching:

@@ -8,6 +8,8 @@ false: see meter_scoring.py) and ~move_base (its name). Services: ~enable (std_s
 
 import gc
 import math
+import os
+import sys
 
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
@@ -26,10 +28,22 @@ from applr_ros1.robots.check import usable
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
-def make_method(spec, robot=JACKAL):
-    """(method, ""), or (the planner's defaults, one line) where the method cannot be made: nothing else is lost."""
+def own_method(spec):
+    """The specification, where whoever started the node gave it: on its command line, or in APPLR_METHOD as roslaunch.
+
+    "" where it stands on the parameter server alone: any local user, and a website in a browser, can write there, so
+    that no code is imported for it.
+    """
+    return spec if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec else ""
+
+
+def make_method(spec, robot, own):
+    """(method, ""), or (the planner's defaults, one line) where the method cannot be made: nothing else is lost.
+
+    own: of own_method().
+    """
     try:
-        return methods.make(spec, robot), ""
+        return methods.make(spec, robot, user_code=spec == own), ""
     except (ApplrError, OSError) as e:
         return methods.make("dwa", robot), str(e)
 
@@ -40,15 +54,15 @@ def enable(node, request):
     return SetBoolResponse(True, f"on, method {node.method.name}" if request.data else "off: theta_0")
 
 
-def set_method(node, first, request):
-    """The service ~set_method. first: the method that the node was started with, whether it could be made or not.
+def set_method(node, own, request):
+    """The service ~set_method. own: of own_method(), whether it could be made or not.
 
     It imports no code, since anybody who reaches the ROS master can call it: a person's own class is taken only where
     the node was started with it.
     """
     spec = request.method or node.method.name
     try:
-        method = methods.make(spec, node.robot, user_code=spec == first)
+        method = methods.make(spec, node.robot, user_code=spec == own)
     except (ValueError, OSError) as problem:
         rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))
@@ -77,7 +91,8 @@ def main():
     meter_scoring = str(rospy.get_param("~meter_scoring", "auto")).lower()  # ROS reads true as a bool
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
-    method, trouble = make_method(spec, robot)
+    own = own_method(spec)
+    method, trouble = make_method(spec, robot, own)
     node = ApplrNode(
         method,
         RobotInputs(robot, namespace),
@@ -90,7 +105,7 @@ def main():
         robot,
     )
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
-    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, spec, request))
+    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, own, request))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble

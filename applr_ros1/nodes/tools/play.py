@@ -6,10 +6,13 @@ It starts jackal_applr.launch with viewer:=true, says where the page is, and end
 import argparse
 import math
 import os
+import re
 import webbrowser
 
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
+
+from applr_ros1.nodes.viewer import admission
 
 from .launcher import given_arguments, launch_arguments, own_stack, say
 
@@ -37,9 +40,18 @@ def main():
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
     given.update(given_arguments(options.words, launch_arguments()))
+    token = os.environ[admission.TOKEN] = admission.token()
+    # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there
+    known = re.compile(rf"http://{re.escape(given['viewer_host'])}:\d+/{re.escape(token)}/")
     with own_stack(given) as stack:
-        stack.wait_until_up("the page", lambda: rospy.get_param("/viewer/address", ""))
-        address = rospy.get_param("/viewer/address")
+        found = []
+
+        def there():
+            found.extend(known.findall(str(rospy.get_param("/viewer/address", ""))))
+            return found
+
+        stack.wait_until_up("the page", there)
+        address = found[0]
         say(f"the page is at {address}")
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)

@@ -138,7 +138,7 @@ def _parsed(spec: str) -> _Specification:
 def _made(spec: str, robot: Robot, user_code: bool) -> Method:
     parts = _parsed(spec)
     if parts.user and not user_code:
-        raise ApplrError("method %s is code of one's own: start the node with it, as its parameter ~method" % spec)
+        raise ApplrError("method %s is code of one's own: start the node with _method:=%s" % (spec, spec))
     if parts.user:
         method = make_user_method(":".join(filter(None, parts.user)), *parts.user)
     elif parts.file or parts.kind not in METHODS:
