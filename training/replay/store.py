@@ -64,7 +64,9 @@ class TrajectoryStore:
         with self._refusals():
             address = f"{self.path.absolute().as_uri()}?mode={'rwc' if self._writes else 'ro'}"
             self._db = sqlite3.connect(address, uri=True, isolation_level=None)
-            if layout is not None:
+            if layout is None:
+                self._db.execute("PRAGMA writable_schema = ON")  # else sqlite reads nothing of a file that was cut
+            else:
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = FULL")
                 if not self._number("SELECT COUNT(*) FROM sqlite_master"):
@@ -151,8 +153,13 @@ class TrajectoryStore:
 
     @property
     def last(self) -> int:
-        """The id of the newest episode; 0 where there is none."""
-        return self._number("SELECT COALESCE(MAX(id), 0) FROM episodes")
+        """The id of the newest episode; 0 where there is none. For a reader, of the newest that can be found."""
+        try:
+            return self._number("SELECT COALESCE(MAX(id), 0) FROM episodes")
+        except StorageError:
+            if self._writes:
+                raise
+        return max((number for table in ("episodes", "arrays") for number in self._ids(table)), default=0)
 
     @property
     def transitions(self) -> int:
@@ -177,6 +184,12 @@ class TrajectoryStore:
         """A checksum of the trajectories: another one means other experience."""
         with self._refusals():
             return sha256(*(found for (found,) in self._db.execute("SELECT sum FROM arrays ORDER BY id")))
+
+    def _ids(self, table: str) -> Iterator[int]:
+        """Those of a table up to the first that cannot be read."""
+        with suppress(sqlite3.Error):
+            for (number,) in self._db.execute(f"SELECT id FROM {table} ORDER BY id"):
+                yield number
 
     @property
     def _first(self) -> int:

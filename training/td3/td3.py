@@ -307,7 +307,8 @@ class TD3:
                 states[owner].setdefault(int(index), {})[moment] = tensor.clone()
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict({**optimizer.state_dict(), "state": states[name]})
-        self.updates, self.policy_starts = (json.loads(header[name]) for name in ("updates", "policy_starts"))
+        self.updates = json.loads(header["updates"])
+        self.policy_starts = json.loads(header.get("policy_starts", "0"))  # the first checkpoints have none
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:

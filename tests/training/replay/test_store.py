@@ -142,6 +142,24 @@ def test_rows_that_are_lost_without_a_trace_are_told(store, tmp_path, capsys):
 
 
 @pytest.mark.fault("18b")
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.97])
+def test_a_file_that_was_cut_is_read_as_far_as_it_goes(tmp_path, capsys, share):
+    with closing(TrajectoryStore(tmp_path / NAME, LAYOUT)) as store:
+        for number in range(60):
+            store.append(episode(number, 100))
+        expected = {number: str(vars(trajectory)) for number, trajectory in store.trajectories()}
+    data = (tmp_path / NAME).read_bytes()
+    (tmp_path / NAME).write_bytes(data[: int(share * len(data))])
+    with closing(TrajectoryStore(tmp_path)) as store:
+        found = {number: str(vars(trajectory)) for number, trajectory in store.trajectories()}
+    assert found.items() <= expected.items()
+    assert len(found) > (share - 0.15) * len(expected)
+    assert "episodes may be missing" in capsys.readouterr().err
+    with pytest.raises(StorageError, match="cannot be used"):
+        TrajectoryStore(tmp_path, LAYOUT)
+
+
+@pytest.mark.fault("18b")
 def test_a_run_goes_on_without_a_damaged_episode(tmp_path, capsys):
     options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=1000, device="cpu")
     learner = Learner(LAYOUT, options, tmp_path)
