@@ -1,8 +1,9 @@
 """How a ROS node of this package begins and ends: with one line where there is no master, and within seconds.
 
 rospy runs a shutdown inside its signal handler, in the middle of whatever the main thread was doing. If that was
-publishing, the lock that closing the topic needs may be taken, and the node would stay for ever: roslaunch kills it
-after 17 s. init_node() ends it earlier and says where it was.
+publishing or logging, the lock that the shutdown needs may be taken, and the node would stay for ever: roslaunch kills
+it after 17 s. init_node() has a thread do it, for which the main thread waits a little: it stands meanwhile, as with
+rospy, and then lets go of its lock. A node that stays nevertheless is ended earlier, and says where it was.
 
 A shutdown of rospy also closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile. It raises
 ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError. For those
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import faulthandler
 import logging
+import signal
 import socket
 import threading
 from contextlib import contextmanager
@@ -23,7 +25,7 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE = 3.0  # s for the master's answer; rospy itself would wait for ever
+PATIENCE = 3.0  # s for the master's answer, for which rospy itself would wait for ever, and for a shutdown
 LONGEST = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
@@ -43,6 +45,14 @@ def init_node(name: str, **options: Any) -> None:
         where = rosgraph.get_master_uri()
         raise ApplrError(f"no ROS master at {where}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
     rospy.init_node(name, **options)
+
+    def end(number: int, _: Any) -> None:
+        ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
+        ending.start()
+        ending.join(PATIENCE)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
     logging.getLogger("rosout").addFilter(
         lambda record: not (rospy.core.is_shutdown_requested() and "Traceback" in record.getMessage())
     )
