@@ -8,15 +8,346 @@ docs/howto/training.md describes all of it.
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 import sys
-from typing import List, Optional
+import threading
+import time
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from pathlib import Path
+from typing import Any, Deque, Dict, List, Optional, Union
 
-from applr_ros1.common.errors import run_main
+import numpy as np
+import safetensors.numpy
+from tqdm import tqdm
+
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy import actor
+from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.form import PAPER, PaperForm
+from applr_ros1.robots import load
+from training.actors.collector import ACTOR, Collect, draw_world
+from training.actors.pool import CallFailed, make_pool
+from training.common.folders import Lock, make_folder
+from training.common.provenance import provenance, without_folders
+from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.plan import POLICY, Trial, TrialResult
+from training.evaluation.score import CONTACT_SECONDS
 
 with extra(__name__):
-    from training.learner.config import parse
-    from training.learner.run import TrainingRun
+    import torch
+
+    from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
+    from training.learner.learner import Learner
+    from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
+    from training.learner.prepare import dataset_of, driven_with, prepare
+
+MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
+BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
+CHECKPOINT_SECONDS = 120.0  # between two checkpoints
+STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
+
+
+class TrainingRun:
+    """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
+
+    prepare = staticmethod(prepare)
+
+    def __init__(self, config: TrainConfig):
+        self.began = time.monotonic()
+        config = config.resolved()
+        self.made = self.prepare(config)
+        self.dataset = dataset_of(config, self.made.layout)
+        self.offline = self.dataset is not None
+        if self.dataset is not None:
+            config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
+        self.config, start = config, config.start
+        self.folder = make_folder(config.out)
+        self.lock = Lock(self.folder)
+        if not config.resume and (self.folder / "config.json").exists():
+            raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
+        if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
+            torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
+        self.learner = Learner(self.made.layout, config, self.folder, start)
+        self.extra = self._resume()
+        self.evaluation = PeriodicEvaluation(
+            self.folder,
+            self.made.held_out,
+            config.n_eval_episodes,
+            config.eval_freq,
+            config.seed,
+            CONTACT_SECONDS,
+            setting=config.setting(),
+            planner=config.eval_planner,
+            robots=config.eval_robots,
+        )
+        self._forget_lost_best()
+        self._next_episode = self.learner.store.next_episode(ACTOR)
+        self._trials: Deque[Trial] = deque()  # of the evaluation, not yet begun
+        self._running: Dict[Future, Union[Trial, Collect]] = {}  # and those whose results are not yet taken
+        self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
+        self._evaluated = b""  # weights of the policy that the present evaluation drives
+        self._saved = self._shown = time.monotonic()
+        self._failed: Counter[str] = Counter()  # episodes, by error
+        self._in_a_row = {"failed": 0, "were refused": 0}
+        self.stopping: Optional[str] = None
+        self.pool = make_pool(0 if self.offline else config.actors, config.ray_address)
+        self.board = TensorBoardLog(self.folder, self.steps)
+        often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
+        self.bar = tqdm(total=self.goal, initial=self.steps, unit=" steps", mininterval=often, dynamic_ncols=True)
+        self._write_config()  # from now on it is a run
+
+    def _resume(self) -> Dict[str, Any]:
+        """Back to where the run was: the checkpoint, and every trajectory taken since; offline the dataset."""
+        if not self.config.resume and self.learner.store.last:
+            raise ApplrError(f"{self.folder} holds a dataset; give another --out")
+        checkpoint = Learner.saved(self.folder) if self.config.resume else None
+        if self.dataset is None:
+            return self.learner.resume()
+        digest = self.dataset.digest()
+        if checkpoint and checkpoint["extra"]["dataset"] != digest:
+            raise ApplrError(
+                f"--dataset {self.config.dataset}: the run in {self.folder} was begun with another dataset (its "
+                "checksum differs): give that one, or begin a new run with another --out"
+            )
+        return {"dataset": digest, **self.learner.resume(self.dataset)}
+
+    def _forget_lost_best(self) -> None:
+        """Has the last round driven again where the run was killed before it kept the policy that was its best."""
+        rounds, path = self.evaluation.history, self.folder / "best.safetensors"
+        if not (rounds and rounds[-1]["best"]):
+            return
+        try:
+            result = unpack(read_bytes(path), str(path))[1].get("result")
+        except StorageError:  # absent or damaged
+            result = None
+        if result != json.dumps(rounds[-1]):
+            self.evaluation.history = rounds[:-1]
+
+    def _write_config(self) -> None:
+        """config.json: the options, and where each session of the run comes from."""
+        path, config = self.folder / "config.json", self.config
+        before = read_json(path).get(PROVENANCE, []) if config.resume else []
+        options = config.model_dump(exclude={"resume"})
+        write_json(path, {**options, BASE: config.start.base, PROVENANCE: [*before, provenance(config.seed)]})
+        self.learner.store.note("source", driven_with(config))
+
+    # -- the run -------------------------------------------------------------------------------------
+    @property
+    def steps(self) -> int:
+        """What the run, evaluations, curves and TensorBoard count: collected transitions; offline: gradient steps."""
+        return self.learner.td3.updates if self.offline else self.learner.transitions
+
+    @property
+    def goal(self) -> int:
+        """How many steps the run has in all."""
+        return self.config.gradient_steps if self.offline else self.config.total_timesteps
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds that the run has taken, interruptions not counted."""
+        return float(self.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done, or the time is up; the last evaluation may still be open."""
+        return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
+
+    def run(self) -> int:
+        """Trains to the end, or until SIGINT or SIGTERM."""
+        handlers = {}
+        if threading.current_thread() is threading.main_thread():
+            handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            while not self.offline and self.learner.updates_due and not self.stopping:  # after a resume
+                self.learner.train(10)
+            self._publish()
+            while not self.finished and not self.stopping:
+                self._evaluate()
+                if self.offline:
+                    for _ in range(min(10, self.goal - self.steps)):
+                        self.learner.update()
+                self._collect(0.0 if self.offline else 0.2)
+                self._publish()
+                if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
+                    self.save()
+                self._show_status()
+            while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
+                self._collect(0.2)
+            self.save()
+            self._draw()
+        finally:
+            self.pool.shutdown()
+            self.bar.close()
+            self.board.close()
+            self.learner.store.close()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+            self.lock.close()
+        self._print_the_end()
+        return 130 if self.stopping else 0
+
+    def _signal(self, number: int, frame: Any) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
+        self.stopping = signal.Signals(number).name
+
+    def _submit(self) -> None:
+        """Keeps the workers busy, with the trials of an evaluation first; in this process, one task after the other.
+
+        Elsewhere workers go on while this process learns, until too many results wait to be taken in.
+        """
+        slots = self.pool.slots
+        most = 1 if self.pool.in_process else 4 * slots + 16
+        while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
+            if self._trials:
+                trial = self._trials.popleft()
+                weights = self._evaluated if trial.method_spec == POLICY else b""
+                self._running[self.pool.submit(self.made.drive, trial, weights)] = trial
+            elif self.offline or self.finished:
+                return
+            else:
+                episode = self._episode()
+                self._running[self.pool.submit(self.made.collect, episode, self._policy)] = episode
+
+    def _episode(self) -> Collect:
+        """The next training episode."""
+        config, number, transitions = self.config, self._next_episode, self.learner.transitions
+        self._next_episode += 1
+        random = transitions < config.learning_starts and not config.init_from
+        world = draw_world(config.seed, number, self.made.worlds)
+        return Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+
+    def _collect(self, timeout: float) -> None:
+        """Takes in the results that are there, after at most `timeout` seconds, and learns from them."""
+        self._submit()
+        for future in wait(self._running, timeout, FIRST_COMPLETED).done:
+            task, result = self._running[future], None
+            try:
+                result = future.result()
+                self._in_a_row["failed"] = 0
+            except CallFailed as error:
+                self._failed[str(error)] += 1
+                if self._failed[str(error)] == 1:
+                    self.bar.write(f"an episode failed: {error}")
+                self._count("failed", MANY_ERRORS, str(error))
+            if isinstance(task, Trial):
+                self._trial_done(result and result[0])
+            elif result is not None and not self.finished:
+                self._take(result)
+            del self._running[future]  # until here it holds its slot
+
+    def _take(self, blob: bytes) -> None:
+        """Takes in an episode, and makes the gradient steps that are due for it."""
+        trajectory = self.learner.take(blob)
+        if trajectory is None:
+            self._count("were refused", MANY_REFUSALS, self.learner.refused.most_common(1)[0][0])
+            return
+        self._in_a_row["were refused"] = 0
+        self.board.episode(trajectory.info, self.steps)
+        while self.learner.updates_due and not self.stopping:
+            self.learner.train(10)
+            self._publish()
+            self._submit()
+
+    def _count(self, what: str, most: int, why: str) -> None:
+        """One more episode that failed or was refused. Too many in a row end the run: it would learn nothing more."""
+        self._in_a_row[what] += 1
+        if self._in_a_row[what] >= most:
+            raise ApplrError(f"{most} episodes in a row {what}: {why}")
+
+    def _publish(self) -> None:
+        updates = self.learner.td3.updates
+        interval = BROADCAST_INTERVAL if self.config.actors else 1
+        if self._published < 0 or updates >= self._published + interval:
+            self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
+
+    # -- evaluation ------------------------------------------------------------------------------------
+    def _evaluate(self) -> bool:
+        """Begins a round of the evaluation if one is due."""
+        number = self.evaluation.due(self.steps, last=self.finished and self.config.minutes > 0.0)
+        if number is None:
+            return False
+        self._evaluated = safetensors.numpy.save(self.learner.td3.actor_weights())
+        self._trials.extend(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
+        return True
+
+    def _trial_done(self, result: Optional[TrialResult]) -> None:
+        summary = self.evaluation.add(result)
+        if summary is None:
+            return
+        self.bar.write(describe(summary))
+        if summary["best"]:
+            self.export(self.folder / "best.safetensors", safetensors.numpy.load(self._evaluated), summary)
+        self.board.round(summary)
+        self._draw()
+
+    def _draw(self) -> None:
+        draw_curves(self.folder / "curves.png", self.learner.store, self.evaluation, self.config.decision_period)
+
+    # -- files -------------------------------------------------------------------------------------------
+    def save(self) -> None:
+        """A checkpoint, and the newest policy."""
+        self.learner.save({**self.extra, "elapsed": self.elapsed})
+        self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
+        self._saved = time.monotonic()
+
+    def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
+        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
+        training = {
+            "steps": self.steps,
+            "updates": self.learner.td3.updates,
+            "transitions": self.learner.transitions,
+            "options": {k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()},
+        }
+        default = self.evaluation.default if result else None
+        period = self.config.decision_period
+        self.write_policy(path, weights, dict(period_s=period, training=training, result=result, default=default))
+
+    def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
+        """The file of a policy in the form that the run learns."""
+        if self.config.observation != PAPER:
+            actor.save(path, weights, {**metadata, "base": self.config.start.base}, DimensionlessForm)
+        else:
+            actor.save(path, weights, metadata, PaperForm(load(self.config.robot)))
+
+    # -- progress ------------------------------------------------------------------------------------------
+    def _show_status(self) -> None:
+        self.bar.update(self.steps - self.bar.n)
+        if time.monotonic() - self._shown < STATUS_SECONDS:
+            return
+        self._shown = time.monotonic()
+        learner, infos = self.learner, self.learner.store.infos(newest=100)
+        values = {
+            **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
+            "sigma": self.config.noise(learner.transitions),
+            "updates": learner.td3.updates,
+            "policy_lag": mean(learner.lags[-100:]),
+            "actors": self.pool.alive,
+            "replaced": self.pool.replaced,
+            "refused": sum(learner.refused.values()),
+            **learner.td3.report(),
+        }
+        self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
+        self.board.scalars("training", values, self.steps)
+
+    def _print_the_end(self) -> None:
+        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
+        seconds = tqdm.format_interval(time.monotonic() - self.began)
+        learner = self.learner
+        made = f"{learner.transitions:,} transitions and {learner.td3.updates:,} updates"
+        print(f"{how} after {made}, {seconds}; {self.folder}")
+        if self.evaluation.best:
+            print(f"best actor: {describe(self.evaluation.best)}")
+        for reason, count in sorted(learner.refused.items()):
+            print(f"refused {count} trajectories: {reason}")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

@@ -16,8 +16,8 @@ from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
-from training.learner.run import TrainingRun
 from training.replay.store import TrajectoryStore
+from training.train import TrainingRun
 
 LINE = "tests.support.toy_env:Line"
 TOY = [

@@ -1,4 +1,4 @@
-"""What an actor does in an environment: a training episode with exploration noise. learner/run.py submits them."""
+"""What an actor does in an environment: a training episode with exploration noise. train.py submits them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. learner/run.py holds one.
+"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. train.py holds one.
 
 The first round drives the planner's default parameters: the line in the learning curves, and what is to be beaten.
 """

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
-import torch
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
@@ -77,22 +75,10 @@ def prepare(config: TrainConfig) -> Preparation:
     )
 
 
-def set_threads(config: TrainConfig) -> None:
-    """The learner's threads on the CPU: the cores that actors on this machine leave.
-
-    More threads than free cores wait for each other and learn many times slower.
-    """
-    if config.actors and config.ray_address in ("", "local"):
-        torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-
-
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
-    return {
-        "decision_period": config.decision_period,
-        "robot": config.robot_name,
-        **Reward(**config.reward()).model_dump(),
-    }
+    reward = Reward(**config.reward()).model_dump()
+    return {"decision_period": config.decision_period, "robot": config.robot_name, **reward}
 
 
 def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:

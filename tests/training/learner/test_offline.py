@@ -13,9 +13,9 @@ from training.env.reward import Reward
 from training.learner.config import TrainConfig, parse
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
-from training.learner.run import MANY_ERRORS, TrainingRun
 from training.replay.store import NAME, TrajectoryStore
 from training.replay.trajectory import TransitionLayout
+from training.train import MANY_ERRORS, TrainingRun
 
 LAYOUT = TransitionLayout(0, 1, 1)
 
@@ -40,7 +40,7 @@ def data(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def no_curves(monkeypatch):
     """Drawing the learning curves takes a second each time."""
-    monkeypatch.setattr("training.learner.run.draw_curves", lambda *arguments: None)
+    monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)
 
 
 def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):

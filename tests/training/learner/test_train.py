@@ -23,8 +23,8 @@ from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.plan import TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
-from training.learner.run import TrainingRun
 from training.replay.store import TrajectoryStore
+from training.train import TrainingRun
 
 
 def rounds_of(run):
@@ -82,7 +82,7 @@ def test_the_policy_at_the_end_of_the_minutes_is_evaluated(tmp_path, monkeypatch
 
 OFTEN_SAVED = """
 import sys
-from training.learner import run
+from training import train as run
 from tests.support.toy_training import main
 run.CHECKPOINT_SECONDS = 0.1
 sys.exit(main())
@@ -232,7 +232,7 @@ class Killed(BaseException):
 
 def test_a_best_policy_that_was_not_kept_is_driven_again(tmp_path, monkeypatch):
     """Killed between the round's line and its policy; and the file of an older best one does not pass for it."""
-    monkeypatch.setattr("training.learner.run.draw_curves", lambda *arguments: None)  # a second each
+    monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)  # a second each
     options = ["--total-timesteps", "400", "--eval-freq", "100"]
     whole = tmp_path / "whole"
     assert main(toy(whole, *options)) == 0
@@ -266,7 +266,7 @@ def test_a_best_policy_that_was_not_kept_is_driven_again(tmp_path, monkeypatch):
 
 def test_runs_whose_episodes_all_fail_or_are_refused_end_in_one_line(tmp_path, capsys):
     broken = functools.partial(main, env="tests.support.toy_env:Broken")
-    words = "20 episodes in a row failed, the last with RuntimeError: the wheels came off"
+    words = "20 episodes in a row failed: RuntimeError: the wheels came off"
     one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
     small = ["--buffer-size", "4", *NO_EVALUATION]  # fewer than the rows of one episode
     one_line(capsys, toy(tmp_path / "b", *small), "200 episodes in a row were refused: ")
