@@ -99,7 +99,7 @@ def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake)
 
 
 @pytest.mark.fault("5")
-@pytest.mark.parametrize(("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1])])
+@pytest.mark.parametrize(("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1]), ("lie", PLANNER)])
 def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
     import rospy
 

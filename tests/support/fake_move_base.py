@@ -1,7 +1,8 @@
 """A stand-in for move_base: its parameter servers, and switches that make them misbehave. For tests only.
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME]
-The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
+The ROS parameters /fake/refuse, /fake/hold and /fake/lie name servers (a list) that raise an error, keep their old
+values and say so, or say that they have taken the new ones.
 """
 
 import argparse
@@ -9,7 +10,9 @@ import sys
 from types import SimpleNamespace
 
 import rospy
+from dynamic_reconfigure.encoding import decode_config, encode_config
 from dynamic_reconfigure.server import Server
+from dynamic_reconfigure.srv import ReconfigureResponse
 
 from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
@@ -38,6 +41,17 @@ def config_type(parameters):
     )
 
 
+class Liar(Server):
+    """Answers what it was asked where it is to lie, and sets nothing."""
+
+    def _set_callback(self, request):
+        if self.ns.rstrip("/") not in rospy.get_param("/fake/lie", []):
+            return super()._set_callback(request)
+        asked = decode_config(request.config, self.type.config_description)
+        self.update_topic.publish(encode_config(self.config))
+        return ReconfigureResponse(encode_config({**self.config, **asked}))
+
+
 def serve(name, parameters):
     """Starts the server `name`."""
     begun = []
@@ -50,7 +64,7 @@ def serve(name, parameters):
         begun[:] = [config.copy()]
         return config
 
-    return Server(config_type(parameters), callback, name)
+    return Liar(config_type(parameters), callback, name)
 
 
 def main():

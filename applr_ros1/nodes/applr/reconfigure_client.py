@@ -23,6 +23,7 @@ from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
+ANNOUNCED = 0.4  # s of wall time between a server's answer and its message on parameter_updates
 _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float, "str": str}
 
 
@@ -101,13 +102,19 @@ class Server:
         return None if self._call is None or self._call.done() else self._call
 
     def set(self, values: Mapping[str, Any]) -> Future:
-        """Begin a call, with no other unanswered; its result is what is in force then."""
+        """Begin a call, with no other unanswered; its result is what is in force then.
+
+        The answer alone is not believed: every server publishes on parameter_updates what it has then.
+        """
         future: Future = Future()
 
         def call() -> None:
             try:
-                self._client.config = self._client.update_configuration(dict(values))
-                future.set_result(self._client.config)
+                answer = self._client.update_configuration(dict(values))
+                until = time.monotonic() + ANNOUNCED
+                while any(self.values[name] != answer[name] for name in values) and time.monotonic() < until:
+                    time.sleep(0.002)
+                future.set_result(self.values)
             except Exception as error:
                 future.set_exception(error)
 
