@@ -267,8 +267,8 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     for method, words in (
         ("applr:%s" % (tmp_path / "none.safetensors"), "none.safetensors"),
         ("fast", "method 'fast' is not known"),
-        (own, "start the node with it"),
-        ("period:1:" + own, "start the node with it"),
+        (own, "start the node with _method:="),
+        ("period:1:" + own, "start the node with _method:="),
     ):
         answer = service("set_method", SetMethod, method)
         assert not answer.success

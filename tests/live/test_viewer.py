@@ -70,6 +70,30 @@ def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(vi
         connect("ws://" + host + path, sock=raw, origin=origin, subprotocols=["viser-v" + viser.__version__]).close()
 
 
+@pytest.mark.parametrize("header", ["Origin", "Host"])
+def test_a_header_that_is_there_twice_is_refused(viewer, header):
+    _, _, where, token, _ = viewer.address.split("/")
+    page = http.client.HTTPConnection("127.0.0.1", int(where.rpartition(":")[2]), timeout=10.0)
+    page.putrequest("GET", f"/{token}/", skip_host=True)
+    for name, value in {"Host": where, "Origin": "http://" + where}.items():
+        for _ in range(1 + (name == header)):
+            page.putheader(name, value)
+    page.endheaders()
+    assert page.getresponse().status == 403
+    page.close()
+
+
+def test_a_value_that_the_page_does_not_offer_is_one_line(viewer, caplog):
+    method = viewer.panel._method
+    for value in ("nobody", float("nan"), {"a": 1}):
+        method.value = value
+        for callback in method._impl.update_cb:
+            callback(SimpleNamespace(client=True, target=method))
+    lines = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
+    assert ["is of no use here" in line and "\n" not in line for line in lines] == [True] * 3
+    state(viewer)
+
+
 def state(viewer):
     viewer.draw()
     return viewer.text

@@ -52,7 +52,10 @@ def guarded(token: str, host: str) -> Iterator[None]:
 
     def serve_guarded(*where: Any, process_request: Any, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
-            reason = refusal(request.path, request.headers, token, host)
+            try:
+                reason = refusal(request.path, request.headers, token, host)
+            except LookupError:  # of websockets
+                reason = "a header is there twice"
             if reason:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
             request.path = request.path.replace("/" + token, "", 1) or "/"
