@@ -1,7 +1,8 @@
 """The ways of a scan, a decision and a transition through the files. Called by run.py.
 
 Counted are Python functions of the package that are called on the way, without ROS: the files in which they stand, and
-the moves, calls from one file into another. Compiled kernels count with the file that calls them.
+the moves, calls from one file into another. Compiled kernels count with the file that calls them. A transition's way is
+counted in training/ alone, since driving is the scan's and the decision's.
 """
 
 import sys
@@ -15,6 +16,7 @@ from tests.benchmarks.cycle import _episode
 from training import train
 
 ROOT = Path(__file__).resolve().parents[2]
+TRAINING = (str(ROOT / "training"),)
 PACKAGES = tuple(str(ROOT / name) for name in ("applr_ros1", "sim_bridge", "training", "worlds"))
 COURSE = "generated:140"
 
@@ -22,11 +24,12 @@ COURSE = "generated:140"
 class Way:
     """Counts calls while it is active: from the first call of `begin`, until the first return of `end`.
 
-    begin, end: (file below the repository, function); None: from the start, to the end of the with block.
+    begin, end: (file below the repository, function); None: from the start, to the end of the with block. packages:
+    folders whose files count.
     """
 
-    def __init__(self, begin=None, end=None):
-        self._begin, self._end = begin, end
+    def __init__(self, begin=None, end=None, packages=PACKAGES):
+        self._begin, self._end, self._packages = begin, end, packages
         self._on = begin is None
         self.files, self.moves = set(), 0
 
@@ -39,7 +42,7 @@ class Way:
 
     def _see(self, frame, event, _):
         path = frame.f_code.co_filename
-        if event not in ("call", "return") or not path.startswith(PACKAGES):
+        if event not in ("call", "return") or not path.startswith(self._packages):
             return
         place = str(Path(path).relative_to(ROOT)), frame.f_code.co_name
         self._on |= event == "call" and place == self._begin
@@ -80,11 +83,9 @@ def way_of_decision():
 
 
 def way_of_transition():
-    """From a step of the environment to the end of the first update of the networks, with --actors 0."""
-    options = (
-        "--recipe jackal --actors 0 --total-timesteps 12 --learning-starts 4 --batch-size 4 --worlds generated:140"
-    )
-    way = Way(("training/env/env.py", "step"), ("training/td3/td3.py", "update"))
+    """From the episode that an actor drives to the end of the first update of the networks, with --actors 0."""
+    options = "--recipe jackal --actors 0 --total-timesteps 1 --learning-starts 1 --batch-size 1 --worlds generated:140"
+    way = Way(("training/actors/collector.py", "collect"), ("training/td3/td3.py", "update"), TRAINING)
     with tempfile.TemporaryDirectory() as folder, way:
         train.main([*options.split(), "--simulator", "kinematic", "--eval-worlds", COURSE, "--out", folder])
     return way.figure()
