@@ -162,3 +162,25 @@ def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
         os.kill(child.pid, signal.SIGINT)
         assert child.process.wait(10.0) == 1
         assert 'File "<string>", line 6 in <lambda>' in child.text
+
+
+LOCKING_NODE = """
+import threading, time, rospy
+from applr_ros1.common import ros_node
+ros_node.LONGEST = 6.0
+ros_node.init_node("locks")
+lock = threading.Lock()
+rospy.on_shutdown(lock.acquire)
+with lock:
+    print("ready", flush=True)
+    while not rospy.core.is_shutdown_requested():
+        time.sleep(0.01)
+"""
+
+
+def test_a_lock_that_the_main_thread_holds_does_not_keep_a_node_from_ending():
+    with ros_harness.RosMaster() as master:
+        child = master.python("-c", LOCKING_NODE)
+        ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
+        os.kill(child.pid, signal.SIGINT)
+        assert child.process.wait(10.0) == 0, child.text
