@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from math import degrees
-from typing import Dict, List, Optional, Sequence
+from typing import List, Optional, Sequence
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, RobotError, load
-from applr_ros1.robots.check import findings
-from applr_ros1.robots.mistakes import refuse
+from applr_ros1.robots.check import SEVERITIES, findings
 from training.common.command_line import parsed
 from training.common.options import Options, argument
 
@@ -50,17 +49,21 @@ def summary(described: Robot) -> List[str]:
 
 def check(name_or_folder: str) -> int:
     """Print all that there is to say about a robot; exit status 1 where there is an error."""
+    found: List[Finding] = []
     try:
         described = load(name_or_folder)
         setups = (False,) if described.move_base.with_map is None else (False, True)
-        found: Dict[Finding, None] = {}
         for with_map in setups:
-            found.update(dict.fromkeys(findings(described, with_map)))
-            refuse(found)
+            found += findings(described, with_map)
     except RobotError as error:
-        print("\n".join(f"error: {finding}" for finding in error.findings), file=sys.stderr)
+        found += error.findings
+    found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
+    found.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    lines = [f"{finding.severity}: {finding}" for finding in found]
+    if found and found[0].severity == "error":
+        print("\n".join(lines), file=sys.stderr)
         return 1
-    print("\n".join(summary(described) + [f"remark: {finding}" for finding in found]))
+    print("\n".join(summary(described) + lines))
     return 0
 
 

@@ -4,7 +4,7 @@ Started as `./applr robot` or `python -m training.new_robot`. The folder gets co
 robot.yaml with what the files say: wheels, body, mass, laser, frames, topics, and below which names move_base reads
 each parameter file. What they do not say is a line to fill in there, and is listed at the end; nothing is guessed.
 
-Arguments of a xacro file are given as NAME:=VALUE. Give the parameter files in the order of your launch file. The file
+Arguments of a xacro file, and those that the launch file puts into parameter files, are given as NAME:=VALUE. Give the parameter files in the order of your launch file. The file
 of a diff_drive_controller beside them says the limits of the base. docs/tutorials/your_robot.md goes on from here.
 """
 
@@ -17,14 +17,16 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
+import yaml
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import from_parameters, from_urdf, robot_file
 from applr_ros1.robots.check import WIDTH
-from applr_ros1.robots.description import Monitoring
+from applr_ros1.robots.description import Monitoring, find
 from applr_ros1.robots.from_parameters import Parameters
+from applr_ros1.robots.parameter_files import read_parameters
 from applr_ros1.robots.reader import FILE
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
@@ -56,7 +58,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
-    parameters = from_parameters.read_parameter_files([str(path) for path in options.parameters])
+    parameters = from_parameters.read_parameter_files([str(path) for path in options.parameters], arguments)
     scan = next(iter(parameters.scans()), {})
     found = from_urdf.read_urdf(
         str(options.urdf), arguments, parameters.base_frame, str(scan.get("sensor_frame", "")).lstrip("/")
@@ -97,7 +99,11 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(parameters))
     for path, name in copies.items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, options.out / name)
+        values = read_parameters(path)
+        if from_parameters.inserted(values, arguments) == values:
+            shutil.copyfile(path, options.out / name)
+        else:
+            (options.out / name).write_text(yaml.safe_dump(from_parameters.inserted(values, arguments)))
     file.write_text(text, encoding="utf-8")
     lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
     lines += ["remark: " + line for line in found.notes + parameters.notes + problems]
@@ -138,7 +144,7 @@ def _copies(parameters: Parameters) -> Dict[str, str]:
 
 def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
     """What the planner's own limits say of the base: it can at least do that."""
-    found: Dict[Tuple[str, str], Tuple[float, str]] = {}
+    found: Dict[Tuple[str, str], Tuple[Any, str]] = {}
     for section, name, theirs in (
         ("base", "max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
         ("base", "max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
@@ -148,7 +154,8 @@ def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
         ("monitor", "yaw_deceleration", ("acc_lim_theta",)),
     ):
         planner = parameters.planner()
-        have = [(float(planner[key]), f"the planner's {key}") for key in theirs if key in planner]
+        have = [(find(planner, "", (key,)), f"the planner's {key}") for key in theirs]
+        have = [(value, origin) for value, origin in have if value is not None]
         if have:
             found[section, name] = max(have)
     return found

@@ -29,13 +29,14 @@ class Finding(NamedTuple):
     """What a check found in something that a user wrote.
 
     key: the name of the value, in its file once that is known. value: what stands there, such as "is 0.3" or "is
-    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with, a remark can.
+    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with; a warning is about what was
+    probably meant otherwise, a remark about all else that people should know.
     """
 
     key: str
     value: str = ""
     advice: str = ""
-    severity: Literal["error", "remark"] = "error"
+    severity: Literal["error", "warning", "remark"] = "error"
     file: str = ""
 
     def __str__(self) -> str:
@@ -51,6 +52,15 @@ def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
     """What to do about an unknown name: "did you mean NAME?" where a known one is like it."""
     close = difflib.get_close_matches(str(name), list(known), 1)
     return f"{MEANT} {close[0]}?" if close else otherwise
+
+
+def misspelt(name: str, known: Iterable[str]) -> str:
+    """The known name that differs from this one by a letter or two; "" where there is none."""
+    for other in difflib.get_close_matches(name, list(known), 3, 0.7):
+        changes = difflib.SequenceMatcher(None, name, other, autojunk=False).get_opcodes()
+        if sum(max(a - b, c - d) for what, b, a, d, c in changes if what != "equal") <= 2:
+            return other
+    return ""
 
 
 def reason(error: BaseException) -> str:

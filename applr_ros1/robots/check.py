@@ -1,15 +1,18 @@
 """The check of a robot's folder: its move_base parameters, and what they and robot.yaml say of each other.
 
-Errors are findings that the robot cannot drive with, remarks those that it will not drive well with. check_robot.py
-prints all of them. Commands that drive a robot take it from `with_remarks`, the nodes from `usable`; they stop at
+Errors are findings that the robot cannot drive with, remarks those that it will not drive well with, warnings are about
+names that may be misspelt. What C++ does not read is one remark per file. check_robot.py prints all of them. Commands that drive a robot take it from `with_remarks`, the nodes from `usable`; they stop at
 errors. Values that are given beside a robot's folder, on ROS's parameter server, are checked by
 planner.parameters.check alone, which allows what the C++ node allows.
 """
 
 from __future__ import annotations
 
+import atexit
 import os
+import re
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from math import pi
 from types import SimpleNamespace
@@ -17,12 +20,12 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import MEANT, Finding, meant
+from applr_ros1.common.errors import Finding, meant
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.dwa.samples import SLACK
-from applr_ros1.planner.parameters.check import check, complete, warnings
+from applr_ros1.planner.parameters.check import UNREAD_NAME, check, complete, warnings, without
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, servers
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
@@ -32,6 +35,7 @@ from applr_ros1.planner.parameters.layers import (
     layers,
     sources,
 )
+from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import NAMES, Robot, geometry, load
 from applr_ros1.robots.description import SpaceParameter, find
 from applr_ros1.robots.mistakes import Rule, apply, at_most, contradictions, refuse, same_name
@@ -44,6 +48,7 @@ TURNS = (
     *("min_in_place_vel_theta", "min_in_place_rotational_vel"),
 )
 LIMITED = ((SPEEDS, "max_speed", "m/s"), (TURNS, "max_yaw_rate", "rad/s"))  # by a field of base
+SEVERITIES = ("error", "warning", "remark")
 UNITS = 10.0  # a length that is so many times another one is in centimetres or millimetres
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
@@ -53,15 +58,19 @@ OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footpri
 def findings(robot: Robot, with_map: bool = False) -> List[Finding]:
     """All that there is to say about a robot's folder, each finding with its file; remarks only where it has no error.
 
+    Errors first, then warnings.
+
     with_map: with its files for a map, instead of those without.
     """
     setup = _Setup(robot, with_map)
     found: List[Finding] = []
-    for stage in (_parameters, _rules, _space):
-        found += stage(setup)
-        if any(finding.severity == "error" for finding in found):  # what follows needs what this stage looked at
-            return [finding for finding in dict.fromkeys(found) if finding.severity == "error"]
-    return list(dict.fromkeys(found))
+    for stage in (_parameters, _names, _rules, _space):
+        wrong = [re.split("[/.]", f.key)[-1] for f in found if f.severity == "error"]
+        follows = re.compile(rf"\b({'|'.join(map(re.escape, wrong))})\b" if wrong else "$^")
+        found += [finding for finding in stage(setup) if not follows.search(f"{finding.key}: {finding.advice}")]
+    found = sorted(dict.fromkeys(found), key=lambda finding: SEVERITIES.index(finding.severity))
+    usable = not found or found[0].severity != "error"
+    return [finding for finding in found if usable or finding.severity != "remark"]
 
 
 def usable(name_or_folder: str, with_map: bool = False) -> Robot:
@@ -79,8 +88,15 @@ def with_remarks(name_or_folder: str) -> Robot:
     found = [] if name_or_folder in NAMES else findings(robot)
     refuse(found)
     for finding in found:
-        print(f"remark: {finding}", file=sys.stderr)
+        print(f"{finding.severity}: {finding}", file=sys.stderr)
+    atexit.register(_repeat, [finding for finding in found if finding.severity == "warning"], os.getpid())
     return robot
+
+
+def _repeat(warnings: List[Finding], process: int) -> None:
+    """The warnings once more, at the end of what was printed since."""
+    for finding in warnings if os.getpid() == process else ():
+        print(f"warning: {finding}", file=sys.stderr)
 
 
 class _Setup:
@@ -89,7 +105,7 @@ class _Setup:
     Attributes:
         robot, with_map: As given.
         tree: What the files give, nested.
-        full: The same with defaults (planner.parameters.check.complete), where they can be used.
+        full: The same with defaults, also in place of wrong values; {} where they cannot be used at all.
         planner: Name space of the local planner.
         box: Smallest x, largest x, smallest y, largest y of body and wheels [m]; length, width: of it.
     """
@@ -178,15 +194,51 @@ def _parameters(setup: _Setup) -> Iterator[Finding]:
         return
     found = check(setup.tree)
     yield from map(setup.placed, found)
-    if not found:
-        setup.full = complete(setup.tree)
+    with suppress(ParameterError):
+        setup.full = complete(without(setup.tree, found))
+
+
+def _names(setup: _Setup) -> Iterator[Finding]:
+    """What is not read, or in vain. A section that a list in the files names is read on the robot."""
+    listed = {name for file in setup.robot.files(setup.with_map) for name in _listed(file.values)}
+    unread: Dict[str, List[str]] = {}
+    try:
+        found = warnings(setup.tree)
+    except ParameterError:  # one of _parameters
+        return
+    for finding in found:
+        placed = setup.placed(finding)
+        if finding.value != UNREAD_NAME:
+            yield placed
+        elif finding.key.rpartition("/")[2] in listed:
+            continue
+        elif finding.severity == "remark":
+            keys = unread.setdefault(placed.file, [])
+            keys += [placed.key] * (placed.key not in keys)
+        else:
+            yield placed
+    for file, keys in unread.items():
+        yield Finding(
+            ", ".join(keys), "are not read here" if keys[1:] else "is not read here", severity="remark", file=file
+        )
+
+
+def _listed(tree: Dict[str, Any]) -> Iterator[str]:
+    """The layers and observation sources that lists in a tree name."""
+    yield from str(tree.get("observation_sources", "")).split()
+    plugins = tree.get("plugins")
+    for entry in plugins if isinstance(plugins, list) else ():
+        yield str(entry.get("name")) if isinstance(entry, dict) else ""
+    for below in tree.values():
+        yield from _listed(below) if isinstance(below, dict) else ()
 
 
 def _rules(setup: _Setup) -> Iterator[Finding]:
-    """The tables of this file, and what has no effect: an error where the name is like one that has."""
-    for finding in warnings(setup.tree):
-        yield setup.placed(finding._replace(severity="error" if MEANT in finding.advice else "remark"))
+    """The tables of this file."""
     yield from _limits(setup)
+    yield from (finding._replace(file=setup.own) for finding in contradictions(setup.robot))
+    if setup.planner not in setup.full:
+        return
     topic = setup.tree.get(setup.planner, {}).get("odom_topic", setup.robot.topics.odometry)
     values = {**setup.full[setup.planner], "odom_topic": topic}
     yield from setup.judged(PLANNER, setup.planner, values)
@@ -194,7 +246,6 @@ def _rules(setup: _Setup) -> Iterator[Finding]:
         yield from setup.judged(DWA_PLANNER, DWA, {**values, **_dwa_measures(values)})
     for costmap in COSTMAPS:
         yield from _costmap(setup, costmap)
-    yield from (finding._replace(file=setup.own) for finding in contradictions(setup.robot))
 
 
 def _limits(setup: _Setup) -> Iterator[Finding]:
@@ -230,7 +281,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
     points = footprint.parse(own["footprint"])
     outline = footprint.pad(points if len(points) else footprint.circle(own["robot_radius"]), own["footprint_padding"])
     reach = np.ptp(outline, axis=0)
-    if not {"footprint", "robot_radius"} & set(setup.tree.get(costmap, {})):
+    if not {"footprint", "robot_radius"} & {*setup.tree.get(costmap, {}), *setup.tree}:
         corners = [(back, right), (back, left), (front, left), (front, right)]
         box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
         advice = f"body and wheels fill [{box}], give that"
@@ -286,7 +337,8 @@ def _space(setup: _Setup) -> Iterator[Finding]:
                 value = f"is [{parameter.low:g}, {parameter.high:g}]"
                 advice = f"base.{limit} of this base is {most:g}, stay within it"
                 yield Finding(f"parameter_space.{parameter.name}.range", value, advice, file=setup.own)
-    yield from (finding._replace(file=setup.own) for finding in space_findings(setup.robot, setup.full))
+    if setup.full:
+        yield from (finding._replace(file=setup.own) for finding in space_findings(setup.robot, setup.full))
 
 
 def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:

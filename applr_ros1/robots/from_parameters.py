@@ -8,14 +8,16 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Set, Tuple
+
+import yaml
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
+from applr_ros1.planner.parameters.layers import OBSTACLE_LAYER, TYPES
 from applr_ros1.robots.parameter_files import read_parameters
 
 _COSTMAPS = ("local_costmap", "global_costmap")
-_LAYERS = ("StaticLayer", "ObstacleLayer", "InflationLayer")
 _NAVFN = "navfn/NavfnROS"
 _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 # names of which one says what a file is for
@@ -61,20 +63,47 @@ class Parameters:
         return branch(self.tree, str(self.tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2])
 
 
-def read_parameter_files(paths: Sequence[str]) -> Parameters:
+def inserted(value: Any, arguments: Mapping[str, str]) -> Any:
+    """Values in which $(arg NAME) is replaced as roslaunch does it, as far as the arguments are given."""
+    if isinstance(value, dict):
+        return {str(inserted(name, arguments)): inserted(below, arguments) for name, below in value.items()}
+    if isinstance(value, list):
+        return [inserted(below, arguments) for below in value]
+    if not isinstance(value, str) or "$(" not in value:
+        return value
+    text = re.sub(r"\$\(arg\s+(\w+)\s*\)", lambda match: arguments.get(match[1], match[0]), value)
+    return yaml.safe_load(text) if "$(" not in text else text
+
+
+def _insertions(files: Mapping[str, Dict[str, Any]]) -> None:
+    """ApplrError for all that roslaunch would still replace."""
+    missing = {path: re.findall(r"\$\([^)]*\)", str(values)) for path, values in files.items()}
+    names = sorted({word[5:-1].strip() for words in missing.values() for word in words if word.startswith("$(arg")})
+    others = [(path, word) for path, words in missing.items() for word in words if not word.startswith("$(arg")]
+    if names:
+        raise ApplrError(
+            f"{', '.join(path for path, words in missing.items() if words)} need{'s' * (len(files) == 1)} what the launch "
+            f"file gives: add {' '.join(f'{name}:=VALUE' for name in names)}"
+        )
+    for path, word in others:
+        raise ApplrError(f"{path} holds {word}, which roslaunch replaces: write the value in a copy of the file")
+
+
+def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> Parameters:
     """What the parameter files of a navigation package say.
 
+    Args:
+        paths: The files, in the order in which they are loaded.
+        arguments: What the launch file puts in place of $(arg NAME), by name.
+
     Raises:
-        ApplrError: A file cannot be read or roslaunch would first put values into it, or none is for move_base.
+        ApplrError: A file cannot be read or lacks what roslaunch would put into it, or none is for move_base.
     """
     found = Parameters()
+    read = {path: inserted(read_parameters(path), arguments) for path in paths}
+    _insertions(read)
     for path in paths:
-        given = read_parameters(path)
-        inserted = re.search(r"\$\([^)]*\)", str(given))
-        if inserted:
-            raise ApplrError(
-                f"{path} holds {inserted[0]}, which roslaunch replaces: write the value in a copy of the file"
-            )
+        given = read[path]
         namespaces = _namespaces(os.path.basename(path), given)
         limits = _limits(given)
         found.limits.update(limits)
@@ -99,12 +128,12 @@ def read_parameter_files(paths: Sequence[str]) -> Parameters:
         found.notes.append(f"{_NAVFN} plans the paths here, not {planner}")
     for costmap in _COSTMAPS:
         tree = branch(found.tree, costmap)
-        # move_base looks for the outline above the costmap too, and tf2 takes no leading slash
-        added: Dict[str, Any] = {
-            k: found.tree[k] for k in ("footprint", "robot_radius") if k in found.tree and k not in tree
-        }
-        added.update((k, v[1:]) for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/"))
+        # tf2 takes no leading slash
+        added = {k: v[1:] for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/")}
         layers = tree.get("plugins")
+        if layers is None and tree.get("map_type") == "voxel":
+            added["map_type"] = "costmap"
+            found.notes.append(f"{costmap}: map_type voxel is not here: an obstacle layer stands for the voxel layer")
         if isinstance(layers, list):
             ours = _known_layers(layers)
             changed = ", ".join(str(layer["type"]) for layer in layers if layer not in ours)
@@ -121,8 +150,8 @@ def _known_layers(layers: List[Any]) -> List[Any]:
     """Layers of a costmap that this package has, with an obstacle layer for a voxel layer."""
     given = [dict(layer, type=str(layer.get("type"))) for layer in layers if isinstance(layer, dict)]
     for layer in given:
-        layer["type"] = layer["type"].replace("VoxelLayer", "ObstacleLayer")
-    return [layer for layer in given if layer["type"].rpartition("::")[2] in _LAYERS]
+        layer["type"] = {"costmap_2d::VoxelLayer": OBSTACLE_LAYER}.get(layer["type"], layer["type"])
+    return [layer for layer in given if layer["type"] in TYPES]
 
 
 def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:

@@ -5,8 +5,10 @@ Files are bounded in size and hold plain values only. Called by reader.py and fr
 
 from __future__ import annotations
 
+import math
 import os
-from typing import Any, Dict, Optional, Tuple
+import re
+from typing import Any, Callable, Dict, Optional, Tuple
 
 import yaml
 from pydantic import Field, model_validator
@@ -14,17 +16,42 @@ from typing_extensions import Annotated
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import merged
 from applr_ros1.robots.description import PATH, LoadedFile, MoveBaseSetup, Section
 
 FILE = "robot.yaml"
 MAX_BYTES = 2**17
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
+
+
+def _angle(unit: float) -> Callable[[Any, Any], float]:
+    """What reads an angle, one of whose units is so many radians."""
+
+    def read(loader: Any, node: Any) -> float:
+        text = re.sub(r"^(?:deg|rad)\((.*)\)$", r"\1", loader.construct_scalar(node).strip())
+        if not re.fullmatch(r"(?:[-+*/(). ]|pi|\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)+", text) or "**" in text or "//" in text:
+            raise ValueError(f"{text[:40]} is no angle: give a number, or a fraction of pi")
+        try:
+            return float(eval(text, {"__builtins__": {}}, {"pi": math.pi})) * unit  # numbers, pi and + - * / alone
+        except (SyntaxError, TypeError, ArithmeticError) as error:
+            raise ValueError(f"{text[:40]} is no angle ({error})") from None
+
+    return read
+
+
+for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
+    _Loader.add_constructor(f"!{_name}", _angle(_unit))
+    _Loader.add_implicit_resolver(f"!{_name}", re.compile(rf"^{_name[:3]}\([^)]*\)$"), [_name[0]])
+
+
 def read_yaml(path: str) -> Dict[str, Any]:
     """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
     text = files.read_bytes(path, MAX_BYTES)
     try:
-        found = yaml.safe_load(text)
+        found = yaml.load(text, _Loader)  # one that holds plain values only
     except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:  # ValueError: such as a date 2001-99-99
         raise ApplrError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(found or {}, dict):
@@ -33,10 +60,21 @@ def read_yaml(path: str) -> Dict[str, Any]:
 
 
 def read_parameters(path: str) -> Dict[str, Any]:
-    """The parameters of move_base in a YAML file, without the level move_base of one that is loaded beside the node."""
-    found = read_yaml(path)
-    inner = found.get("move_base")
-    return inner if len(found) == 1 and isinstance(inner, dict) else found
+    """The parameters of move_base in a YAML file, without the levels above it of one that is loaded beside the node."""
+    found: Dict[str, Any] = {}
+    for name, value in read_yaml(path).items():
+        for part in reversed(str(name).strip("/").split("/")):  # rosparam takes a/b: 1 for a: {b: 1}
+            value = {part: value}
+        found = merged(found, value)
+    here = found
+    while isinstance(here.get("move_base", here), dict):
+        if "move_base" in here:
+            return here["move_base"]
+        inner = list(here.values())
+        if len(inner) != 1 or not isinstance(inner[0], dict):
+            break
+        here = inner[0]
+    return found
 
 
 class ParameterFile(Section):

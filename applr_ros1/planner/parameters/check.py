@@ -6,13 +6,14 @@ from declarations.tables, what no values may say together from `contradictions` 
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import Counter
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterable, Iterator, List
 
-from applr_ros1.common.errors import Finding, meant
+from applr_ros1.common.errors import MEANT, Finding, misspelt
 from applr_ros1.common.trees import branch
-from applr_ros1.planner.parameters.costmap_parameters import DATA_TYPES
+from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, DATA_TYPES, STATIC_COSTMAP
 from applr_ros1.planner.parameters.declarations import (
     CONTRADICTIONS,
     GLOBAL_PLANNERS,
@@ -23,6 +24,7 @@ from applr_ros1.planner.parameters.declarations import (
 from applr_ros1.planner.parameters.dwa_planner_parameters import without_effect
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
+    FOUND_ABOVE,
     INHERITED,
     NAME,
     OBSTACLE_LAYER,
@@ -33,31 +35,58 @@ from applr_ros1.planner.parameters.layers import (
 from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAULT_RECOVERIES, RECOVERY_TYPES
 from applr_ros1.planner.parameters.parameter import ParameterError, too_many_points
 
+UNREAD_NAME = "is not read"
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
 def check(tree: Dict[str, Any]) -> List[Finding]:
-    """What is wrong with a nested parameter tree: unknown names and values first, then contradictions."""
+    """What a robot cannot be driven with in a nested parameter tree: wrong values first, then contradictions."""
     try:
         placed = arranged(tree)
-        found = list(_names_and_values(placed, "", tables(placed), _behaviours(placed)))
-        if not found:
-            complete(tree)
+        found = [finding for finding in _walked(placed) if finding.severity == "error"]
+        found += _contradictions(_completed(without(tree, found)))
     except ParameterError as problem:
         found = [problem.finding]
     return found
 
 
+def without(tree: Dict[str, Any], findings: Iterable[Finding]) -> Dict[str, Any]:
+    """A copy of a tree that lacks the values that findings are about."""
+    left = copy.deepcopy(tree)
+    for finding in findings:
+        above, _, names = finding.key.rpartition("/")
+        places = [above, above.rpartition("/")[0], ""]  # of a layer or source it may stand at the costmap
+        for name in names.split(", "):
+            next((branch(left, at) for at in places if name in branch(left, at)), {}).pop(name, None)
+    return left
+
+
+def _walked(tree: Dict[str, Any]) -> Iterator[Finding]:
+    """What is found in the values of an arranged tree, one by one."""
+    known, behaviours = tables(tree), _behaviours(tree)
+    idle = {namespace(plugin) for plugin in LOCAL_PLANNERS} - {_local_planner(tree)}
+    used = {name: value for name, value in tree.items() if name not in idle}
+    return _names_and_values(used, "", known, behaviours)
+
+
+def _local_planner(tree: Dict[str, Any]) -> str:
+    return namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
+
+
 def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
-    """Names that are not declared, and values that their declarations do not take."""
+    """Values that their declarations do not take: errors; names that are not declared: remarks, or warnings."""
     mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
     if path in COSTMAPS:
         mine = dict(INHERITED, **mine)
+    elif not path:
+        mine.update((p.name, p) for p in COSTMAP + STATIC_COSTMAP if p.name in FOUND_ABOVE)
+    start = f"{path}/" if path else ""
+    below = [name[len(start) :] for name in [*known, *behaviours] if name.startswith(start)]
     for key, value in here.items():
-        label = f"{path}/{key}" if path else str(key)
+        label = f"{start}{key}"
         if isinstance(value, dict) and (label in known or label in behaviours):
             yield from _names_and_values(value, label, known, behaviours)
-        elif key in mine:
+        elif key in mine and not isinstance(value, dict):
             try:
                 converted = mine[key].convert(value, label)
                 if mine[key].clamp(converted, label) != converted and not mine[key].clamps:
@@ -65,13 +94,14 @@ def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
                     yield Finding(label, f"is {converted!r}", advice)
             except ParameterError as problem:
                 yield problem.finding
-        elif isinstance(value, dict):
-            if path.partition("/")[0] not in COSTMAPS:  # there it is of a layer or source that is not in use: a warning
-                start = f"{path}/" if path else ""
-                below = [name[len(start) :] for name in known if name.startswith(start)]
-                yield Finding(label, "is unknown", meant(key, below))
-        else:
-            yield Finding(label, "is unknown", meant(key, mine))
+        elif not path and label in known and value is not None:
+            yield Finding(label, f"is {value!r}", "give a mapping of names and values")
+        elif value is not None:
+            other = misspelt(str(key), below if isinstance(value, dict) else mine)
+            if other:
+                yield Finding(label, UNREAD_NAME, f"{MEANT} {other}?", "warning")
+            else:
+                yield Finding(label, UNREAD_NAME, severity="remark")
 
 
 def warnings(tree: Dict[str, Any]) -> List[Finding]:
@@ -84,7 +114,8 @@ def warnings(tree: Dict[str, Any]) -> List[Finding]:
     for name in _repeated(tree):
         found.append(Finding("recovery_behaviors", f"has the name {name!r} more than once", instead, "remark"))
     tree = arranged(tree)
-    return found + list(_clearings(tree)) + list(_layers_in_vain(tree))
+    found += [finding for finding in _walked(tree) if finding.value == UNREAD_NAME]
+    return found + list(_clearings(tree)) + list(_blind(tree))
 
 
 def _clearings(tree: Dict[str, Any]) -> Iterator[Finding]:
@@ -97,16 +128,8 @@ def _clearings(tree: Dict[str, Any]) -> Iterator[Finding]:
                 yield Finding(f"{path}/{name}", "is without effect", why, "remark")
 
 
-def _layers_in_vain(tree: Dict[str, Any]) -> Iterator[Finding]:
-    """Sections of layers and sources that no list names, and a robot that sees nothing."""
-    known = tables(tree)
-    for path in [path for path in known if path.partition("/")[0] in COSTMAPS]:
-        used = [other[len(path) + 1 :] for other in known if other.startswith(path + "/")]
-        which = "observation_sources" if "/" in path else "plugins"
-        for name, value in branch(tree, path).items():
-            if isinstance(value, dict) and f"{path}/{name}" not in known:
-                advice = f"{which} of {path} does not name it; {meant(name, used)}"
-                yield Finding(f"{path}/{name}", "has no effect", advice, "remark")
+def _blind(tree: Dict[str, Any]) -> Iterator[Finding]:
+    """A robot that sees nothing."""
     seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
         yield Finding("local_costmap", "has no observation source", "the robot will not see obstacles", "remark")
@@ -119,11 +142,23 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     there. What layers inherit from their costmap stands at the layers alone, but for a track_unknown_space that was
     given. ParameterError, one line, for what cannot be run.
     """
+    full = _completed(tree)
+    for finding in _contradictions(full):
+        raise ParameterError(finding)  # the first
+    return full
+
+
+def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
+    """As `complete`, whatever the values say against each other."""
     full: Dict[str, Any] = {}
     tree = arranged(tree)
-    for path, parameters in tables(tree).items():
+    known = tables(tree)
+    idle = {namespace(plugin) for plugin in LOCAL_PLANNERS} - {_local_planner(tree)}
+    for path, parameters in known.items():
         have, here = branch(tree, path), branch(full, path, create=True)
         for p in parameters:
+            if f"{path}/{p.name}" in known:
+                continue  # a layer has this name, and nothing reads the parameter
             named = [have[name] for name in p.names if name in have]
             if not named and p.name == "controller_frequency" and p.name in tree:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
@@ -133,10 +168,14 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
             if any(other != named[0] for other in named[1:]):
                 other = f"is {named[0]!r} but its other name {p.aliases[0]} is {named[1]!r}"
                 raise ParameterError(Finding(label, other, "give one of them"))
-            here.update(dict.fromkeys(p.names, p.convert(named[0] if named else p.default, label)))
+            try:
+                value = p.convert(named[0] if named else p.default, label)
+            except ParameterError:
+                if path not in idle:
+                    raise
+                value = p.default
+            here.update(dict.fromkeys(p.names, value))
     _complete_behaviours(tree, full)
-    for finding in _contradictions(full):
-        raise ParameterError(finding)  # the first
     return full
 
 
@@ -164,7 +203,8 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[Finding]:
     for name, plugins in known.items():
         if full[name] not in plugins:
             yield Finding(name, f"is {full[name]}", f"give {' or '.join(plugins)}")
-    for name in (namespace(full["base_local_planner"]), *COSTMAPS):
+    planner = namespace(full["base_local_planner"])
+    for name in (planner, *COSTMAPS) if planner in full else COSTMAPS:
         yield from (finding.below(name) for finding in CONTRADICTIONS[name](full[name]))
     for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
         turn = {"sim_granularity": math.inf, **full[name], "a turn of": 2 * math.pi}

@@ -9,6 +9,7 @@ import re
 from typing import Any, Dict, List, NamedTuple, Tuple
 
 from applr_ros1.common.errors import Finding
+from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
     INFLATION,
@@ -58,6 +59,8 @@ TYPES: Dict[str, LayerType] = {
 INHERITED: Dict[str, Parameter] = {
     p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
 }
+UNREAD = ("static_map", "map_type")  # at a costmap with `plugins`
+FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
 # without `plugins`: (name, type); the static layer only with static_map
 BEFORE_HYDRO = (
     ("static_layer", STATIC_LAYER),
@@ -94,7 +97,8 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
 
 def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
     """Refuse the name of a branch that cannot be, or that is a parameter beside it."""
-    if not NAME.fullmatch(name) or name in INHERITED or any(name in p.names for p in parameters):
+    taken = name in INHERITED or any(name in p.names for p in parameters) and name not in UNREAD
+    if not NAME.fullmatch(name) or taken:
         advice = "give one of letters, digits and _ that is no parameter's"
         raise ParameterError(Finding(label, f"has the name {name!r}", advice))
 
@@ -112,11 +116,18 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     at the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
     """
     made = dict(tree)
+    planner = branch(tree, "TrajectoryPlannerROS")
+    if "min_in_place_rotational_vel" in planner:
+        older = {"min_in_place_vel_theta": planner["min_in_place_rotational_vel"]}
+        made["TrajectoryPlannerROS"] = {**older, **planner}
     for name in COSTMAPS:
         given = tree.get(name, {})
         if not isinstance(given, dict):
             continue
         costmap = made[name] = dict(given)
+        for key in ("footprint", "robot_radius"):
+            if key in tree:
+                costmap.setdefault(key, tree[key])
         if "plugins" not in costmap:
             _move_to_layers(costmap)
         for layer in layers(name, costmap):

@@ -58,12 +58,12 @@ class Parameter:
         """`value` as its type, bounds aside. ParameterError for another type, NaN, infinity or a useless 0."""
         label = label or self.name
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if number and (self.type == "double" or self.type == "int" and value == value // 1):
+        if number and self.type in ("double", "int"):
             if not math.isfinite(value):
                 raise ParameterError(Finding(label, f"is {value!r}", "give a finite number"))
             if self.not_zero and value == 0:
                 raise ParameterError(Finding(label, "is 0, which cannot work", "give a number above it"))
-            return float(value) if self.type == "double" else int(value)
+            return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds
         if self.type == "bool" and isinstance(value, bool) or self.type == "list" and isinstance(value, list):
             return value
         if self.type == "str" and isinstance(value, (str, list) if self.name in TEXT_OR_LIST else str):

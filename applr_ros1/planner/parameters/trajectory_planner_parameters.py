@@ -88,6 +88,9 @@ STATIC_TRAJECTORY_PLANNER = (
         "Whether path_distance_bias and goal_distance_bias apply to distances in metres instead of in cells."),
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
         "Its inverse is the control period that the dynamic window is computed with."),
+    real("min_in_place_rotational_vel", 0.4, 0.0, 20.0, "rad/s",
+        "Older name of min_in_place_vel_theta; counts where that is not given."),
+    text("world_model", "costmap", "Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
 )
@@ -100,3 +103,5 @@ def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
     yield from too_many_points(values, "sim_granularity", speeds, values["sim_time"])
     turns = ("max_vel_theta", "min_vel_theta", "min_in_place_vel_theta")
     yield from too_many_points(values, "angular_sim_granularity", turns)
+    if values.get("world_model", "costmap") != "costmap":
+        yield Finding("world_model", f"is {values['world_model']}", "give costmap")

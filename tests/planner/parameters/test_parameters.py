@@ -109,7 +109,11 @@ SEEN = "local_costmap/obstacles_layer/"
         ("DWAPlannerROS/occdist_scale", 0.0, None, "is 0"),
         ("aggressive_reset/affected_maps", "local", None, "is without effect"),
         ("aggressive_reset/invert_area_to_clear", True, None, "is without effect"),
-        (SEEN + "observation_sources", "bump", SEEN + "scan", "has no effect"),
+        (SEEN + "observation_sources", "bump", SEEN + "scan", "is not read"),
+        ("GlobalPlanner", {"use_dijkstra": True}, None, "is not read"),
+        ("NavfnROS/planner_window_x", 0.0, None, "is not read"),
+        (PLANNER + "/point_grid", {"grid_resolution": 0.2}, None, "is not read"),
+        ("local_costmap/inscribed_radius", 0.2, None, "is not read"),
     ],
 )
 def test_what_is_in_vain_or_at_a_risk_is_remarked(path, value, key, found):
@@ -153,10 +157,9 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (PLANNER + "/max_vel_xx", 1.0, "is unknown: did you mean max_vel_x.$"),
-        ("zzz", 1.0, "is unknown: remove it"),
         (PLANNER + "/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
-        (PLANNER + "/vx_samples", 6.5, "give a whole number"),
+        (PLANNER + "/vx_samples", "6", "give a whole number"),
+        (PLANNER + "/world_model", "freespace", "give costmap"),
         (PLANNER + "/max_vel_x", math.nan, "give a finite number"),
         (PLANNER + "/dwa", 1, "give true or false"),
         (PLANNER + "/pdist_scale", 0.5, "one of them"),
@@ -174,7 +177,7 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         (SEEN + "scan/data_type", "PointCloud2", "takes PointCloud2 from the topic front/scan, another .* LaserScan"),
         (SEEN + "observation_sources", ["scan"], "give text"),
         (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
-        ("local_costmap", 3, "is unknown"),
+        ("local_costmap", 3, "give a mapping"),
         ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
         ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
         ("recovery_behaviors", [{"name": "a b", "type": TURN}], "'a b'.*letters"),
@@ -186,6 +189,45 @@ def test_check_says_what_where_and_what_to_do(path, value, words):
     found = list(map(str, check(changed(path, value))))
     assert any(re.search(words, line) and name in line for line in found), found
     assert all("\n" not in line for line in found)
+
+
+@pytest.mark.parametrize(("name", "meant"), [("max_vel_xx", "max_vel_x"), ("sim_tiem", "sim_time"), ("sims", "")])
+def test_a_name_that_is_a_letter_or_two_from_one_that_counts_is_a_warning(name, meant):
+    (finding,) = warnings(changed(f"{PLANNER}/{name}", 1.0))
+    assert (finding.severity, finding.advice) == (("warning", f"did you mean {meant}?") if meant else ("remark", ""))
+
+
+def test_values_are_read_as_roscpp_reads_them():
+    tree = dict(JACKAL, footprint=[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]], obstacle_range=2.0)
+    local = tree["local_costmap"] = copy.deepcopy(JACKAL["local_costmap"])
+    del local["footprint"], local["obstacles_layer"]["scan"]["obstacle_range"]
+    local["obstacles_layer"].pop("obstacle_range", None), local.pop("obstacle_range", None)
+    tree[PLANNER] = dict(JACKAL[PLANNER], vx_samples=6.5, vtheta_samples=20.4, min_in_place_rotational_vel=0.7)
+    del tree[PLANNER]["min_in_place_vel_theta"]
+    tree["DWAPlannerROS"] = {"max_vel_x": "fast", "unread": 1}
+    assert check(tree) == warnings(tree) == []
+    full = complete(tree)
+    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # half is rounded up
+    assert full[PLANNER]["min_in_place_vel_theta"] == 0.7  # an older name that counts
+    assert full["local_costmap"]["footprint"].startswith("[[0.27, 0.21]")  # found above the costmap
+    assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
+
+
+def test_all_mistakes_are_found_at_once():
+    tree = changed(PLANNER + "/max_vel_x", "fast")
+    tree["local_costmap"].update(resolution=-1.0, robot_base_frame="base")
+    assert {finding.key for finding in check(tree)} == {
+        PLANNER + "/max_vel_x",
+        "local_costmap/resolution",
+        "robot_base_frame",
+    }
+
+
+def test_a_layer_may_be_called_as_what_a_list_of_layers_replaces():
+    plugins = [{"name": "static_map", "type": "costmap_2d::StaticLayer"}]
+    tree = {name: {"plugins": plugins, "static_map": {"first_map_only": True}} for name in ("global_costmap",)}
+    assert check(tree) == []
+    assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
 
 
 def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
