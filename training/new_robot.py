@@ -4,8 +4,9 @@ Started as `./applr robot` or `python -m training.new_robot`. The folder gets co
 robot.yaml with what the files say: wheels, body, mass, laser, frames, topics, and below which names move_base reads
 each parameter file. What they do not say is a line to fill in there, and is listed at the end; nothing is guessed.
 
-Arguments of a xacro file, and those that the launch file puts into parameter files, are given as NAME:=VALUE. Give the parameter files in the order of your launch file. The file
-of a diff_drive_controller beside them says the limits of the base. docs/tutorials/your_robot.md goes on from here.
+Arguments of a xacro file, and what the launch file puts in place of $(arg NAME), are given as NAME:=VALUE. Give the
+parameter files in the order of your launch file. The file of a diff_drive_controller beside them says the limits of the
+base. docs/tutorials/your_robot.md goes on from here.
 """
 
 from __future__ import annotations
@@ -61,7 +62,11 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     parameters = from_parameters.read_parameter_files([str(path) for path in options.parameters], arguments)
     scan = next(iter(parameters.scans()), {})
     found = from_urdf.read_urdf(
-        str(options.urdf), arguments, parameters.base_frame, str(scan.get("sensor_frame", "")).lstrip("/")
+        str(options.urdf),
+        arguments,
+        parameters.base_frame,
+        str(scan.get("sensor_frame", "")).lstrip("/"),
+        parameters.driven,
     )
     values = found.values
     values["base"].update(parameters.limits)

@@ -29,8 +29,8 @@ class Finding(NamedTuple):
     """What a check found in something that a user wrote.
 
     key: the name of the value, in its file once that is known. value: what stands there, such as "is 0.3" or "is
-    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with; a warning is about what was
-    probably meant otherwise, a remark about all else that people should know.
+    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with, a warning is
+    about what was probably meant otherwise, a remark about all else that people should know.
     """
 
     key: str

@@ -34,13 +34,14 @@ class Parameters:
 
     files: (path, namespace below move_base), in their order. tree: their values, nested, as move_base has them.
     added: what robot.yaml has to say beside them. limits: of a diff_drive_controller, by field of robot.yaml's section
-    base. notes: sentences for people.
+    base. driven: joints of wheels that a controller names. notes: sentences for people.
     """
 
     files: List[Tuple[str, str]] = field(default_factory=list)
     tree: Dict[str, Any] = field(default_factory=dict)
     added: Dict[str, Any] = field(default_factory=dict)
     limits: Dict[str, float] = field(default_factory=dict)
+    driven: Set[str] = field(default_factory=set)
     notes: List[str] = field(default_factory=list)
 
     def frame(self, costmap: str, default: str = "") -> str:
@@ -81,10 +82,8 @@ def _insertions(files: Mapping[str, Dict[str, Any]]) -> None:
     names = sorted({word[5:-1].strip() for words in missing.values() for word in words if word.startswith("$(arg")})
     others = [(path, word) for path, words in missing.items() for word in words if not word.startswith("$(arg")]
     if names:
-        raise ApplrError(
-            f"{', '.join(path for path, words in missing.items() if words)} need{'s' * (len(files) == 1)} what the launch "
-            f"file gives: add {' '.join(f'{name}:=VALUE' for name in names)}"
-        )
+        held = ", ".join(path for path, words in missing.items() if words)
+        raise ApplrError(f"{held}: the launch file gives arguments: add {' '.join(f'{n}:=VALUE' for n in names)}")
     for path, word in others:
         raise ApplrError(f"{path} holds {word}, which roslaunch replaces: write the value in a copy of the file")
 
@@ -107,6 +106,7 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         namespaces = _namespaces(os.path.basename(path), given)
         limits = _limits(given)
         found.limits.update(limits)
+        found.driven |= set(_driven(given))
         if not namespaces and not limits:
             found.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
         for namespace in namespaces:
@@ -166,6 +166,15 @@ def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
             "DWAPlannerROS" if "dwa" in word or keys & {"max_vel_trans", "max_trans_vel"} else "TrajectoryPlannerROS"
         ]
     return []
+
+
+def _driven(given: Dict[str, Any]) -> Iterator[str]:
+    """Joints that a diff_drive_controller's file names: left_wheel, right_wheel or lists of them."""
+    for name, value in given.items():
+        if isinstance(value, dict):
+            yield from _driven(value)
+        elif re.fullmatch(r"(left|right)_wheel(s|_names)?", name):
+            yield from map(str, value if isinstance(value, list) else [value])
 
 
 def _limits(given: Dict[str, Any]) -> Dict[str, float]:

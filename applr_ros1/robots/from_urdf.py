@@ -8,17 +8,20 @@ from __future__ import annotations
 import contextlib
 import re
 from dataclasses import dataclass, field
-from math import atan2, hypot
-from typing import Any, Dict, List, Mapping, Set, Tuple
+from math import atan2, hypot, pi
+from typing import Any, Dict, Iterable, List, Mapping, Set, Tuple
 
 import numpy as np
-from defusedxml import ElementTree
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots.urdf_file import Box, UrdfFile, around
 
-_OMNI = re.compile(r"mecanum|omni_?wheel|planar_move|force_based_move", re.IGNORECASE)
+_OMNI = re.compile(r"mecanum|omni", re.IGNORECASE)
+_SIDEWAYS_PLUGIN = re.compile(r"mecanum|planar_move|force_based_move", re.IGNORECASE)
+_STEERING = re.compile(r"steer", re.IGNORECASE)
+_WHEEL = re.compile(r"wheel", re.IGNORECASE)
 _LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
+STEEL = 7850.0  # kg/m^3
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 _OURS = "the planners and simulators here are for four wheels on two axles (skid steer) and for two on one axle"
 _SIDEWAYS = " is of an omni base, which also drives sideways"
@@ -35,23 +38,38 @@ class Description:
     notes: List[str] = field(default_factory=list)
 
 
-def read_urdf(path: str, arguments: Mapping[str, str], base_frame: str = "", laser_frame: str = "") -> Description:
+def read_urdf(
+    path: str,
+    arguments: Mapping[str, str],
+    base_frame: str = "",
+    laser_frame: str = "",
+    driven: Iterable[str] = (),
+) -> Description:
     """The description of the robot in a URDF or xacro file.
 
     Args:
         path: The file. Packages that it names are looked for around it and in ROS_PACKAGE_PATH.
         arguments: Of the xacro file, by name.
         base_frame: Link in which places are given; "": base_link, else base_footprint, else the root of the tree.
+        driven: Joints that a controller of the wheels names.
         laser_frame: Link that is the scanner's; "": the one that a sensor of Gazebo or a link's name says.
 
     Raises:
         ApplrError: The file is no URDF, or describes no base with two driven wheels or with four on two axles.
     """
     urdf = UrdfFile(path, arguments, base_frame)
-    description = Description({"base": {}, "body": {}, "laser": {}, "topics": {}, "frames": {"base": urdf.base}})
-    wheels = _wheels(urdf)
+    description = Description(
+        {"base": {}, "body": {}, "laser": {}, "topics": {}, "frames": {"base": base_frame or urdf.base}}
+    )
+    if base_frame not in ("", urdf.base):
+        description.notes.append(
+            f"{path} has no link {base_frame}, which the parameter files name as robot_base_frame: places are in "
+            f"{urdf.base}; where a static transform moves or turns one against the other, write robot_base_frame: "
+            f"{urdf.base} into a copy of the parameter file"
+        )
+    wheels = _wheels(urdf, set(driven))
     base = description.values["base"]
-    found, ahead = _drive(urdf, wheels)
+    found, ahead = _drive(urdf, wheels, description.notes)
     base.update(found)
     driven = {joint.name for joint, _ in wheels.values()}
     suspension = {j.name for joint, _ in wheels.values() for j in urdf.moving[joint.child]} - driven
@@ -81,41 +99,89 @@ def read_urdf(path: str, arguments: Mapping[str, str], base_frame: str = "", las
     return description
 
 
-def _wheels(urdf: UrdfFile) -> Dict[str, Tuple[Any, Box]]:
-    """Joints of the driven wheels and boxes around these, by link."""
-    match = _OMNI.search(ElementTree.tostring(urdf.xml, "unicode"))
-    if match:
-        raise ApplrError(f"{urdf.path}: {match[0]}{_SIDEWAYS}: {_OURS}")
+def _turns(joint: Any) -> bool:
+    """Whether a joint turns for ever, or nearly: a wheel may be revolute with limits of many turns."""
+    limit = joint.limit
+    turns = joint.type == "revolute" and limit is not None and None not in (limit.lower, limit.upper)
+    return joint.type == "continuous" or turns and limit.upper - limit.lower > 4 * pi
+
+
+def _named(urdf: UrdfFile) -> Set[str]:
+    """The joints that transmissions and drive plugins of Gazebo name. ApplrError for a plugin that drives sideways."""
+    found = {joint.get("name", "") for part in urdf.xml.iter("transmission") for joint in part.iter("joint")}
+    for plugin in urdf.xml.iter("plugin"):
+        file = str(plugin.get("filename"))
+        if _SIDEWAYS_PLUGIN.search(file):
+            raise ApplrError(f"{urdf.path}: {file}{_SIDEWAYS}: {_OURS}")
+        if "drive" in file or "skid" in file:
+            found |= {word for element in plugin.iter() for word in re.split(r"[\s,]+", element.text or "")}
+    return found
+
+
+def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
+    """Joints of the driven wheels and boxes around these, by link.
+
+    Driven is what a transmission, drive plugin or controller (driven) names and touches the ground; where none does,
+    all that turns about an axis across the robot and touches the ground.
+    """
+    named = driven | _named(urdf)
     wrong: Dict[str, str] = {}
     found: Dict[str, Tuple[Any, Box]] = {}
     for joint in urdf.joints:
         carriers, axis = urdf.moving.get(joint.child, [])[1:], urdf.axis(joint)
-        if joint.type != "continuous" or abs(axis[2]) > 0.3 or any(j.type == "continuous" for j in carriers):
-            continue  # a swivel, a turret, a caster below its swivel, a roller on a wheel's rim
+        if joint.name not in named and any(map(_turns, carriers)):
+            continue  # a caster below its swivel, a roller on a wheel's rim
+        if joint.type == "fixed" or abs(axis[2]) > 0.3 or not (_turns(joint) or joint.name in named):
+            continue  # a swivel, a turret
         parts = [name for name, joints in urdf.moving.items() if joints[:1] == [joint]]
         boxes = urdf.boxes(parts) or urdf.boxes(parts, "visuals")
-        steering = [j.name for j in carriers if abs(urdf.axis(j)[2]) > 0.7]
+        steering = [j.name for j in carriers if abs(urdf.axis(j)[2]) > 0.7 and j.type != "prismatic"]
+        steering += [
+            j.name for j in urdf.above(joint.child) if j.type == "fixed" and _STEERING.search(j.name)
+        ]  # locked
+        rollers = [j.name for j in urdf.joints if joint in urdf.moving.get(j.child, [])[1:] and _turns(j)]
         if steering:
             wrong[joint.child] = f"{steering[0]} steers the wheel of {joint.name}"
         elif abs(axis[1]) < 0.95:
             wrong[joint.child] = f"{joint.name}, which turns about an axis not across the robot,{_SIDEWAYS}"
+        elif len(rollers) > 2 or _OMNI.search(f"{joint.name} {joint.child}"):
+            wrong[joint.child] = f"{joint.name}{_SIDEWAYS}"
         if boxes:
             found[joint.child] = (joint, around(boxes))
     lowest = min((box[0, 2] for _, box in found.values()), default=0.0)
     found = {name: (j, box) for name, (j, box) in found.items() if box[0, 2] < lowest + (box[1, 2] - box[0, 2]) / 4}
+    found = {name: wheel for name, wheel in found.items() if wheel[0].name in named} or found
     for name in found:  # what turns above the ground, such as a gripper, is no wheel
         if name in wrong:
             raise ApplrError(f"{urdf.path}: {wrong[name]}: {_OURS}")
     return found
 
 
-def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]]) -> Tuple[Dict[str, Any], float]:
-    """Kind of the drive and measures of the wheels, and how far their middle lies ahead of the base frame [m]."""
+def _standing_still(urdf: UrdfFile) -> str:
+    """The joints that do not turn and hold what looks like a wheel, for people."""
+    still = [joint for joint in urdf.joints if not _turns(joint)]
+    shapes = [
+        (j, shape.geometry) for j in still for shape in (*urdf.links[j.child].collisions, *urdf.links[j.child].visuals)
+    ]
+    found = {j.name: j.type for j, shape in shapes if shape is not None and shape.cylinder or _WHEEL.search(j.child)}
+    return ", ".join(f"{name} is {kind}" for name, kind in list(found.items())[:6])
+
+
+def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str]) -> Tuple[Dict[str, Any], float]:
+    """Kind of the drive and measures of the wheels, and how far their middle lies ahead of the base frame [m].
+
+    notes: gets a sentence about what cannot be.
+    """
     if not wheels:
         lost = f" (there is no {sorted(urdf.lost)[0]})" if urdf.lost else ""
+        still = _standing_still(urdf)
         raise ApplrError(
             f"{urdf.path} has no wheels: no continuous joint turns a link with a shape{lost} about an axis across "
-            "the robot; give the URDF of the whole robot"
+            + (
+                f"the robot; {still}: make the wheels' joints continuous"
+                if still
+                else "the robot; give the URDF of the whole robot"
+            )
         )
     boxes = np.array([box for _, box in wheels.values()])
     middles, sizes = boxes.mean(axis=1), boxes[:, 1] - boxes[:, 0]
@@ -123,7 +189,10 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]]) -> Tuple[Dict[str
     front, left = middles[:, 0] > ahead + radius / 4, middles[:, 1] > middles[:, 1].mean()
     pairs = (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum()))
     if pairs not in ((4, 2, 2, 1), (2, 0, 1, 0)):
-        raise ApplrError(f"{urdf.path}: the driven wheels are {', '.join(sorted(wheels))}: {_OURS}")
+        raise ApplrError(
+            f"{urdf.path}: the driven wheels are {', '.join(sorted(wheels))}: {_OURS}; where others are not driven, "
+            "give the controller's file, whose left_wheel and right_wheel are those that are"
+        )
     found: Dict[str, Any] = {
         "drive": "two_wheel" if len(wheels) == 2 else "skid_steer",
         "wheel_radius": radius,
@@ -140,6 +209,12 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]]) -> Tuple[Dict[str
     mass, _, inertia = urdf.inertia(wheels)
     if mass:
         found["wheel_mass"] = mass / len(wheels)
+        full = STEEL * pi * radius**2 * found["wheel_width"] if found["wheel_width"] else mass
+        if found["wheel_mass"] > full:
+            notes.append(
+                f"a wheel weighs {found['wheel_mass']:.3g} kg in {urdf.path}, and {full:.3g} kg if it were "
+                "all of steel: look at base.wheel_mass"
+            )
         own = np.mean([urdf.inertia([name])[2] for name in wheels], axis=0)
         if own.min() > 1e-9:
             found["wheel_inertia"] = own.tolist()

@@ -47,7 +47,7 @@ class _Packages:
 def _text(path: str, arguments: Mapping[str, str], packages: _Packages) -> str:
     """The URDF in a file, which xacro has gone over where it is for xacro."""
     try:
-        text = read_bytes(path, MAX_TEXT).decode()
+        text = read_bytes(path, MAX_TEXT).decode("utf-8-sig").lstrip()  # as TinyXML, which passes over both
     except UnicodeDecodeError:
         raise ApplrError(f"{path} is no text: give a URDF or xacro file") from None
     if "xacro" not in text:
@@ -82,6 +82,45 @@ def _check_tree(path: str, root: Element) -> None:
                 raise ApplrError(f"{path}: the joints above the link {at} lead back to it; take one of them out")
 
 
+def _choices(path: str, packages: _Packages) -> str:
+    """What to say where a part may be switched off: arguments and environment variables that a xacro file reads.
+
+    Files that it includes are looked through, too, as far as they are there.
+    """
+    texts: Dict[str, str] = {}
+    files = [path]
+    for file in files:
+        with contextlib.suppress(ApplrError, OSError, UnicodeDecodeError):
+            texts[file] = read_bytes(file, MAX_TEXT).decode("utf-8-sig")
+            for name in re.findall(r"<xacro:include\b[^>]*?\bfilename\s*=\s*[\"']([^\"']+)", texts[file]):
+                name = re.sub(r"\$\(find\s+(\w+)\)", lambda match: packages.folder(match[1]), name)
+                name = os.path.normpath(os.path.join(os.path.dirname(file), name))
+                files += [name] * (name not in files)
+    found = []
+    for words, pattern, form in (
+        ("the file takes", r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"'](\w+)", "{}:="),
+        ("it reads", r"\$\(\s*(?:opt)?env\s+(\w+)", "{}"),
+    ):
+        names = sorted({name for text in texts.values() for name in re.findall(pattern, text)})
+        end = " from the environment" if words == "it reads" else ""
+        found += [f"; {words} {', '.join(map(form.format, names))}{end}"] * bool(names)
+    return "".join(found)
+
+
+def _bare(text: str) -> bytes:
+    """A URDF without all that says nothing of links and joints, so that a mistake in it stops nothing."""
+    xml = ElementTree.fromstring(text)
+    for part in [part for part in xml if part.tag not in ("link", "joint")]:
+        xml.remove(part)
+    for part in xml:
+        kept = ("origin", "parent", "child", "axis", "limit", "mimic", "inertial", "visual", "collision")
+        for inner in [inner for inner in part if inner.tag not in kept]:
+            part.remove(inner)
+        for material in [(shape, inner) for shape in part for inner in shape.findall("material")]:
+            material[0].remove(material[1])
+    return ElementTree.tostring(xml)
+
+
 class UrdfFile:
     """One URDF: its tree of joints, and boxes around its shapes and masses of its links in the base frame.
 
@@ -103,8 +142,7 @@ class UrdfFile:
         self.path, self.packages = path, _Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
         text = _text(path, arguments, self.packages)
-        named = sorted(set(re.findall(r"<xacro:arg\s+name=\"(\w+)\"", read_bytes(path, MAX_TEXT).decode())))
-        self.choices = f"; the file takes {', '.join(name + ':=' for name in named)}" if named else ""
+        self.choices = _choices(path, self.packages)
         try:
             self.xml = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
@@ -116,15 +154,13 @@ class UrdfFile:
         _check_tree(path, self.xml)
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
         try:
-            self.urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
+            self.urdf = yourdfpy.URDF.load(io.BytesIO(_bare(text)), load_meshes=False)
         except Exception as error:  # the library says of a missing tag that None has no attribute
             raise ApplrError(f"{path} cannot be read as URDF: {type(error).__name__}: {reason(error)}") from None
         self.links, self.joints = self.urdf.link_map, self.urdf.robot.joints
         self.joint_to = {joint.child: joint for joint in self.joints}
-        if base_frame and base_frame not in self.links:
-            raise ApplrError(f"{path} has no link {base_frame}, which the parameter files name as robot_base_frame")
         usual = [name for name in ("base_link", "base_footprint") if name in self.links]
-        self.base = base_frame or (usual or [self.urdf.base_link])[0]
+        self.base = base_frame if base_frame in self.links else (usual or [self.urdf.base_link])[0]
         self.moving = {name: [j for j in self.above(name) if j.type != "fixed"] for name in self.links}
 
     def above(self, link: str) -> Iterator[Any]:
@@ -160,6 +196,8 @@ class UrdfFile:
             along = np.abs(turn[:, 2])
             half = geometry.cylinder.length / 2 * along
             half = half + geometry.cylinder.radius * np.sqrt(np.maximum(1 - along**2, 0))
+        elif geometry.mesh is None:
+            return None
         else:
             corners = self._mesh(geometry.mesh)
             return None if corners is None else around([corners @ turn.T + middle])

@@ -85,15 +85,18 @@ crate_controller:
 """
 
 
+DIFF_DRIVE = "crate_controller: {left_wheel: [left_joint], right_wheel: right_joint}\n"
+
+
 @pytest.fixture
 def make(tmp_path, capsys):
     """Writes the files and the robot's folder: (exit status, what was printed, robot.yaml)."""
 
-    def run(urdf, *words, head=HEAD, **parameters):
+    def run(urdf, *words, head=HEAD, tail="", **parameters):
         files = {"costmap_common.yaml": COMMON, "costmap_local.yaml": LOCAL, "dwa.yaml": PLANNER, **parameters}
         for name, text in files.items():
             (tmp_path / name).write_text(text)
-        (tmp_path / "crate.urdf").write_text(head + urdf + "</robot>" * (head == HEAD))
+        (tmp_path / "crate.urdf").write_text(head + urdf + (tail or "</robot>" * (head == HEAD)))
         out = tmp_path / "my_robot"
         arguments = [str(tmp_path / "crate.urdf"), *words, "--out", str(out), "--parameters"]
         status = new_robot.main([*arguments, *[str(tmp_path / name) for name in files]])
@@ -230,11 +233,11 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
 
 
 def test_a_robot_without_laser_is_asked_for_one(make):
-    urdf = TWO[: TWO.index('<link name="scanner">')] + '<xacro:arg name="with_laser" default="0"/>'
+    urdf = TWO[: TWO.index('<link name="scanner">')] + '<xacro:arg default="$(optenv LIDAR 0)" name="with_laser"/>'
     common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: /mast,")
     status, said, file = make(urdf, **{"costmap_common.yaml": common})
     assert status == 0
-    assert re.search(r"remark: there is no laser: .*; the file takes with_laser:=\n", said)
+    assert re.search(r"no laser: .*; the file takes with_laser:=; it reads LIDAR from the environment\n", said)
     assert yaml.safe_load(file.read_text())["laser"] == {"frame": "mast"}
     assert "laser.range_max [m] range_max of the scans" in said
     assert "  # beams: " in file.read_text()
@@ -249,7 +252,12 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
         (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
-        (TWO.replace('"roller"', '"omni_wheel"'), {}, "omni_wheel is of an omni base"),
+        (TWO.replace('"left"', '"mecanum_left"'), {}, "left_joint is of an omni base"),
+        (
+            TWO.replace('kind="continuous"', 'kind="fixed"').replace("continuous", "fixed"),
+            {},
+            "left_joint is fixed, .*make",
+        ),
         (
             TWO.replace('name="swivel_joint" type="continuous"', 'name="swivel_joint" type="revolute"'),
             {},
@@ -259,8 +267,8 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
         (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
         (TWO + joint("base_footprint", "0 0 0", "scanner"), {}, "joints above the link scanner lead back"),
-        (TWO, {"costmap_common.yaml": "robot_base_frame: hull\n"}, "has no link hull"),
-        (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, r"dwa.yaml holds \$\(arg fast\)"),
+        (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, "dwa.yaml: .*add fast:=VALUE"),
+        (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml holds \$\(eval 1\+1\)"),
     ],
 )
 def test_what_is_wrong_is_one_line(make, urdf, more, line):
@@ -309,6 +317,92 @@ def test_a_xacro_file_calculates(tmp_path):
     (tmp_path / "a.xacro").write_text(HEAD + text + "</robot>")
     urdf, problem, _ = xacro_file.expand(str(tmp_path / "a.xacro"), {}, {})
     assert re.findall('<link name="(.*?)"', urdf) == [str(value) for value in (*wanted.values(), 6)], problem
+
+
+PLAIN = TWO + RAYS.replace("$(arg reach)", "1.4")
+NAMED = "<transmission name='{0}'><joint name='{0}_joint'/></transmission>"
+BY_TRANSMISSIONS = PLAIN + wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
+BY_TRANSMISSIONS += NAMED.format("left") + NAMED.format("right")
+MANY_TURNS = '<axis xyz="0 0 1"/><limit lower="-1e16" upper="1e16" effort="1" velocity="1"/>'
+SPRUNG = link("arm") + joint("arm", "0 0 0", kind="prismatic", axis="0 0 1") + PLAIN
+DRIVE = '<gazebo><plugin name="d" filename="libdiff_drive.so"><leftJoint>left_joint</leftJoint>'
+DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
+
+
+@pytest.mark.parametrize(
+    ("urdf", "more"),
+    [
+        (BY_TRANSMISSIONS, {}),
+        (BY_TRANSMISSIONS.replace("transmission", "other") + DRIVE, {}),
+        (BY_TRANSMISSIONS.replace("transmission", "other"), {"control.yaml": DIFF_DRIVE}),
+        (PLAIN.replace('"roller"', '"omni_wheel"'), {}),
+        (PLAIN.replace('<axis xyz="0 0 1"/></joint><link name="right"', MANY_TURNS + '</joint><link name="right"'), {}),
+        (
+            SPRUNG.replace(
+                '<parent link="base_link"/><child link="left"/>', '<parent link="arm"/><child link="left"/>'
+            ),
+            {},
+        ),
+        (PLAIN + "<material/><gazebo reference='nothing'><sensor/></gazebo>", {}),
+        ("\n" + PLAIN, {"head": ' \n<?xml version="1.0"?><robot name="crate">', "tail": "</robot>"}),
+    ],
+    ids=["transmissions", "plugin", "controller", "omni", "many turns", "sprung", "harmless parts", "blank"],
+)
+def test_driven_wheels(make, urdf, more):
+    status, said, file = make(urdf, **more)
+    assert status == 0, said
+    base = yaml.safe_load(file.read_text())["base"]
+    assert (base["drive"], base["track"], base["wheel_radius"]) == ("two_wheel", 0.24, 0.05)
+    assert [-0.15, 0.0] in base["casters"]
+
+
+def test_what_cannot_be_is_remarked_and_a_base_frame_of_tf_is_taken(make):
+    heavy = PLAIN.replace('value="0.4"', 'value="100"')
+    _, said, file = make(heavy, **{"costmap_common.yaml": COMMON.replace("base_footprint", "hull")})
+    assert re.search(r"remark: a wheel weighs 100 kg in .*, and 1.23 kg if it were all of steel: look at", said)
+    assert re.search("remark: .* has no link hull, .*: places are in base_link", said)
+    assert yaml.safe_load(file.read_text())["frames"]["base"] == "hull"
+
+
+def test_parameters_as_roslaunch_and_rosparam_read_them(make):
+    angles = PLANNER.replace("max_vel_theta: 1.5", "max_vel_theta: rad(pi/2)").replace("0.1}", "!degrees 9.0}")
+    nested = "robot: {move_base: {NavfnROS: {allow_unknown: $(arg unknown)}}}\nmove_base/planner_frequency: 2.0\n"
+    local = LOCAL.replace("odom_comb", "$(arg prefix)odom").replace("width: 5", "width: 5, map_type: voxel")
+    files = {"dwa.yaml": angles, "navfn.yaml": nested.partition("\n")[0], "costmap_local.yaml": local}
+    files["rate.yaml"] = nested.partition("\n")[2]
+    _, said, file = make(PLAIN, "prefix:=my_", "unknown:=false", **files)
+    fill(file)
+    robots.reader._read.cache_clear()
+    tree = robots.load(str(file.parent)).parameters(with_map=True)
+    assert tree["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(1.5707963)
+    assert tree["DWAPlannerROS"]["min_vel_theta"] == pytest.approx(0.1570796)
+    assert (tree["NavfnROS"]["allow_unknown"], tree["planner_frequency"]) == (False, 2.0)
+    assert tree["local_costmap"]["global_frame"] == "my_odom"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"topic: bumps": "topic: rear, sensor_frame: back"},
+        {"  observation_sources": "  z_voxels: 8\n  mark_threshold: 0\n  observation_sources"},
+        {"margin: {": "other_layer: {some: 1}\nmargin: {"},
+    ],
+    ids=["two sensors", "a voxel layer's own", "a layer that is not in use"],
+)
+def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
+    common = COMMON
+    for old, new in changes.items():
+        common = common.replace(old, new)
+    _, said, file = make(
+        PLAIN, **{"costmap_common.yaml": common, "more.yaml": "TebLocalPlannerROS: {dt_ref: 0.3}\n" + NAVFN}
+    )
+    fill(file)
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
+    said = capsys.readouterr().out
+    assert "bumper" not in said
+    assert "warning" not in said
+    assert "TebLocalPlannerROS is not read here" in said
 
 
 def test_a_robot_that_is_there_is_not_overwritten(make):
