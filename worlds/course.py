@@ -13,6 +13,7 @@ from typing import Optional, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from scipy import ndimage
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import reason
@@ -29,6 +30,7 @@ ROBOT_RADIUS = 0.30  # [m] kept free around a searched path: half a Jackal's dia
 MARGIN = 1.0  # [m] a searched course starts and ends this far outside the obstacles
 SEARCH_CELL = 0.10  # [m]
 NARROW = 5.0  # [m]; obstacles in a narrower area may be passed on the outside
+GIVE = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
 MAX_SIDE = 50.0  # [m] of the area searched
 
 
@@ -124,7 +126,7 @@ def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
 
 
 def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
-    """From below the obstacles (least y) to above them, wherever a robot gets through."""
+    """Inside closed walls from one end to the other, else from below the obstacles (least y) to above them."""
     extent = _extent(cylinders, boxes)
     if extent is None:
         raise WorldError(
@@ -134,9 +136,17 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     if max(high - low) > MAX_SIDE:
         raise WorldError(
             f"{path} is {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m, too large to search for a course (at most "
-            f"{MAX_SIDE:.0f} m); write one into it with worlds.sdf_writer"
+            f"{MAX_SIDE:.0f} m); {GIVE.format(path)}"
         )
     free = free_grid(low, high, cylinders, boxes)
+    room = _room(free, low)
+    if room is not None:
+        axis = int(np.argmax(np.ptp(np.argwhere(room), axis=0)[::-1]) == 0)  # along y where both are as long
+        across = np.argwhere(room)
+        first, last = across[:, axis].min(), across[:, axis].max()
+        cells = search.shortest_path(room, *(across[across[:, axis] == end] for end in (first, last)))
+        if cells is not None:
+            return _along(low + SEARCH_CELL * (cells + 0.5), (0.0, math.pi / 2)[axis])
     sides = int(round(MARGIN / SEARCH_CELL))
     if high[0] - low[0] > NARROW:  # through the world, not around it
         free[:sides, sides:-sides] = False
@@ -145,13 +155,43 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     cells = search.shortest_path(free, *ends)
     if cells is None:
         raise WorldError(
-            f"{path} has no passage of {2.0 * ROBOT_RADIUS:.2f} m along y; clear a way or write a course into it with "
-            "worlds.sdf_writer"
+            f"{path} has no passage of {2.0 * ROBOT_RADIUS:.2f} m along y; clear a way, or {GIVE.format(path)}"
         )
-    points = low + SEARCH_CELL * (cells + 0.5)
+    return _along(low + SEARCH_CELL * (cells + 0.5), math.pi / 2)
+
+
+def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
+    """(nx, ny) bool: what closed walls shut in, where that is as wide and long as half of the world; else None.
+
+    Of several rooms the one that the origin lies in, where Gazebo puts a robot, or the largest. Nothing outside can be
+    reached from there.
+    """
+    rooms, _ = ndimage.label(free)
+    border = np.concatenate([rooms[0], rooms[-1], rooms[:, 0], rooms[:, -1]])
+    sizes = np.bincount(rooms.ravel())
+    sizes[[0, *np.unique(border)]] = 0
+    if not sizes.any():
+        return None
+    origin = tuple(np.floor(-low / SEARCH_CELL).astype(int))
+    here = rooms[origin] if all(0 <= i < n for i, n in zip(origin, free.shape)) else 0
+    room = rooms == (here if sizes[here] else int(np.argmax(sizes)))
+    sides = [np.ptp(np.argwhere(cells), axis=0) for cells in (room, ~free)]
+    return room if (2 * sides[0] >= sides[1]).all() else None
+
+
+def given(path: str, points: np.ndarray) -> Course:
+    """The course along points (n, 2) [m] that a person gives for a file."""
+    if len(points) < 2 or not np.isfinite(points).all() or not np.any(points[1] != points[0]):
+        raise WorldError(f"the course for {path} is no way; give X Y of two places or more in metres")
+    dx, dy = points[1] - points[0]
+    return _along(points, math.atan2(dy, dx))
+
+
+def _along(points: np.ndarray, yaw: float) -> Course:
+    """From the first of points (n, 2) [m] to the last one, with this heading [rad] at both ends."""
     return Course(
-        start=(float(points[0, 0]), float(points[0, 1]), math.pi / 2),
-        goal=(float(points[-1, 0]), float(points[-1, 1]), math.pi / 2),
+        start=(float(points[0, 0]), float(points[0, 1]), yaw),
+        goal=(float(points[-1, 0]), float(points[-1, 1]), yaw),
         finish_y=None,
         goal_tolerance=barn.GOAL_TOLERANCE,
         path=points,

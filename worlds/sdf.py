@@ -45,6 +45,8 @@ def parse(path: str) -> Element:
     except DefusedXmlException:
         raise WorldError(f"{path} has a DOCTYPE or entities, which are not read; remove them") from None
     except (ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that is unknown or wrong
+        if re.search(rb"^\s*(define\s+\w+\s+\w+|floorplan|include\s+\".*\.inc\")", data, re.MULTILINE):
+            raise WorldError(f"{path} is a world of Stage, not of Gazebo; give a Gazebo world file") from None
         raise WorldError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
     if depth:
         raise WorldError(f"{path} has over {MAX_TAGS} tags, or {MAX_DEPTH} levels of them; give a simpler world")

@@ -25,11 +25,11 @@ NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
 NAMED = 5  # things that are not read and are named
 
 
-def read_world(path: str) -> World:
+def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
     """World from a .world file. What is not read is logged as one warning.
 
-    The course comes from the file itself where our writer put one, else from path_files/path_N.npy beside it, else
-    from a search. Raises WorldError with one line.
+    The course leads along points (n, 2) [m] where they are given. Else it comes from the file itself where our writer
+    put one, else from path_files/path_N.npy beside it, else from a search. Raises WorldError with one line.
     """
     name = os.path.splitext(os.path.basename(path))[0]
     root = parse(path)
@@ -38,7 +38,10 @@ def read_world(path: str) -> World:
         raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
     cylinders, boxes, movers = obstacles = _Reader(path, world).read()
     stated = world.find(f"{{{course.NAMESPACE}}}course")
-    way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
+    if points is not None:
+        way = course.given(path, points)
+    else:
+        way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
     return World(name, cylinders, boxes, way, movers)
 
 
@@ -96,6 +99,9 @@ class _Reader:
         if scale != [1.0] * 3:
             self.unread.append(f"the scale of {name}")
         animation, movers = self.animations.of(model), len(self.movers)
+        if animation is None:
+            plugins = [str(plugin.get("filename"))[:60] for plugin in model.iter("plugin")]
+            self.unread += [f"the plugin {plugin} of {name}, which may move it" for plugin in plugins]
         for link in model.findall("link"):
             if self._known(link, ("", "__model__"), f"link {link.get('name')!r} of {name}"):
                 self._link(link, pose @ pose_of(link, f"link {link.get('name')!r} of {what}"), what, animation)

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Iterable, List
+from typing import Iterable, List, Optional
+
+import numpy as np
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
 from .loading import FORMS, load
-from .world import Mover, World
+from .sdf_reader import read_world
+from .world import Mover, World, WorldError
 
 HEIGHT = 1.0  # of everything written [m]
 
@@ -89,8 +92,19 @@ def main() -> int:
     )
     parser.add_argument("world", help=f"World to write: {FORMS}.")
     parser.add_argument("file", help="File to write, such as out.world.")
+    parser.add_argument(
+        "--course", nargs="+", type=float, metavar="X Y", help="For a .world file: its course, from start to goal [m]."
+    )
     arguments = parser.parse_args()
-    return run_main(lambda: write(load(arguments.world), arguments.file), "sdf_writer")
+    return run_main(lambda: write(_world(arguments.world, arguments.course), arguments.file), "sdf_writer")
+
+
+def _world(name: str, course: Optional[List[float]]) -> World:
+    if course is None:
+        return load(name)
+    if len(course) % 2 or not name.endswith(".world"):
+        raise WorldError(f"{name}: give --course X Y X Y ... for a .world file, two numbers for each place")
+    return read_world(name, np.array(course).reshape(-1, 2))
 
 
 if __name__ == "__main__":

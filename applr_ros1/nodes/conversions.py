@@ -35,6 +35,9 @@ COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost"
 TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # one point per point of a trajectory
 
 
+WHOLE = 0.9  # share of its predecessor's angle that a scan covers at least
+
+
 class MessageError(ApplrError):
     """A message that cannot be used; one line says why."""
 
@@ -94,29 +97,36 @@ def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], sta
 
 
 # -- in --------------------------------------------------------------------------------------------------------
-def check_scan(message, beams: Optional[int], no_return: Optional[float] = None) -> np.ndarray:
+def check_scan(message, turn: Optional[float], no_return: Optional[float] = None) -> np.ndarray:
     """The ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
 
-    `beams`: how many its predecessors had, None for any number: a scanner does not change that while driving.
+    `turn`: the angle [rad] that its predecessor covered, None for any. Each turn of a scanner may have another number
+    of beams, but one that covers much less than the one before is cut short.
     `no_return`: the range that becomes +inf. NaN, inf and -inf beams are ordinary (REP-117); a scan of nothing but NaN
     is a blind scanner.
     """
     n = len(message.ranges)
     if not 0 < n <= MAX_BEAMS:
         raise MessageError(f"has {n} beams: give between 1 and {MAX_BEAMS}")
-    if beams is not None and n != beams:
-        raise MessageError(
-            f"has {n} beams where it had {beams}: check the scanner; another one is accepted after two seconds"
-        )
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry)) or message.angle_increment == 0.0:
         raise MessageError(
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
         )
+    covered = angle_covered(message)
+    if turn is not None and covered < WHOLE * turn:
+        raise MessageError(
+            f"covers {covered:.3g} rad where it covered {turn:.3g}: check the scanner; it is accepted after two seconds"
+        )
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
     return with_infinity(ranges, no_return)
+
+
+def angle_covered(message) -> float:
+    """The angle [rad] from the first beam of a sensor_msgs/LaserScan to its last one, whichever way they run."""
+    return abs((len(message.ranges) - 1) * message.angle_increment)
 
 
 def with_infinity(ranges: np.ndarray, no_return: Optional[float]) -> np.ndarray:

@@ -30,7 +30,7 @@ from .transforms import AHEAD, MAX_AHEAD, Transforms
 
 COMMANDS = 600  # that the ages of Ages are of: half a minute at 20 Hz
 WAITING = 20  # scans kept until their transform comes
-BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
+TURN_HELD = 2.0  # s without a usable scan after which the scanner may have another angle
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 
@@ -216,9 +216,9 @@ class Sensors:
                 origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
         if not topic.is_scan:
             return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
-        beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
-        ranges = conversions.check_scan(message, beams, self._no_return)
-        topic.beams = len(ranges)
+        turn = topic.turn if now - topic.used < rospy.Duration(TURN_HELD) else None
+        ranges = conversions.check_scan(message, turn, self._no_return)
+        topic.turn = conversions.angle_covered(message)
         return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message) -> Pose:
@@ -242,7 +242,7 @@ class _Topic:
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self.beams: Optional[int] = None  # of the last one that was used
+        self.turn: Optional[float] = None  # angle [rad] that the last one that was used covered
         self.used = rospy.Time(0)  # its stamp
         self.times = 0.0, 0.0  # when the newest one came and when the next one should [s]; 0: not known
         self._stamp = rospy.Time(0)  # of the one that came last

@@ -2,8 +2,9 @@
 
 Errors are findings that the robot cannot drive with, remarks those that it will not drive well with, warnings are about
 names that may be misspelt. What C++ does not read is one remark per file. check_robot.py prints all of them. Commands
-that drive a robot take it from `with_remarks`, the nodes from `usable`; they stop at errors. Values that are given beside a robot's folder, on ROS's parameter server, are checked by
-planner.parameters.check alone, which allows what the C++ node allows.
+that drive a robot take it from `with_remarks`, the nodes from `usable`; they stop at errors. Values that are given
+beside a robot's folder, on ROS's parameter server, are checked by planner.parameters.check alone, which allows what the
+C++ node allows.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ def test_quaternions(q, upright):
     ("change", "words"),
     [
         (dict(ranges=[]), "0 beams"),
-        (dict(ranges=[1.0] * 3), "3 beams where it had 4"),
+        (dict(ranges=[1.0] * 3), "covers 1 rad where it covered 1.5"),
         (dict(ranges=[math.nan] * 4), "all NaN"),
         (dict(angle_min=math.nan), "finite"),
         (dict(angle_increment=0.0), "increment"),
@@ -89,11 +89,18 @@ def test_quaternions(q, upright):
 def test_scans_that_cannot_be_used(change, words):
     scan = LaserScan(angle_min=-1.0, angle_increment=0.5, range_min=0.1, range_max=30.0)
     scan.ranges = [1.0, 2.0, math.inf, math.nan]
-    assert conversions.check_scan(scan, 4).dtype == np.float32
+    assert conversions.check_scan(scan, 1.5).dtype == np.float32
     for name, value in change.items():
         setattr(scan, name, value)
     with pytest.raises(MessageError, match=words):
-        conversions.check_scan(scan, 4)
+        conversions.check_scan(scan, 1.5)
+
+
+def test_each_turn_may_have_another_number_of_beams_either_way_round():
+    for beams, way in ((390, 1.0), (410, -1.0), (200, 1.0)):
+        scan = LaserScan(angle_min=-way * math.pi, angle_increment=way * 2.0 * math.pi / beams, range_max=12.0)
+        scan.ranges = [3.0] * beams
+        assert len(conversions.check_scan(scan, 2.0 * math.pi)) == beams
 
 
 def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():

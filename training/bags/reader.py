@@ -20,7 +20,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import storage_mcap
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from applr_ros1 import robots
 from applr_ros1.common import files
@@ -54,6 +54,19 @@ class TopicNames:
     applr: str = "/applr"
     command: str = "/cmd_vel"
     demonstration: str = "/demonstration"  # String: JSON of who demonstrated (demonstrate.py)
+
+    def needs(self, topic: str) -> bool:
+        """Whether messages of a topic are read."""
+        below = [self.move_base + name for name in ("/status", "/result", "/current_goal")]
+        named = [value for name, value in vars(self).items() if name not in ("move_base", "applr")]
+        return topic in (*named, *below, self.applr + "/decision", "/tf", "/tf_static") or bool(
+            self.updates.fullmatch(topic)
+        )
+
+    @property
+    def updates(self) -> "re.Pattern[str]":
+        """The topics on which move_base and its layers say new parameters."""
+        return re.compile(re.escape(self.move_base) + r"(?:/[^/]+){0,2}/parameter_updates")
 
     @classmethod
     def of(cls, robot: robots.Robot) -> "TopicNames":
@@ -123,7 +136,7 @@ class Recording:
     def scans(self, wanted: Iterable[int]) -> Dict[int, Any]:
         """{index: LaserScan} of those wanted. Reads the bag once more, since all scans may be larger than memory."""
         wanted, kept = set(wanted), {}
-        with _open(self.path) as reader:
+        with _open(self.path, self.topics) as reader:
             connections = [c for c in reader.connections if c.topic == self.topics.scan]
             for i, (connection, _, raw) in enumerate(reader.messages(connections) if wanted else ()):
                 if i in wanted:
@@ -149,7 +162,7 @@ def read_bag(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robo
 def read_messages(path, topics: TopicNames, robot: robots.Robot) -> Recording:
     """Read a bag: everything but the ranges of scans; BagError where it is damaged."""
     recording = Recording(Path(path), topics, robot)
-    with refused(path), _open(recording.path) as reader:
+    with refused(path), _open(recording.path, topics) as reader:
         _fill(recording, reader)
     return recording
 
@@ -162,11 +175,35 @@ def refused(path) -> Iterator[None]:
     except ApplrError as error:
         raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # rosbags raises many kinds for damaged files
-        remedy = "; it was not closed: try `rosbag reindex`" if Path(path).suffix in (".active", ".bag") else ""
+        open_ended = Path(path).suffix == ".active" or re.search("not indexed|index looks damaged", str(error))
+        remedy = "; it was not closed: try `rosbag reindex`" if open_ended else ""
         raise BagError(f"{path}: damaged or not a bag ({reason(error)}){remedy}") from None
 
 
-def _open(path: Path) -> AnyReader:
+class _NeededTopics(rosbag1.Reader):
+    """A reader of a ROS 1 bag that only knows the topics that are needed: a definition of another one may be wrong."""
+
+    def __init__(self, path: Path, topics: TopicNames):
+        super().__init__(path)
+        self._topics = topics
+
+    def open(self) -> None:
+        """As rosbag1.Reader; BagError for the definition of a needed topic that cannot be read."""
+        super().open()
+        self.connections = [c for c in self.connections if self._topics.needs(c.topic)]
+        for connection in self.connections:
+            try:
+                store = get_typestore(Stores.EMPTY)
+                store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+                right = store.generate_msgdef(connection.msgtype)[1] == connection.digest
+            except Exception:  # of a parser that was not made for what is no definition
+                right = False
+            if not right:
+                what = f"{connection.topic} is {connection.msgtype}, whose message definition in the bag is wrong"
+                raise BagError(f"{self.path}: {what}: record it with another publisher")
+
+
+def _open(path: Path, topics: TopicNames) -> AnyReader:
     """A reader of a .bag file, or of a ROS 2 folder (with metadata.yaml) or .mcap file in it."""
     if not path.exists():
         raise BagError(f"{path}: not there")
@@ -187,7 +224,10 @@ def _open(path: Path) -> AnyReader:
     rosbag1.decompressors["lz4"] = lambda data: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["lz4"] = lambda data, size: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, size: unpack(storage_mcap.zstd.ZstdDecompressor, data)
-    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    if not reader.is2:
+        reader.readers = [_NeededTopics(path, topics)]
+    return reader
 
 
 def unpack(make: Callable[[], Any], data: bytes) -> bytes:
@@ -233,8 +273,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         "/tf_static": _tf,
         topics.applr + "/decision": _decision,
     }
-    updates = re.compile(re.escape(base) + r"(?:/[^/]+){0,2}/parameter_updates")
-    connections = [c for c in reader.connections if c.topic in rows_of or updates.fullmatch(c.topic)]
+    connections = [c for c in reader.connections if topics.needs(c.topic)]
     if not reader.message_count:
         raise BagError(f"{recording.path}: holds no messages")
     rows: Dict[str, List[tuple]] = {topic: [] for topic in rows_of}
