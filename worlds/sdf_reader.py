@@ -99,9 +99,6 @@ class _Reader:
         if scale != [1.0] * 3:
             self.unread.append(f"the scale of {name}")
         animation, movers = self.animations.of(model), len(self.movers)
-        if animation is None:
-            plugins = [str(plugin.get("filename"))[:60] for plugin in model.iter("plugin")]
-            self.unread += [f"the plugin {plugin} of {name}, which may move it" for plugin in plugins]
         for link in model.findall("link"):
             if self._known(link, ("", "__model__"), f"link {link.get('name')!r} of {name}"):
                 self._link(link, pose @ pose_of(link, f"link {link.get('name')!r} of {what}"), what, animation)

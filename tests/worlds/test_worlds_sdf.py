@@ -157,3 +157,38 @@ def test_what_is_not_read_is_named_in_one_line_and_the_rest_drives(tmp_path, cap
     (record,) = caplog.records
     assert unread in record.getMessage()
     assert "\n" not in record.getMessage()
+
+
+def room(x=8.0, y=8.0, at=(0.0, 0.0)):
+    """Walls all around x by y metres, and two half walls in them where the room is high enough."""
+    walls = [(0, y / 2, x, 0.1), (0, -y / 2, x, 0.1), (x / 2, 0, 0.1, y + 0.1), (-x / 2, 0, 0.1, y + 0.1)]
+    halves = [(-0.19 * x, 1, 0.62 * x, 0.1), (0.19 * x, -1, 0.62 * x, 0.1)] if y > 4 else []
+    return "".join(
+        f'<model name="w{n}"><static>1</static><pose>{cx + at[0]} {cy + at[1]} 0.5 0 0 0</pose><link name="l">'
+        f'<collision name="c"><geometry><box><size>{sx} {sy} 1</size></box></geometry></collision></link></model>'
+        for n, (cx, cy, sx, sy) in enumerate(walls + halves)
+    )
+
+
+@pytest.mark.parametrize(("x", "y", "at"), [(8.0, 8.0, (0.0, 0.0)), (12.0, 3.0, (0.0, 0.0)), (6.0, 9.0, (20.0, -5.0))])
+def test_a_course_lies_inside_closed_walls(tmp_path, x, y, at):
+    course = worlds.load(put(tmp_path, sdf(room(x, y, at)), "room.world")).course
+    assert (np.abs(course.path - at) < (x / 2, y / 2)).all()
+    assert np.ptp(course.path, axis=0).max() > max(x, y) - 2.0  # from one end to the other
+    if y > 4:
+        assert np.ptp(course.path[:, 0]) > 0.3 * x  # around both half walls
+
+
+def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
+    hall = put(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0)), "hall.world")
+    with pytest.raises(worlds.WorldError, match=r"too large .*: python -m worlds.sdf_writer .* --course X Y X Y"):
+        worlds.load(hall)
+    out = str(tmp_path / "out.world")
+    monkeypatch.setattr("sys.argv", ["sdf_writer", hall, out, "--course", "0", "2", "30", "3", "60", "2"])
+    assert sdf_writer.main() == 0, capsys.readouterr()
+    assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
+
+
+def test_a_world_of_stage_is_named_as_such(tmp_path):
+    with pytest.raises(worlds.WorldError, match="is a world of Stage"):
+        worlds.load(put(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Reader, Writer
 
 from applr_ros1 import robots
 from applr_ros1.common.files import StorageError
@@ -232,6 +233,39 @@ def damaged(tmp_path):
         record(tmp_path / ("no_%s.bag" % missing), without=(missing,), node=False)
         reasons["no_%s.bag" % missing] = reason
     return reasons
+
+
+ODD = {
+    "shapeshifter": ("x_msgs/msg/Anything", "Definition of x_msgs/Anything"),
+    "cut": ("x_msgs/msg/State", "# state\nsensor_msgs/Imu imu\nx_msgs/Meas"),
+    "empty": ("x_msgs/msg/Packet", ""),
+    "windows": ("x_msgs/msg/Pair", "uint8 a\r\nuint8 b\r\n"),
+}
+
+
+def with_definition(path, topic, kind, text):
+    """A copy of whole.bag beside it, with a topic that has this definition."""
+    with Reader(path.parent / "whole.bag") as reader, Writer(path) as writer:
+        new = {
+            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest)
+            for c in reader.connections
+            if c.topic != topic
+        }
+        odd = writer.add_connection(topic, kind, msgdef=text, md5sum="1" * 32)
+        for connection, time, raw in reader.messages():
+            writer.write(new.get(connection.id, odd), time, raw)
+        writer.write(odd, time, b"\0" * 4)
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_only_the_definitions_of_needed_topics_decide(tmp_path, name):
+    record(tmp_path / "whole.bag")
+    with_definition(tmp_path / "odd.bag", "/odd", *ODD[name])
+    (trajectory,), _ = rebuild(tmp_path / "odd.bag")
+    assert len(trajectory) == 5
+    with_definition(tmp_path / "needed.bag", "/cmd_vel", *ODD[name])
+    with pytest.raises(BagError, match=f"/cmd_vel is {ODD[name][0]}, whose message definition in the bag is wrong"):
+        rebuild(tmp_path / "needed.bag")
 
 
 @pytest.mark.fault("18")
