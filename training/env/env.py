@@ -7,7 +7,7 @@ node runs). Course, limit and ends are those of episode.py.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Union
+from typing import Any, Dict, Optional
 
 import gymnasium
 import numpy as np
@@ -17,13 +17,13 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
-from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robots import JACKAL, Robot
 from training.common.options import checked
 from training.env import drawn_robots, privileged, protocols
-from training.env.episode import Episode, counting_cells, laser_pose
-from training.env.reward import Reward, failed
+from training.env.episode import Episode, laser_pose
+from training.env.reward import failed
+from training.env.settings import TrialSettings
 from worlds.draw import top_view
 
 
@@ -33,26 +33,19 @@ class ApplrEnv(gymnasium.Env):
     Args:
         worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
             commas between them).
-        simulator: "kinematic" or "pybullet".
-        reward: a Reward, or a dict of its fields.
         randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
             latency, friction, slip (sim_bridge.Randomisation).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
-        period: decision period [s]; the paper's is 2 s, which gymnasium.make takes where none is given.
         params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
-        robot: the robot that drives, or its name or folder; worlds are at its scale. "drawn" draws one at each reset
-            (drawn_robots.py), for the dimensionless form.
-        observation: "paper", or "dimensionless" (applr_ros1/policy/dimensionless.py): the same numbers for every robot.
-        base: parameters that an action of the dimensionless form does not choose, {name: value}; else the defaults.
-        planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         end_on_collision: a collision ends the episode, terminated, as a failure.
         end_on_stall: so does a stall (applr_ros1/policy/stall.py).
-        protocol: whose course is driven, one of protocols.PROTOCOLS, or "drawn" at each reset.
         critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
-        monitor: the collision monitor stands between the planner and the base.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
+        settings: fields of TrialSettings (settings.py): robot, simulator, observation, reward, monitor, ... period must
+            be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
+            reset; as robot, too (drawn_robots.py), for the dimensionless form.
 
     Raises:
         ApplrError: of one line, for what cannot be.
@@ -63,51 +56,39 @@ class ApplrEnv(gymnasium.Env):
     def __init__(
         self,
         worlds="generated:train",
-        simulator="kinematic",
         *,
-        period: float,
-        reward=None,
-        randomisation=None,
+        randomisation: Optional[Dict[str, Any]] = None,
         limit: Optional[int] = None,
-        end_on_collision: bool = False,
-        end_on_stall: bool = False,
-        protocol: str = protocols.PAPER,
-        critics_know_more: bool = False,
         params: Optional[Dict[str, Any]] = None,
         planner: str = OURS,
-        planner_frequency: Optional[float] = None,
+        end_on_collision: bool = False,
+        end_on_stall: bool = False,
+        critics_know_more: bool = False,
         record: bool = False,
         render_mode: Optional[str] = None,
-        robot: Union[Robot, str] = JACKAL,
-        monitor: bool = False,
-        observation: str = PAPER,
-        base: Optional[Dict[str, float]] = None,
+        **settings: Any,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
-        if observation not in FORMS:
-            raise ApplrError("observation is %r: give %s" % (observation, " or ".join(FORMS)))
-        self.draws = robot == drawn_robots.NAME
-        if self.draws and (observation == PAPER or params is not None):
+        self.settings = checked(TrialSettings, settings, "environment")
+        self.draws = self.settings.robot == drawn_robots.NAME
+        if self.draws and (self.settings.observation == PAPER or params is not None):
             raise ApplrError("robot drawn: it needs the dimensionless observation, and no params")
-        if self.draws:
-            robot = JACKAL
+        if self.settings.period is None:
+            raise ApplrError("period: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
-        self.render_mode, self.protocol = render_mode, protocol
+        self.render_mode = render_mode
         self.hidden = privileged.SIZE if critics_know_more else 0
-        self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
-        self._simulator, self._randomisation = simulator, randomisation or {}
-        self._params, self._planner, self._planner_frequency = params, planner, planner_frequency
-        self._form, self._base = FORMS[observation], base
+        self._params, self._planner, self._randomisation = params, planner, randomisation or {}
         self._loop: Dict[str, Any] = {
             "limit": limit,
-            "period": period,
+            "period": self.settings.period,
             "end_on_collision": end_on_collision,
             "end_on_stall": end_on_stall,
             "record": record or render_mode is not None,
-            "monitor": monitor,
+            "monitor": self.settings.monitor,
         }
-        self._equip(load(robot) if isinstance(robot, str) else robot)
+        self._equip(JACKAL if self.draws else self.settings.load_robot())
         form = self.form
         self.scan_beams, self.scans = form.scan, form.scans  # the replay stores them coarser
         self.odd = form.odd + tuple(form.size - form.scan + i for i in privileged.ODD if self.hidden)
@@ -116,12 +97,10 @@ class ApplrEnv(gymnasium.Env):
 
     def _equip(self, robot: Robot) -> None:
         """Makes the simulator, the planner and the loop for a robot."""
-        simulator = sim_bridge.make(self._simulator, robot=robot, **self._randomisation)
-        params = counting_cells(robot.parameters() if self._params is None else self._params)
-        if self._planner_frequency is not None:
-            params = dict(params, planner_frequency=float(self._planner_frequency))
-        self.episode = Episode(simulator, MoveBase(params, planner=self._planner), robot, **self._loop)
-        self.form = self._form(robot, self.episode.period, self._base)
+        simulator = sim_bridge.make(self.settings.simulator, robot=robot, **self._randomisation)
+        move_base = MoveBase(self.settings.planner_parameters(robot, self._params), planner=self._planner)
+        self.episode = Episode(simulator, move_base, robot, **self._loop)
+        self.form = self.settings.form(robot)
         self.space, self.episode.layout = self.form.space, self.form.layout
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
@@ -135,7 +114,7 @@ class ApplrEnv(gymnasium.Env):
                 self._equip(robot)
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
-        protocol = self.protocol
+        protocol = self.settings.protocol
         if protocol == protocols.DRAWN:
             protocol = str(self.np_random.choice(list(protocols.PROTOCOLS)))
         world = worlds_package.scaled(protocols.under(protocol, world), self.episode.robot.world_scale)
@@ -149,7 +128,7 @@ class ApplrEnv(gymnasium.Env):
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self.episode.outcome.theta
         outcome = self.episode.decide(self.form.theta(action))
-        reward, terms = self.reward.judge(self.form, before, self.episode)
+        reward, terms = self.settings.reward.judge(self.form, before, self.episode)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)

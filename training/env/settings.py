@@ -6,9 +6,11 @@ from typing import Any, Dict, Literal, Optional, Union
 
 from pydantic import Field, InstanceOf
 
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.form import Form
+from applr_ros1.robots import JACKAL, Robot, load, on_ground
 from training.common.options import Options
-from training.env.episode import TIME_LIMIT
+from training.env.episode import TIME_LIMIT, counting_cells
 from training.env.protocols import PAPER
 from training.env.reward import Reward
 
@@ -16,23 +18,37 @@ from training.env.reward import Reward
 class TrialSettings(Options):
     """Who drives, in what, under which rules, and how it is counted; as JSON it identifies them for workers."""
 
-    simulator: Any = Field("kinematic", description="Name of the simulator.")
+    # fmt: off
+    simulator: str = Field("kinematic", description="kinematic or pybullet.")
     robot: Union[str, InstanceOf[Robot]] = Field(
-        JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale."
-    )
+        JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale.")
     ground: str = Field("", description="What it drives on (robots.GROUNDS), instead of the robot's own.")
-    protocol: str = Field(PAPER, description="One of env/protocols.py.")
-    observation: Literal["paper", "dimensionless"] = Field(
-        "paper",
-        description="Form of what a learnt policy sees and does, and of the reward (applr_ros1/policy/form.py).",
-    )
-    base: Dict[str, float] = Field(
-        {}, description="Parameters that an action of the dimensionless form does not choose; else the defaults."
-    )
+    protocol: str = Field(PAPER, description="Whose course is driven, one of protocols.PROTOCOLS.")
+    observation: Literal["paper", "dimensionless"] = Field("paper", description=
+        "Form of what a learnt policy sees and does, and of the reward: the paper's, or the same numbers for every "
+        "robot (applr_ros1/policy/dimensionless.py).")
+    base: Dict[str, float] = Field({}, description=
+        "Parameters that an action of the dimensionless form does not choose; else the defaults.")
     period: Optional[float] = Field(None, description="Decision period [s]; None: each method's own, for trials.")
     reward: Reward = Field(Reward(), description="Its coefficients.")
     monitor: bool = Field(False, description="Whether the collision monitor stands between the planner and the base.")
-    planner_frequency: Optional[float] = Field(
-        None, description="Global plans per second instead of the robot's; fewer make the simulation faster."
-    )
+    planner_frequency: Optional[float] = Field(None, description=
+        "Global plans per second instead of the robot's; fewer make the simulation faster.")
     time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")
+    # fmt: on
+
+    def load_robot(self) -> Robot:
+        """Who drives, on the ground stated."""
+        robot = load(self.robot) if isinstance(self.robot, str) else self.robot
+        return on_ground(robot, self.ground) if self.ground else robot
+
+    def form(self, robot: Robot) -> Form:
+        """The form for a robot."""
+        return FORMS[self.observation](robot, self.period, self.base)
+
+    def planner_parameters(self, robot: Robot, tree: Optional[Dict[str, Any]] = None) -> Dict[str, Any]:
+        """The planner's parameter tree, or that of the robot's files; its distance biases count per cell."""
+        parameters = counting_cells(robot.parameters() if tree is None else tree)
+        if self.planner_frequency is not None:
+            parameters["planner_frequency"] = float(self.planner_frequency)
+        return parameters

@@ -20,11 +20,10 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
-from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL, Robot, load, on_ground
+from applr_ros1.robots import JACKAL, Robot
 from training.actors.pool import CallFailed, Pool
-from training.env.episode import Episode, counting_cells
+from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
 from training.env.rollout import PolicyWeights
@@ -132,15 +131,10 @@ class TrialRunner:
     """
 
     def __init__(self, settings: TrialSettings):
-        robot = load(settings.robot) if isinstance(settings.robot, str) else settings.robot
-        self.robot = on_ground(robot, settings.ground) if settings.ground else robot
+        self.robot = settings.load_robot()
         self.settings, self.period = settings, settings.period
-        self.space = space_of(self.robot)
-        self.form = FORMS[settings.observation](self.robot, settings.period, settings.base)
+        self.space, self.form = space_of(self.robot), settings.form(self.robot)
         self.simulator = sim_bridge.make(settings.simulator, robot=self.robot)
-        self._params = counting_cells(self.robot.parameters())
-        if settings.planner_frequency is not None:
-            self._params["planner_frequency"] = float(settings.planner_frequency)
         self._episodes: Dict[str, Episode] = {}
         self.trace = Trace()
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
@@ -184,7 +178,7 @@ class TrialRunner:
         if planner not in self._episodes:
             self._episodes[planner] = Episode(
                 self.simulator,
-                MoveBase(self._params, planner=planner),
+                MoveBase(self.settings.planner_parameters(self.robot), planner=planner),
                 self.robot,
                 period=period,
                 end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
