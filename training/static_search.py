@@ -11,7 +11,7 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Literal, Mapping, Optional, Sequence, Tuple, TypeVar
@@ -99,7 +99,7 @@ class StaticOptions(Options):
     final_trials: int = option(2, "Number of trials in each world of the last race.", ge=1, le=1000)
     out: str = option("applr_ros1/robots/jackal/static.json",
         'JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases count '
-        "per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite every trial, from which a stopped "
+        "per cell. Beside it, NAME_log.json takes the log and NAME_trials.csv every trial, from which a stopped "
         "search continues. NAME.yaml holds the same set as parameters of move_base, to be loaded after the robot's own "
         "files.")
     # fmt: on
@@ -133,8 +133,8 @@ def run(arguments: List[str]) -> None:
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> Iterator[SetTrials]:
         rules: Dict[str, Any] = {"simulator": simulator, "protocol": options.protocol, "monitor": options.monitor}
         made = TrialSettings(**rules, planner_frequency=planner_frequency, robot=options.robot.folder)
-        table = TrialTable(stem + "_trials.sqlite", [*rules.values(), planner_frequency, content(options.robot)])
-        with closing(table), make_pool(options.workers, options.ray_address) as pool:
+        table = TrialTable(stem + "_trials.csv", [*rules.values(), planner_frequency, content(options.robot)])
+        with make_pool(options.workers, options.ray_address) as pool:
             found = partial(drive_missing, pool, partial(drive, made), table=table)
             yield SetTrials(found, worlds, space, options.planner)
 

@@ -20,8 +20,7 @@ from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
 from training.bags.reader import TopicNames
-from training.evaluation.plan import COLUMNS
-from training.evaluation.store import read_rows
+from training.evaluation.store import read_trials
 
 CRATE = """\
 base:
@@ -94,7 +93,7 @@ def crate(tmp_path):
 
 
 def rows(out):
-    return {row["method"]: row for row in read_rows(out / "trials.csv", COLUMNS)}
+    return {row["method"]: row for row in read_trials(out / "trials.csv").to_dict("records")}
 
 
 def test_space_and_layout_follow_the_description(crate):
@@ -165,8 +164,8 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
     drive = [*SMALL, "--methods", methods, "--trials", "1", "--workers", "0", "--monitor", "--out", str(out)]
     assert evaluate.main(["--robot", str(crate), *drive]) == 0
     driven = rows(out)
-    assert driven["dwa"]["success"] == "True"
-    assert float(driven["dwa"]["path_length_m"]) == pytest.approx(0.85 * 5.925, rel=0.35)
+    assert driven["dwa"]["success"]
+    assert driven["dwa"]["path_length_m"] == pytest.approx(0.85 * 5.925, rel=0.35)
     assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
     robot = robots.load(str(crate))
     actor = load_policy(policy, robot)

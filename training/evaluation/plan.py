@@ -11,9 +11,6 @@ import numpy as np
 from applr_ros1.planner.variant import OURS
 
 POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
-KEY = ("world", "method", "trial", "seed")
-COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
-MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
 
 
 @dataclass(frozen=True)
@@ -39,9 +36,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """How a trial went. An environment that knows no courses leaves time_s at NaN and gives only the last two.
+    """How a trial went, in the order of the columns of trials.csv.
 
-    time_s is the full limit where the trial timed out; min_clearance_m is the smallest laser range; mean_turn the mean
+    An environment that knows no courses leaves time_s at NaN and gives only decisions and total_reward. time_s is the
+    full limit where the trial timed out; min_clearance_m is the smallest laser range; mean_turn the mean
     |yaw acceleration|; switching the mean change of the parameters per decision, in action units.
     """
 
@@ -49,6 +47,7 @@ class TrialResult:
     collided: bool = False
     timeout: bool = False
     time_s: float = float("nan")
+    decisions: int = 0
     path_length_m: float = 0.0
     reason: str = ""
     route_m: float = 0.0
@@ -56,7 +55,6 @@ class TrialResult:
     mean_jerk: float = 0.0  # [m/s^3]
     mean_turn: float = 0.0  # [rad/s^2]
     switching: float = 0.0
-    decisions: int = 0
     total_reward: float = 0.0
 
 

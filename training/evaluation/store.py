@@ -1,8 +1,8 @@
 """An evaluation's folder, which a kill at any moment costs only the trials that were under way.
 
-trials.sqlite holds the result of each trial; trials.csv and measures.csv, a row per trial in the plan's order, are
-written from it. evaluation.json says what was asked, traces/ holds the driven paths. evaluate.py writes, the report
-reads; searches keep their trials in such a table too.
+trials.csv has a row for each trial, appended when it was driven and at the end brought into the plan's order.
+evaluation.json says what was asked, traces/ holds the driven paths. evaluate.py writes, the report reads; searches keep
+their trials in such a table too.
 """
 
 from __future__ import annotations
@@ -12,72 +12,93 @@ import io
 import json
 import os
 import re
-import sqlite3
-import sys
-import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
+import pandas as pd
 
+from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.common.folders import Lock, make_folder
-from training.evaluation.plan import COLUMNS, MEASURES, Trial, TrialResult
+from training.evaluation.plan import Trial, TrialResult
 
-TABLE, TRIALS, MEASURES_FILE = "trials.sqlite", "trials.csv", "measures.csv"
-SETTINGS, TRACES = "evaluation.json", "traces"
-SHOWN_EVERY = 10.0  # [s] between two writings of the CSV files while trials come in
+TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
+COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
+COLUMNS.update({field.name: field.type for field in fields(TrialResult)})
+NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
+Key = Tuple[str, str, int, int]
+
+
+def read_trials(path: os.PathLike | str) -> pd.DataFrame:
+    """A table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
+
+    What follows the last end of a line is left out: the process was killed while it wrote that row.
+
+    Raises:
+        StorageError: when the file is of another kind, or damaged.
+    """
+    data = read_bytes(path) if Path(path).exists() else b""
+    whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
+    try:
+        found = pd.read_csv(io.BytesIO(whole), dtype=COLUMNS, index_col=False, keep_default_na=False, na_values=NAN)
+        if list(found.columns) != list(COLUMNS) or found["total_reward"].isna().any():
+            raise ValueError("other columns, or a row without some of them")
+    except ValueError as error:
+        raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
+    return found.round(4)  # whatever the parser made of the last bit
 
 
 class TrialTable:
-    """Results of trials in an SQLite file: one row, the trial, how it went and the checksum of both, for each.
+    """Results of trials in a CSV file, numbers to four digits.
 
     Args:
         path: of the file, which is made where it is missing.
-        setting: what beside the trial tells results apart, as JSON values.
+        setting: what beside the trial tells results apart, as JSON values; its digest with that of the trial is a part
+            of the method's name. None: the trial's names are enough.
 
     Raises:
         StorageError: with one line, from every method, for a file that cannot be read or written or is none of ours.
     """
 
-    def __init__(self, path: os.PathLike | str, setting: Sequence[Any] = ()):
-        self.path, self.setting = Path(path), list(setting)
-        self._do("CREATE TABLE IF NOT EXISTS trials (trial TEXT PRIMARY KEY, result TEXT NOT NULL, sum TEXT NOT NULL)")
-        if not self._do("SELECT 1 FROM pragma_table_info('trials') WHERE name = 'sum'"):
-            raise StorageError(f"{path}: an earlier version kept these trials, without checksums; give another --out")
+    def __init__(self, path: os.PathLike | str, setting: Optional[Sequence[Any]] = None):
+        self.path, self.setting = Path(path), setting
+        rows = [tuple(row) for row in read_trials(path).itertuples(index=False)]
+        self._results: Dict[Key, TrialResult] = {row[:4]: TrialResult(*row[4:]) for row in rows}
+        self.write()
 
     def find(self, trial: Trial) -> Optional[TrialResult]:
-        """The result of a trial, or None; also, and said on stderr, where its row is damaged."""
-        key = self._key(trial)
-        for result, found in self._do("SELECT result, sum FROM trials WHERE trial = ?", key):
-            if found == sha256(key, result):
-                return TrialResult(**json.loads(result))
-            what = f"trial {trial.trial} of {trial.method} in {trial.world}"
-            print(f"{self.path}: {what} is damaged and left out: its checksum is wrong", file=sys.stderr)
-        return None
+        """The result of a trial, or None."""
+        return self._results.get(self._key(trial))
 
-    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
-        """Keep a trial, but for its trace. It is on the disk when this returns."""
-        row = self._key(trial), json.dumps(asdict(result))
-        self._do("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", *row, sha256(*row))
-
-    def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
-
-    def _key(self, trial: Trial) -> str:
-        return json.dumps([self.setting, asdict(replace(trial, trace=False))])
-
-    def _do(self, statement: str, *values: str) -> List[Any]:
+    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> TrialResult:
+        """Keep a trial, but for its trace, on the disk; returns the result as it is kept."""
+        values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
+        kept = TrialResult(**values)
+        self._results[self._key(trial)] = kept
         try:
-            if not hasattr(self, "_connection"):
-                self._connection = sqlite3.connect(str(self.path), isolation_level=None)
-            return self._connection.execute(statement, values).fetchall()
-        except sqlite3.Error as error:
+            with open(self.path, "ab") as file:
+                file.write(_lines([(*self._key(trial), *astuple(kept))]))
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
             raise StorageError(
-                f"{self.path}: cannot be used ({error}); the trials in it are safe, the same command continues"
+                f"{self.path}: cannot be written ({reason(error)}); its trials are safe, the same command continues"
             ) from None
+        return kept
+
+    def write(self, plan: Sequence[Trial] = ()) -> None:
+        """Writes the file anew: the trials of a plan in its order, and then the others."""
+        keys = dict.fromkeys(key for key in map(self._key, plan) if key in self._results)
+        rows = [(*key, *astuple(self._results[key])) for key in {**keys, **self._results}]
+        write_bytes(self.path, _lines([tuple(COLUMNS), *rows]))
+
+    def _key(self, trial: Trial) -> Key:
+        method = trial.method
+        if self.setting is not None:
+            method += "-" + sha256(json.dumps([self.setting, asdict(replace(trial, trace=False))]))[:16]
+        return trial.world, method, trial.trial, trial.seed
 
 
 class TrialStore:
@@ -88,11 +109,10 @@ class TrialStore:
         self._lock = Lock(self.folder, "evaluate.py")
         try:
             self._settings = self._checked(settings)
-            self.table = TrialTable(self.folder / TABLE)
+            self.table = TrialTable(self.folder / TRIALS)
             found = ((trial, self.table.find(trial)) for trial in plan)
             self.results: Dict[Trial, TrialResult] = {trial: result for trial, result in found if result is not None}
             self._begun_with = len(self.results)
-            self._show()
         except BaseException:
             self._lock.close()
             raise
@@ -100,11 +120,9 @@ class TrialStore:
     def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
         """The settings with what else is noted. StorageError where the folder is another evaluation's."""
         path = self.folder / SETTINGS
-        if not path.exists() or not (self.folder / TABLE).exists():
+        if not path.exists():
             if (self.folder / TRIALS).exists():
-                raise StorageError(
-                    f"{self.folder}: holds trials, but {SETTINGS} or {TABLE} is missing; give another --out"
-                )
+                raise StorageError(f"{self.folder}: holds trials, but {SETTINGS} is missing; give another --out")
             write_json(path, settings)
             return dict(settings)
         stored = read_json(path)
@@ -122,25 +140,12 @@ class TrialStore:
         """The result of a trial of the plan, or None."""
         return self.results.get(trial)
 
-    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
-        """Keep a trial; its row comes last: what is there is whole."""
+    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> TrialResult:
+        """Keep a trial; its row comes last: what is there is whole. Returns the result as it is kept."""
         if trace:
             write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
-        self.table.add(trial, result)
-        self.results[trial] = result
-        if time.monotonic() > self._shown + SHOWN_EVERY:
-            self._show()
-
-    def _show(self) -> None:
-        """Writes the CSV files: the trials that were driven, in the plan's order."""
-        for name, columns in ((MEASURES_FILE, MEASURES), (TRIALS, COLUMNS)):
-            rows = [
-                [_cell(getattr(trial if hasattr(trial, column) else result, column)) for column in columns]
-                for trial, result in ((trial, self.results.get(trial)) for trial in self.plan)
-                if result is not None
-            ]
-            write_bytes(self.folder / name, _lines([columns, *rows]))
-        self._shown = time.monotonic()
+        self.results[trial] = self.table.add(trial, result)
+        return self.results[trial]
 
     def finish(self, seconds: float, provenance: Optional[Dict[str, Any]] = None, **more: Any) -> None:
         """Notes how long was worked on it, in all sessions together, and where this session's trials come from."""
@@ -153,40 +158,11 @@ class TrialStore:
         write_json(self.folder / SETTINGS, self._settings)
 
     def close(self) -> None:
-        """Writes the CSV files, and lets go of the folder."""
+        """Brings the rows into the plan's order, and lets go of the folder."""
         try:
-            self._show()
+            self.table.write(self.plan)
         finally:
-            self.table.close()
             self._lock.close()
-
-
-def read_rows(path: os.PathLike | str, columns: Sequence[str]) -> List[Dict[str, str]]:
-    """The rows of a CSV of ours by their columns' names; [] where there is no file.
-
-    Raises:
-        StorageError: when the file is of another kind, or damaged.
-    """
-    if not Path(path).exists():
-        return []
-    rows = list(csv.reader(io.StringIO(read_bytes(path).decode("utf-8", "replace").replace("\0", "?"))))
-    for number, row in enumerate(rows, start=1):
-        if row != list(columns) if number == 1 else len(row) != len(columns):
-            raise StorageError(
-                f"{path}: line {number} is {_short(','.join(row))}, expected {','.join(columns)}; give another folder"
-            )
-    return [dict(zip(columns, row)) for row in rows[1:]]
-
-
-def flag(cell: str) -> bool:
-    """True or False of a cell. Raises ValueError."""
-    if cell not in ("True", "False"):
-        raise ValueError(f"{cell!r} is neither True nor False")
-    return cell == "True"
-
-
-def _cell(value: Any) -> str:
-    return str(round(value, 4) if isinstance(value, float) else value)
 
 
 def trace_name(world: str, method: str, trial: int) -> str:
@@ -207,7 +183,7 @@ def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -
         return None
 
 
-def _lines(rows: Iterable[Iterable[str]]) -> bytes:
+def _lines(rows: Sequence[Sequence[Any]]) -> bytes:
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue().encode()

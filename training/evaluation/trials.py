@@ -41,8 +41,8 @@ class TrialTable(Protocol):
     def find(self, trial: Trial) -> Optional[TrialResult]:
         """The result of a trial, or None."""
 
-    def add(self, trial: Trial, result: TrialResult, trace: bytes) -> None:
-        """Keep a trial."""
+    def add(self, trial: Trial, result: TrialResult, trace: bytes) -> TrialResult:
+        """Keep a trial; returns the result as it is kept."""
 
 
 def drive_missing(
@@ -69,11 +69,10 @@ def drive_missing(
     results = {trial: result for trial, result in known.items() if result is not None}
     for trial, future in pool.unordered(drive, [trial for trial in wanted if trial not in results]):
         try:
-            results[trial], trace = future.result()
+            result, trace = future.result()
         except CallFailed as error:
             raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
-        if table:
-            table.add(trial, results[trial], trace)
+        results[trial] = table.add(trial, result, trace) if table else result
         show(trial, results[trial])
     return results
 

@@ -19,17 +19,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.drives.comparison import Comparison, compare
 from applr_ros1.policy.parameter_space import Space
-from training.evaluation.plan import COLUMNS, KEY, MEASURES
 from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows, read_trace
+from training.evaluation.store import SETTINGS, TRIALS, read_trace, read_trials
 from training.evaluation.trials import under
 from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
-FLAGS, TEXTS = ("success", "collided", "timeout"), ("world", "method", "reason")
-WHOLE = ("trial", "seed", "decisions")
 # what joined evaluations must have in common
 SAME = ("simulator", "protocol", "planner", "monitor", "ground", "robot", "seed")
 
@@ -45,7 +42,7 @@ class Results:
             whose trials count as if they were here.
 
     Attributes:
-        trials: a row per trial with the columns of trials.csv and measures.csv, the "set" of its world, and "counted",
+        trials: a row per trial with the columns of trials.csv, the "set" of its world, and "counted",
             its time [s] or, where it failed, however that ended, the limit.
 
     Raises:
@@ -60,7 +57,7 @@ class Results:
         for n, path in enumerate(folders):
             if path.resolve() in [other.resolve() for other in folders[:n]]:
                 raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
-            frames.append(_read(path))
+            frames.append(read_trials(path / TRIALS))
             for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):
                 other = self._folder_of.setdefault((world, method), path)
                 if other != path:
@@ -161,24 +158,6 @@ class Results:
         except ApplrError as error:
             log.warning("no map of %s: %s", name, error)
             return None
-
-
-def _read(folder: Path) -> pd.DataFrame:
-    """The trials of a folder with their measures."""
-    trials, measures = (
-        pd.DataFrame(read_rows(folder / name, columns), columns=list(columns))
-        for name, columns in ((TRIALS, COLUMNS), (MEASURES_FILE, MEASURES))
-    )
-    found = trials.merge(measures, on=list(KEY), how="left", validate="one_to_one")
-    try:
-        for name in found.columns.difference(TEXTS):
-            kind = int if name in WHOLE else float
-            found[name] = found[name].map({"True": True, "False": False}) if name in FLAGS else found[name].astype(kind)
-        if found[list(FLAGS)].isna().any(axis=None):
-            raise ValueError("a flag is neither True nor False")
-        return found.astype(dict.fromkeys(FLAGS, bool))
-    except ValueError as error:
-        raise ApplrError(f"{folder / TRIALS}: {error}; evaluate anew into another folder") from None
 
 
 def set_of(world: str) -> str:

@@ -79,7 +79,7 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     assert SPACE.read(start).tolist() in sets
     assert log["result"] == log["finalists"][0]
     assert log["result"]["score"] == min(line["score"] for line in log["finalists"])
-    table = tmp_path / "static_trials.sqlite"
+    table = tmp_path / "static_trials.csv"
     driven = kept(table)
     assert len(driven) > 4
     kept(table, first=4)  # as if killed then

@@ -11,7 +11,7 @@ import pytest
 import worlds
 from tests.support.worlds_sdf import moving, put, sdf
 from training import evaluate
-from training.evaluation.store import read_trace
+from training.evaluation.store import read_trace, read_trials
 from worlds import sdf_writer
 from worlds.dynabarn import COLUMNS, NAME
 
@@ -22,9 +22,9 @@ WALL = (
 
 
 def drive(folder, *arguments):
-    """Rows of trials.csv and measures.csv of an evaluation, as [{column: text}, ...]."""
+    """Rows of trials.csv of an evaluation, as [{column: value}, ...]."""
     assert evaluate.main(["--out", str(folder), "--trials", "1", "--workers", "1", *arguments]) == 0
-    return [[row for row in csv.DictReader(open(folder / name))] for name in ("trials.csv", "measures.csv")]
+    return read_trials(folder / "trials.csv").to_dict("records")
 
 
 def dynabarn(folder, crossing):
@@ -43,11 +43,11 @@ def test_dynabarn_is_driven(tmp_path):
     """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
     path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
     given = "--worlds", path, "--methods", "fast_dwa", "--simulator", "kinematic"
-    rows, measures = drive(tmp_path / "out", *given, "--no-report")
+    rows = drive(tmp_path / "out", *given, "--no-report")
     assert [r["world"] for r in rows] == ["world_3"]
-    assert rows[0]["success"] == "True", measures
-    assert 18.0 < float(rows[0]["path_length_m"]) < 26.0
-    assert float(rows[0]["time_s"]) > 18.0
+    assert rows[0]["success"], rows
+    assert 18.0 < rows[0]["path_length_m"] < 26.0
+    assert rows[0]["time_s"] > 18.0
     trace = read_trace(tmp_path / "out", "world_3", "fast_dwa", 0)
     assert np.allclose(trace["pose"][0], [11.0, 0.0, np.pi], atol=0.1)
     mover = worlds.load(path).movers[0]
@@ -61,9 +61,9 @@ def test_dynabarn_is_driven(tmp_path):
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     """Under the paper's rules the trial goes on, and the row says that it touched."""
     path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
-    (row,), _ = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", "kinematic", "--no-report")
-    assert row["collided"] == "True"
-    assert int(row["decisions"]) > 3
+    (row,) = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", "kinematic", "--no-report")
+    assert row["collided"]
+    assert row["decisions"] > 3
 
 
 def test_barn_challenge(tmp_path):
@@ -73,22 +73,22 @@ def test_barn_challenge(tmp_path):
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
     given = "--methods", "dwa", "--simulator", "kinematic", "--protocol", "barn-challenge"
-    rows, measures = drive(tmp_path / "out", "--worlds", "generated:2,%s" % (tmp_path / "hit.world"), *given)
+    rows = drive(tmp_path / "out", "--worlds", "generated:2,%s" % (tmp_path / "hit.world"), *given)
     free, hit = rows
-    assert free["success"] == "True"
-    assert free["collided"] == "False"
-    assert 18.0 < float(free["time_s"]) < 100.0
+    assert free["success"]
+    assert not free["collided"]
+    assert 18.0 < free["time_s"] < 100.0
     trace = read_trace(tmp_path / "out", "generated:2", "dwa", 0)
     assert np.allclose(trace["pose"][0], [-2.25, 3.0, np.pi / 2], atol=0.1)
     assert abs(np.hypot(*(trace["pose"][-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
-    assert hit["collided"] == "True"
-    assert hit["success"] == "False"
-    assert hit["timeout"] == "False"
-    assert measures[1]["reason"] == "contact"
-    assert float(hit["time_s"]) < 10.0
+    assert hit["collided"]
+    assert not hit["success"]
+    assert not hit["timeout"]
+    assert hit["reason"] == "contact"
+    assert hit["time_s"] < 10.0
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
         table = {row["worlds"]: row for row in csv.DictReader(file)}
-    route, time = float(measures[0]["route_m"]), float(free["time_s"])
+    route, time = free["route_m"], free["time_s"]
     for column, lower in (("metric, 2 OT", 2.0), ("metric, 4 OT", 4.0)):
         expected = route / 2 / np.clip(time, lower * route / 2, 8 * route / 2)
         assert float(table["Training"][column]) == pytest.approx(expected, abs=6e-4)

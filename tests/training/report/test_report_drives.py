@@ -37,7 +37,7 @@ def folder(tmp_path):
     store = trial_store.TrialStore(tmp_path, settings, plan)
     for task in plan:
         good = task.method == "dwa"
-        result = TrialResult(good, not good, False, 6.1, 6.0, "finished" if good else "</script>", 7.0)
+        result = TrialResult(good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0)
         store.add(task, result, trials.pack_trace(TRACE) if task.method != "quiet" else b"")
     store.close()
     return tmp_path
@@ -88,7 +88,7 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
         settings["methods"] = {name: {"kind": about} for name in methods}
         store = trial_store.TrialStore(out, settings, plan)
         for task in plan:
-            store.add(task, TrialResult(True, False, False, 5.0, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
+            store.add(task, TrialResult(True, False, False, 5.0, 3, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
         store.close()
         return str(out)
 

@@ -52,7 +52,7 @@ def folder(tmp_path_factory):
         good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
         reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
-        result = TrialResult(good, False, not good, seconds, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1, decisions=decisions)
+        result = TrialResult(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
         traced = task.trace and task.world in ("generated:20",)
         store.add(task, result, trials.pack_trace(Trace) if traced else b"")
     session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
@@ -217,7 +217,7 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
     for trial in plan:
         good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
         seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
-        result = TrialResult(good, not good, False, seconds, 6.0, reason, *[math.nan] * 5, decisions=2)
+        result = TrialResult(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
         store.add(trial, result)
     store.close()
     results = data.Results(tmp_path)
@@ -271,7 +271,7 @@ def test_report_is_whole(folder):
 def test_report_of_one_method_and_one_world(tmp_path):
     plan = plan_trials([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
     store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
-    result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
+    result = TrialResult(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
     store.add(plan[0], result, trials.pack_trace(Trace))
     store.close()
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
