@@ -57,16 +57,14 @@ def test_odd_beams_are_ordinary(stack):
 
 @pytest.mark.fault("11a")
 def test_another_scanner_is_taken(stack, measured):
-    """It comes up late, with another number of beams than the one before."""
+    """It comes up late, with another number of beams than the one before: a complete scan counts by itself."""
     stack.under_way()
     since = stack.relay.now
     stack.relay.bend["scan"] = beams(lambda ranges: ranges[:400])
-    wait_for(lambda: stack.relay.speed < 0.1, 5.0, "standstill")
     stack.drives_again()
-    measured("drives again after", stack.relay.now - since, "s")
+    measured("drives after", stack.relay.now - since, "s")
     stack.relay.mend()
-    wait_for(lambda: stack.relay.speed < 0.1, 5.0, "standstill")  # the right one is another one, too
-    stack.drives_again()
+    stack.drives_again()  # the right one is another one, too
 
 
 def stamped(seconds):

@@ -70,14 +70,14 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
 def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp_path, monkeypatch):
     shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
     with open(tmp_path / "mine" / "planner.yaml", "a") as file:
-        file.write("\ninflation_radus: 0.3\n")
+        file.write("\ncontroller_frequency: fast\n")
     node = importlib.import_module(module)
     given = {"robot": str(tmp_path / "mine")}
     monkeypatch.setattr(node, "init_node", lambda name: None)
     monkeypatch.setattr(
         node.rospy, "get_param", lambda name, default: given if name == "~" else given.get(name[1:], default)
     )
-    with pytest.raises(RobotError, match="inflation_radus"):
+    with pytest.raises(RobotError, match="controller_frequency"):
         node.main()
 
 
