@@ -12,7 +12,7 @@ import numpy as np
 from applr_ros1.monitor.memory import ObstacleMemory
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
-from applr_ros1.monitor.scanner import ScannerCheck
+from applr_ros1.monitor.scanner import FAR, ScannerCheck
 from applr_ros1.monitor.seen import SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, edge_points, half_planes, on_arc, safe_scale
@@ -23,7 +23,6 @@ IMPOSSIBLE = 2.0  # a measured speed above this many times the fastest command i
 AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
 TINY = 1e-6  # [m/s, rad/s]: what is slower stands
-FAR = 1e6  # [m, rad]: no pose is farther from its origin
 AHEAD_OF_CLOCK = 0.1  # [s] by which stamps may be ahead of the clock; beyond, the clock was set back
 
 

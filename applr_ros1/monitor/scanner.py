@@ -9,7 +9,7 @@ from applr_ros1.monitor.scan_matching import beam_at
 
 MAX_BEAMS = 100_000
 FINEST = 1e-5  # [rad] between beams
-FAR = 1e6  # [m, rad]: no sensor is farther from its frame's origin
+FAR = 1e6  # [m, rad]: no pose of a sensor or the robot is farther from its frame's origin
 BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
 ENOUGH = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
 STILL_VISIBLE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
