@@ -42,6 +42,7 @@ from training.evaluation.score import CONTACT_SECONDS
 with extra(__name__):
     import torch
 
+    from training import several
     from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
     from training.learner.learner import Learner
     from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
@@ -352,7 +353,12 @@ class TrainingRun:
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. 0: done; 1: a mistake, or a run that could not go on; 130: stopped and saved."""
-    return run_main(lambda: TrainingRun(parse(arguments)).run(), "train.py")
+
+    def run() -> int:
+        config = parse(arguments)
+        return several.train(config, TrainingRun) if config.seeds > 1 else TrainingRun(config).run()
+
+    return run_main(run, "train.py")
 
 
 if __name__ == "__main__":

@@ -56,6 +56,10 @@ class RunOptions(Options):
     minutes: float = option(0.0,
         "Wall time [min] after which the run ends even before --total-timesteps, interruptions not counted. 0 sets no "
         "limit.", ge=0, le=1e6)
+    seeds: int = option(1,
+        "Number of trainings, one after the other, with the seeds from --seed on. They share --minutes, their best "
+        "policies drive fresh courses, and the best of them is kept and compared with the robot's own parameters.",
+        ge=1, le=100)
     # fmt: on
 
 

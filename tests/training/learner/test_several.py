@@ -1,0 +1,62 @@
+"""train.py --seeds: the runs share the time, the best policy is kept, and other courses judge it."""
+
+import json
+
+import pytest
+
+from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
+from training import several, train
+from training.evaluation.plan import Trial, TrialResult
+from training.evaluation.store import TRIALS, TrialTable
+from training.evaluation.trials import world_list
+from training.learner.config import parse
+
+SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7.5}
+
+
+def fake(options):
+    """Drives as fast as SECONDS says."""
+    worlds = [world[0] for world in world_list(options.worlds, options.protocol, options.robot)]
+    assert len(worlds) == 50
+    table = TrialTable(options.out + "/" + TRIALS)
+    for i, world in enumerate(worlds):
+        for name in (text.partition("=")[0] for text in options.methods.split(",")):
+            result = TrialResult(success=True, time_s=SECONDS[name] + 0.1 * (i % 3), total_reward=0.0)
+            table.add(Trial(world, name, 0, 1, world, name, "ours"), result)
+
+
+@pytest.fixture
+def evaluated(monkeypatch):
+    """The options of the evaluations, which drive nothing."""
+    found = []
+
+    def evaluate(options):
+        several.make_folder(options.out)
+        found.append(options)
+        fake(options)
+
+    monkeypatch.setattr(several, "evaluate", evaluate)
+    return found
+
+
+def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evaluated, capsys):
+    out = tmp_path / "runs"
+    arguments = toy(out, "--total-timesteps", 40, "--seeds", 2, "--seed", 3, "--minutes", 30, *NO_EVALUATION)
+    assert several.train(parse(arguments), toy_run) == 0
+    configs = [json.loads((out / f"seed_{seed}/config.json").read_text()) for seed in (3, 4)]
+    assert [(config["seed"], config["minutes"]) for config in configs] == [(3, 15.0), (4, 15.0)]
+    assert (out / "best.safetensors").read_bytes() == (out / "seed_4/actor.safetensors").read_bytes()
+    choice, judged = evaluated
+    assert choice.worlds != judged.worlds
+    assert judged.methods == f"dwa,static,applr={out}/best.safetensors"
+    text = capsys.readouterr().out
+    assert "seed_3 9.1 s, seed_4 7.1 s" in text
+    assert "The policy pays on jackal" in text
+    before = (out / "seed_3/checkpoint.json").read_bytes()
+    one_line(capsys, arguments, "holds a run already", train.main)
+    assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
+    assert json.loads((out / "seed_3/checkpoint.json").read_text())["transitions"] == json.loads(before)["transitions"]
+
+
+def test_what_seeds_cannot_be_combined_with(tmp_path, capsys):
+    one_line(capsys, ["--recipe", "applr", "--seeds", "3", "--out", str(tmp_path / "x")], "--seeds 1", train.main)

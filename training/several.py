@@ -1,0 +1,94 @@
+"""Several trainings one after the other, of which the best is kept: `train.py --seeds 3`.
+
+What one training ends with depends on its seed. Here runs of several seeds share the time, their best policies drive
+the same fresh courses, and the policy with the lowest mean score drives other fresh courses beside the robot's own
+parameters: no course on which something was chosen is part of the verdict.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Sequence
+
+import pandas as pd
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import write_json
+from applr_ros1.policy import methods
+from applr_ros1.robots import load
+from training.common.folders import make_folder
+from training.env.drawn_robots import NAME as DRAWN
+from training.evaluation.run import EvaluationOptions, evaluate
+from training.evaluation.score import CONTACT_SECONDS, trial_seconds
+from training.evaluation.store import TRIALS, read_trials
+from training.learner.config import TrainConfig
+from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, verdict
+
+CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
+
+
+def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
+    """Trains config.seeds policies into folders of config.out, and keeps the best as best.safetensors there.
+
+    The time config.minutes is divided between the runs. A repetition with --resume continues where it was stopped.
+
+    Args:
+        config: The options.
+        make_run: Makes the TrainingRun of one seed.
+
+    Returns:
+        The exit status: 0 done, 130 stopped by a signal and saved.
+
+    Raises:
+        ApplrError: with one line.
+    """
+    if config.robot == DRAWN or config.dataset:
+        raise ApplrError("--seeds: give --seeds 1 with --robot drawn and with --dataset")
+    out = make_folder(config.out)
+    if (out / "config.json").exists() and not config.resume:
+        raise ApplrError(f"{out} holds a run already: --resume goes on with it, another --out begins one")
+    write_json(out / "config.json", config.model_dump(exclude={"resume"}))
+    policies = []
+    for seed in range(config.seed, config.seed + config.seeds):
+        folder = out / f"seed_{seed}"
+        one = {"seed": seed, "out": str(folder), "minutes": config.minutes / config.seeds}
+        run = make_run(config.model_copy(update={**one, "resume": (folder / "config.json").exists()}))
+        status = run.run()
+        if status:
+            return status
+        policies.append(folder / ("best.safetensors" if run.evaluation.best else "actor.safetensors"))
+    print("\n".join(choose(config, out, policies)))
+    return 0
+
+
+def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
+    """Keeps the best of some policies as best.safetensors in `out`; what is said of it, line by line."""
+    named = [f"{path.parent.name}={path}" for path in policies]
+    scores = mean_scores(_driven(config, out / "choice", CHOICE, named)).mean()
+    best = out / "best.safetensors"
+    shutil.copyfile({path.parent.name: path for path in policies}[str(scores.idxmin())], best)
+    robot = load(config.robot)
+    others = [OWN] + [SET] * Path(methods.shipped("static.json", robot)).exists()
+    trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
+    method, (arrivals, judged, _) = verdict(trials, robot.name, robot.folder, used_up=True)
+    advice = {
+        POLICY: f"Copy {best} to {robot.folder}/applr.safetensors: the method applr drives with it.",
+        SET: "Drive with the best single set (method static), or --resume with more --minutes.",
+        OWN: "Keep your parameters, or --resume with more --minutes.",
+    }[method]
+    chosen = ", ".join(f"{name} {score:.1f} s" for name, score in scores.items())
+    return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]
+
+
+def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -> pd.DataFrame:
+    """The trials of some methods under the rules of the run's own evaluations, with their scores [s]."""
+    shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
+    how: Dict[str, Any] = {
+        **{"robot": config.robot, "worlds": worlds, "methods": ",".join(names), "trials": 1, "out": str(out)},
+        **{"simulator": config.simulator, "protocol": config.eval_protocol, "monitor": config.monitor},
+    }
+    evaluate(EvaluationOptions(**how, workers=config.actors, seed=config.seed))
+    trials = read_trials(out / TRIALS)
+    seconds = (trial_seconds(t.success, t.time_s, t.collided, CONTACT_SECONDS) for t in trials.itertuples())
+    return trials.assign(score=list(seconds))
