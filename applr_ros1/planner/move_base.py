@@ -29,7 +29,6 @@ from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.state_machine import NO_PLAN, Components, Cycle, CycleInput, Pose, StateMachine, Timer, Twist
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
-SIZE = {"width", "height", "resolution"}  # parameters of a costmap that say how many cells it has
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 
 
@@ -345,7 +344,9 @@ class MoveBase:
     def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
         """Take `values` (out of bounds: clamped), return what is in force. ParameterError refuses them whole.
 
-        Maps keep their content unless their size, resolution or origin really changes (C++ always wipes).
+        As in C++, every call of a costmap's server, unchanged values or not, empties that map, unless a static layer's
+        map decides its size, and makes its update due at once (Costmap2DROS::reconfigureCB). Calls of the layers'
+        servers and of the others leave both maps as they are.
         """
         new, old = self._config.request(server, values), self._config[server]
         changed = {name for name in new if new[name] != old[name]}
@@ -354,7 +355,7 @@ class MoveBase:
         self._config.accept(server, new)
         if server == "" and changed:
             self._take_frequencies()
-        elif server in COSTMAPS and changed:
+        elif server in COSTMAPS:
             self._reconfigure_costmap(server, changed)
         elif server.partition("/")[0] in COSTMAPS and changed:
             name, _, layer = server.partition("/")
@@ -383,12 +384,10 @@ class MoveBase:
         self.costmaps[name].set_footprint(outline)
 
     def _reconfigure_costmap(self, name, changed) -> None:
-        self._timers[name].set_frequency(self._config[name]["update_frequency"])
-        if changed & {*SIZE, "origin_x", "origin_y"}:
-            now = self._config[name]
-            self.costmaps[name].resize(
-                now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])
-            )
+        now = self._config[name]
+        self._timers[name] = Timer()  # C++ ends the thread of the map's updates and starts another
+        self._timers[name].set_frequency(now["update_frequency"])
+        self.costmaps[name].resize(now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"]))
         if changed & {"footprint", "robot_radius"}:
             self._outlines.pop(name, None)
         if changed & {"footprint", "robot_radius", "footprint_padding"}:

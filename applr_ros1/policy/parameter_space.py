@@ -211,6 +211,25 @@ class Space:
             raise ApplrError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
 
 
+def are_in_force(values, configuration):
+    """Whether a server with this configuration {name: value} has {name: value}; then it is not to be called.
+
+    C++ empties a costmap at every call of its server, whatever is asked for (Costmap2DROS::reconfigureCB).
+    """
+    return all(configuration.get(name) == value for name, value in values.items())
+
+
+def send(requests, move_base):
+    """Make requests {server: {name: value}} to a MoveBase, as the applr node does over ROS; {server: what is in force}.
+
+    Servers whose values are in force are not called.
+    """
+    return {
+        server: has if are_in_force(values, has) else move_base.reconfigure(server, values)
+        for server, values, has in ((name, asked, move_base.configuration(name)) for name, asked in requests.items())
+    }
+
+
 def counts_cells(path):
     """Whether a JSON file with a set states `"meter_scoring": false`: its distance biases are meant per cell.
 

@@ -3,6 +3,7 @@ move_base.
 """
 
 import time
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -54,6 +55,69 @@ def test_values_are_read_back(client):
     wait_for(
         lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14, 1.0, "the other direction"
     )
+
+
+@pytest.fixture
+def calls(client):
+    """Counts the calls of each server since the last look: every one is answered on parameter_updates."""
+    import rospy
+    from dynamic_reconfigure.msg import Config
+
+    seen = Counter()
+
+    def listen(name):
+        return rospy.Subscriber(name + "/parameter_updates", Config, lambda message: seen.update([name]))
+
+    topics = [listen(name) for name in client.servers.values()]
+
+    def look():
+        time.sleep(0.2)
+        found = set(seen)
+        seen.clear()
+        return found
+
+    wait_for(lambda: len(seen) == len(topics), 5.0, "the latched messages")
+    look()
+    yield look
+    for topic in topics:
+        topic.unregister()
+
+
+def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
+    theta = THETA_0.copy()
+    theta[0] = 1.5
+    for expected in ({PLANNER}, set()):
+        assert client.apply(theta).ok
+        assert calls() == expected
+    local = client._servers["local_costmap"]
+    local._client.update_configuration({"footprint_padding": 0.02})  # a person's
+    assert calls() == {COSTMAPS[0]}
+    wait_for(lambda: local.values["footprint_padding"] == 0.02, 1.0, "the person's value")
+    assert client.apply(theta).ok
+    assert calls() == {COSTMAPS[0]}
+    assert np.array_equal(client.theta(), theta)
+
+
+def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client, calls):
+    description = client._servers["local_costmap"]._client.param_description
+    client._servers["local_costmap"]._on_description(description)
+    for expected in ({COSTMAPS[0]}, set()):
+        assert client.apply(THETA_0).ok
+        assert calls() == expected
+
+
+def test_a_refused_set_is_given_up_where_one_server_alone_was_called(client):
+    import rospy
+
+    theta, reports = THETA_0.copy(), []
+    theta[0] = 1.5
+    rospy.set_param("/fake/refuse", [PLANNER])
+    worker = ReconfigureWorker(client, reports.append, reports.append)
+    worker.start()
+    worker.request(theta)
+    wait_for(lambda: not worker.busy, 5.0, "the end of the attempts")
+    assert len(reports) == 3
+    worker.stop()
 
 
 def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):

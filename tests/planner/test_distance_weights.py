@@ -11,7 +11,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import Compensation, factor_of
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, send
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 
 
@@ -56,8 +56,7 @@ def test_a_compensated_drive_equals_one_that_needed_none():
         """Sends what means the same to a planner that counts per metre, as the applr node does."""
 
         def apply(self, theta):
-            for server, values in SPACE.requests_for(Compensation(SPACE, 0.05).outgoing(theta)).items():
-                self.move_base.reconfigure(server, values)
+            send(SPACE.requests_for(Compensation(SPACE, 0.05).outgoing(theta)), self.move_base)
             return theta
 
     draw, rows = np.random.default_rng(2), []

@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.policy.parameter_space import SPACE, send
 from tests.support.toy_robot import ToyRobot, quick, run, start
 
 PLANNER = "TrajectoryPlannerROS"
@@ -61,18 +64,84 @@ def test_reconfigure_refuses_whole_requests(server, values):
     assert "\n" not in str(refused.value)
 
 
-def test_reconfigured_inflation_shows_and_nothing_is_wiped():
+LOCAL, GLOBAL = "local_costmap", "global_costmap"
+
+
+@pytest.mark.parametrize(
+    ("server", "values", "emptied"),
+    [
+        (LOCAL, {}, {LOCAL}),
+        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # rqt's click on a value that is in force
+        (LOCAL, {"footprint_padding": 0.14}, {LOCAL}),
+        (GLOBAL, {"publish_frequency": 1.0}, {GLOBAL}),
+        ("local_costmap/inflater_layer", {"inflation_radius": 0.6}, set()),
+        ("global_costmap/inflater_layer", {}, set()),
+        ("global_costmap/obstacles_layer", {"max_obstacle_height": 1.0}, set()),
+        (PLANNER, {"max_vel_x": 1.0}, set()),
+        ("", {"planner_frequency": 2.0}, set()),
+    ],
+)
+def test_which_call_empties_which_map(server, values, emptied):
+    """Costmap2DROS::reconfigureCB of costmap_2d: resizeMap, whatever was asked for."""
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
     run(made, robot, 0.2)
-    lethal, inflated = made.global_costmap.cells == 254, (made.global_costmap.cells > 0).sum()
+    lethal = {name: costmap.cells == 254 for name, costmap in made.costmaps.items()}
     robot.circles = robot.circles[:0]  # gone, but beyond what the next scans clear
+    made.reconfigure(server, values)
+    assert {name for name, costmap in made.costmaps.items() if not costmap.cells.any()} == emptied
+    run(made, robot, 0.1)
+    for name, costmap in made.costmaps.items():
+        assert lethal[name].any()
+        assert ((costmap.cells == 254) == (lethal[name] & (name not in emptied))).all(), name
+
+
+def test_an_emptied_map_is_updated_at_once_and_shows_the_last_scan():
+    tree = quick()
+    tree[GLOBAL]["update_frequency"] = 0.5
+    made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    lethal = (made.global_costmap.cells == 254).sum()
+    assert not made.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
+    made.reconfigure(GLOBAL, {"width": 20})
+    assert made.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
+    assert 0 < lethal == (made.global_costmap.cells == 254).sum()
+
+
+def test_a_map_whose_size_a_static_layer_decides_is_not_emptied():
+    tree = quick()
+    tree[GLOBAL]["plugins"] = [{"name": "static", "type": "costmap_2d::StaticLayer"}, *tree[GLOBAL]["plugins"]]
+    tree[GLOBAL]["static"] = {"use_maximum": True}
+    made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    made.set_map(StaticMap(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0)))
+    run(made, robot, 0.2)
+    before = made.global_costmap.cells.copy()
+    made.reconfigure(GLOBAL, {"footprint_padding": 0.1})
+    assert before.any()
+    assert (made.global_costmap.cells == before).all()
+
+
+def test_reconfigured_inflation_and_sizes_show():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    inflated = (made.global_costmap.cells > 0).sum()
     made.reconfigure("global_costmap/inflater_layer", {"inflation_radius": 0.6})
-    made.reconfigure("global_costmap", {"publish_frequency": 1.0})
     run(made, robot, 0.1)
     assert (made.global_costmap.cells > 0).sum() > 1.3 * inflated
-    assert ((made.global_costmap.cells == 254) == lethal).all()
     made.reconfigure("local_costmap", {"width": 8})
     assert made.local_costmap.size == (160, 120)
+
+
+def test_send_calls_no_server_whose_values_are_in_force():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    theta = SPACE.theta0.copy()
+    run(made, robot, 0.2)
+    theta[SPACE.names.index("inflation_radius")] = 0.5
+    for padding, kept in ((0.1, True), (0.14, False), (0.14, True)):
+        theta[SPACE.names.index("footprint_padding")] = padding
+        has = send(SPACE.requests(theta), made)
+        assert (made.local_costmap.cells.any(), made.global_costmap.cells.any()) == (kept, kept)
+        assert [has[server][name] for server, name in SPACE.places()] == theta.tolist()
+        run(made, robot, 0.1)
 
 
 def test_maps_may_be_resized_while_driving():

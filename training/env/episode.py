@@ -20,7 +20,7 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.description import Laser
@@ -201,8 +201,7 @@ class Episode:
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
         """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force."""
-        requests = self.space.requests(theta)
-        has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
+        has = send(self.space.requests(theta), self.move_base)
         return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------

@@ -20,7 +20,7 @@ from dynamic_reconfigure.client import Client
 
 from applr_ros1.common.errors import reason
 from applr_ros1.policy.distance_weights import Compensation
-from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
 ANNOUNCED = 0.4  # s of wall time between a server's answer and its message on parameter_updates
@@ -31,11 +31,12 @@ _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np
 class ApplyReport:
     """The result of one `apply`.
 
-    error: one line, "" where every value is in force, read back; put_back: servers returned to their former values;
-    unanswered: servers that still have a call to answer.
+    error: one line, "" where every value is in force, read back; refused: whether a server answered and has other
+    values; put_back: servers returned to their former values; unanswered: servers that still have a call to answer.
     """
 
     error: str = ""
+    refused: bool = False
     put_back: Tuple[str, ...] = ()
     unanswered: Tuple[str, ...] = ()
 
@@ -53,6 +54,7 @@ class Server:
 
     Attributes:
         settings: (index in theta, sign, name) of each of its values that the space sets.
+        refused: whether the newest call was answered, and the values are not in force.
     """
 
     def __init__(self, name: str, on_restart: Callable[[Server], None]):
@@ -60,6 +62,9 @@ class Server:
         self.settings: List[Tuple[int, int, str]] = []
         self._declared: Dict[str, Dict[str, Any]] = {}
         self._call: Optional[Future] = None  # the newest one
+        self.refused = False
+        self._starts = 0  # times that the server was found or came back
+        self._known = 0  # the start since which its values are known; 0: a call has shown nothing of them
         self._client = Client(name, DEADLINE, description_callback=self._on_description)
         self.close = self._client.close
 
@@ -73,6 +78,7 @@ class Server:
             if name is None:
                 return f"{self.name} has no parameter {target.names[0]}: {owner} has it"
             self.settings.append((i, target.sign, name))
+        self._known = self._starts
         return ""
 
     @property
@@ -92,6 +98,10 @@ class Server:
             found[name] = _KINDS[declared["type"]](min(max(sign * values[i], declared["min"]), declared["max"]))
         return found
 
+    def has(self, values: Mapping[str, Any]) -> bool:
+        """Whether {name: value} are in force, as the server itself has said since its start and the newest call."""
+        return self._known == self._starts and are_in_force(values, self.values)
+
     def upper_bound(self, name: str) -> float:
         """The largest value that the server declares for a parameter."""
         return self._declared[name]["max"]
@@ -107,6 +117,7 @@ class Server:
         The answer alone is not believed: every server publishes on parameter_updates what it has then.
         """
         future: Future = Future()
+        starts, self._known = self._starts, 0
 
         def call() -> None:
             try:
@@ -114,8 +125,12 @@ class Server:
                 until = time.monotonic() + ANNOUNCED
                 while any(self.values[name] != answer[name] for name in values) and time.monotonic() < until:
                     time.sleep(0.002)
+                if all(self.values[name] == answer[name] for name in values):
+                    self._known = starts
+                self.refused = not self.has(values)
                 future.set_result(self.values)
             except Exception as error:
+                self.refused = "responded with an error" in str(error.__context__)  # others found no server
                 future.set_exception(error)
 
         self._call = future
@@ -136,6 +151,7 @@ class Server:
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
         anew = bool(self._declared)  # each server sends it once
+        self._starts += 1
         self._declared = {parameter["name"]: parameter for parameter in description}
         if anew:
             self._on_restart(self)
@@ -252,9 +268,10 @@ class ReconfigureClient:
         )
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
-        """Sets theta (n,) on all servers, one call each and side by side, and verifies the answers.
+        """Sets theta (n,): one call to each server that has not got its values, side by side, with answers verified.
 
-        What is sent is `compensation`.outgoing(theta), within the servers' bounds.
+        What is sent is `compensation`.outgoing(theta), within the servers' bounds. A server whose values are in force
+        is left alone: C++ empties a costmap at every call of its server, an unchanged value's, too.
 
         Raises ApplrError before anything is sent when a value is not finite. Otherwise never raises and ends within
         `seconds` (twice that where values have to be put back): see ApplyReport. If one server refuses, is gone or
@@ -270,17 +287,21 @@ class ReconfigureClient:
             wait([server.unanswered for server in servers if server.unanswered], seconds)
             errors = {server: f"{server.name} does not answer" for server in servers if server.unanswered}
             put_back: List[str] = []
+            refused = False
             if not errors:
                 values = self.compensation.outgoing(theta)
                 self._sent = theta, values
-                former = {s: {name: s.values[name] for _, _, name in s.settings} for s in servers}
-                errors = _set_all({server: server.request(values) for server in servers}, until - time.monotonic())
+                wanted = {server: server.request(values) for server in servers}
+                wanted = {server: request for server, request in wanted.items() if not server.has(request)}
+                former = {server: {name: server.values[name] for name in wanted[server]} for server in wanted}
+                errors = _set_all(wanted, until - time.monotonic())
+                refused = any(server.refused for server in errors if not server.unanswered)
                 if errors:
-                    again = {server: former[server] for server in servers if not server.unanswered}
+                    again = {server: former[server] for server in wanted if not server.unanswered}
                     failed = _set_all(again, seconds)
                     put_back = [server.name for server in again if server not in failed]
             unanswered = tuple(server.name for server in servers if server.unanswered)
-        return ApplyReport("; ".join(errors.values()), tuple(put_back), unanswered)
+        return ApplyReport("; ".join(errors.values()), refused, tuple(put_back), unanswered)
 
     def close(self) -> None:
         """Unsubscribe from all servers."""

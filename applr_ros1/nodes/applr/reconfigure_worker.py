@@ -105,7 +105,7 @@ class ReconfigureWorker:
             newer = serial != self._serial
             if report.ok:
                 self.applied = theta
-            elif report.put_back and not report.unanswered:
+            elif report.refused and not report.unanswered:
                 self._refusals += 1
             if not newer and (report.ok or self._refusals >= REFUSALS):
                 self._requested = None

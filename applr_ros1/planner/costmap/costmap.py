@@ -122,7 +122,7 @@ class Costmap:
         )
 
     def resize(self, size_x_m: float, size_y_m: float, resolution: float, origin: Sequence[float]) -> None:
-        """Another size [m], resolution or origin: the map is empty after it; what sources and maps said stays.
+        """Size [m], resolution and origin, new or not: the map is empty after it; what sources and maps said stays.
 
         Without effect where the map of a static layer has decided them, as in C++.
         """

@@ -66,9 +66,8 @@ class InflationLayer:
         self._allocate(nx, ny, resolution)
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
-        """Take the costmap's size; a full pass becomes due."""
+        """Take the costmap's size."""
         self._allocate(nx, ny, resolution)
-        self.full_pass_due = True
 
     def _allocate(self, nx, ny, resolution):
         self.resolution = float(resolution)

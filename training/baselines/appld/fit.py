@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.policy.parameter_space import SPACE, Space, send, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
@@ -52,8 +52,7 @@ class Fit:
 
 def apply(planner: MoveBase, theta, space: Space = SPACE) -> None:
     """Set theta (n,) through the planner's reconfigure servers, as training/env/episode.py does it."""
-    for server, values in space.requests(theta).items():
-        planner.reconfigure(server, values)
+    send(space.requests(theta), planner)
 
 
 def step(planner: MoveBase, d: Demonstration, i: int):
