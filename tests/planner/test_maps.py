@@ -242,6 +242,16 @@ def test_sensors_that_are_tilted_and_frames_that_move():
     assert (x, z) == pytest.approx((math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6)
 
 
+def test_what_is_seen_under_the_robot_is_cleared_with_a_map_too():
+    seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
+    made = costmap(LayerDescription("static", StaticParameters()), seen)
+    made.set_map("map", StaticMap(np.zeros((N, N), np.int8), 0.1, (-2.0, -2.0)))
+    points = np.array([(0.05, 0.05, 0.0), (1.05, 0.05, 0.0)], np.float32)
+    made.update(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
+    costs = [made.cells[made.world_to_map(x, 0.05)[::-1]] for x in (0.05, 1.05)]
+    assert costs == [0, 254]
+
+
 # -- move_base on a map -----------------------------------------------------------------------------------------------
 def on_a_map(planner, **changes):
     """The Jackal's small tree with a static layer, the global costmap in frame map; DWA: the other local planner."""

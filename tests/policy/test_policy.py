@@ -70,6 +70,14 @@ def test_counts_are_rounded_not_truncated():
     assert SPACE.clip(theta)[2] == 7
 
 
+def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
+    weights = {"0.weight": np.zeros((1, 720), np.float32), "0.bias": np.zeros(1, np.float32)}
+    given = SPACE.chosen.theta0 + np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
+    (found,) = actor_module.ContextPolicy({"open": given}, weights, SPACE, LAYOUT).sets
+    assert found[:4].tolist() == [2.0, 1.57, 6.0, 21.0]
+    assert SPACE.to_theta(np.full(len(SPACE), 0.123))[2] == 13.0
+
+
 def test_space_errors_are_one_line():
     for call in (
         lambda: SPACE.to_theta(np.zeros(7)),

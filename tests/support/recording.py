@@ -7,6 +7,7 @@ from typing import Any, Dict, Optional
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
+from applr_ros1.common.angles import quaternion_of
 from tests.support import ROOT
 from training.bags.writer import BagWriter
 from training.env.episode import Episode
@@ -15,10 +16,11 @@ from training.env.outcome import Outcome
 PAUSE = 5.0  # s of time between two courses of a bag
 PLOTTED = 8  # fields of Parameters.msg beside its lists
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
-_RESULT = {
+_OTHERS = {
     "move_base_msgs/msg/MoveBaseActionResult": "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
     "move_base_msgs/MoveBaseResult result\n",
     "move_base_msgs/msg/MoveBaseResult": "",
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
 }
 
 
@@ -27,14 +29,24 @@ class StackWriter(BagWriter):
 
     def __init__(self, *args: Any, **more: Any):
         super().__init__(*args, **more)
-        for name, text in _RESULT.items():
+        for name, text in _OTHERS.items():
             self.store.register(get_types_from_msg(text, name))
 
-    def plan(self, time: float, plan) -> None:
-        """Write a global plan: (n, 3) x, y [m], yaw [rad] in the robot's odometry frame."""
-        header = self._header(time, self.robot.frames.odom)
+    def plan(self, time: float, plan, frame: str = "") -> None:
+        """Write a global plan: (n, 3) x, y [m], yaw [rad] in a frame, else in the robot's odometry frame."""
+        header = self._header(time, frame or self.robot.frames.odom)
         poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
         self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
+
+    def transform(self, time: float, frame: str, child: str, pose) -> None:
+        """Write a transform to /tf: the pose (x, y, yaw) [m, rad] of frame `child` in `frame`."""
+        place = self._make(
+            "geometry_msgs/msg/Transform",
+            self._vector(*pose[:2]),
+            self._make("geometry_msgs/msg/Quaternion", *quaternion_of(pose[2])),
+        )
+        stamped = self._make("geometry_msgs/msg/TransformStamped", self._header(time, frame), child, place)
+        self._put("/tf", "tf2_msgs/msg/TFMessage", time, [stamped])
 
     def parameters(self, time: float, server: str, values: dict) -> None:
         """{name: value} that a server below move_base announces."""

@@ -74,6 +74,14 @@ def test_fill_and_difficulty_agree_with_barns_figures():
         assert np.median([row[name] for row in ours]) == pytest.approx(median, rel=0.05), name
 
 
+def test_a_paths_first_cell_counts_twice_as_in_barns_files():
+    filled = np.zeros((30, 30), dtype=bool)
+    filled[[0, -1]] = True  # two walls: cells under 3 and over 26 are not free, so that row r is min(r - 2, 27 - r) off
+    found = metrics.grid_difficulty(filled, [(5, 4), (8, 4), (8, 9)])
+    assert found["closest_obstacle"] == pytest.approx((3 + 3 + 6 + 6) / 4)
+    assert found["tortuosity"] == pytest.approx(8 / np.hypot(3, 5))
+
+
 def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +12,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader, Writer
 
 from applr_ros1 import robots
+from applr_ros1.common.angles import transform_point
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
-from training.bags.episodes import BagReport, trajectories
-from training.bags.reader import BagError, find, read_bag
+from training.bags.episodes import BagReport, decision_period, trajectories
+from training.bags.reader import SECOND, BagError, find, read_bag
 from training.env.reward import Reward
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
@@ -76,19 +78,28 @@ class Drive:
         if k % 10 == 0 and "status" not in self.without:
             w.status(t, self.goal)
         if k % 5 == 0 and "plan" not in self.without:
-            w.plan(t, self.plan)
-        self.pose = (0.01 * k, 0.1, 0.2 * np.sin(0.01 * k))
+            self.write_plan(t)
+        self.pose = (0.01 * k, 0.1, self.yaw(k))
         if "odometry" not in self.without:
             w.odometry(t, self.pose, (0.5, 0.0))
         self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
         heard = self.heard(self.ranges, k)
-        if heard is not None and "scan" not in self.without:
-            w.scan(t, heard)
+        if heard is not None:
+            self.seen = self.ranges, self.pose
+            if "scan" not in self.without:
+                w.scan(t, heard)
         if k % self.every == 0:
             self.decide(t)
 
+    def yaw(self, k):
+        return 0.2 * np.sin(0.01 * k)
+
+    def write_plan(self, t):
+        self.writer.plan(t, self.plan)
+
     def see(self, t):
-        self.observations.append(observe(self.ranges, goal_angle(local_goal(self.plan, self.pose)), self.theta))
+        ranges, pose = self.seen
+        self.observations.append(observe(ranges, goal_angle(local_goal(self.plan, pose)), self.theta))
 
     def decide(self, t):
         self.see(t)
@@ -143,6 +154,36 @@ def test_transitions_are_what_the_node_saw(tmp_path, node):
     nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * TransitionLayout().step - 1.0)
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
+
+
+class Turning(Drive):
+    """Turns at 1 rad/s, and its plan is in the map."""
+
+    FRAME = (1.0, 2.0, 0.5)  # of the odometry in the map
+
+    def yaw(self, k):
+        return 0.02 * k
+
+    def write_plan(self, t):
+        self.writer.transform(t, "map", self.writer.robot.frames.odom, self.FRAME)
+        x, y = transform_point(self.FRAME, *self.plan[:, :2].T)
+        self.writer.plan(t, np.column_stack([x, y, self.plan[:, 2]]), "map")
+
+
+def test_a_turning_robot_sees_its_plan_in_the_map_from_where_its_scan_was_taken(tmp_path):
+    """Scans are 60 ms old when a decision is made."""
+    drive = record(
+        tmp_path / "a.bag", Turning, node=False, scan=lambda ranges, k: ranges if k == 0 or k % 5 == 2 else None
+    )
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert report.skipped == {}
+    assert_equal(trajectory, drive)
+
+
+def test_the_period_is_the_median_interval_in_whole_cycles():
+    stamps = (0.0, 1.7, 3.71, 5.7, 7.71, 7.9)
+    decisions = [{"goal": "g", "stamp": int(stamp * SECOND)} for stamp in stamps]
+    assert decision_period(SimpleNamespace(decisions=decisions, end=9 * SECOND)) == 2.0
 
 
 @pytest.mark.parametrize("seconds", [0.8, 5.0])

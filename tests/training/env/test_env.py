@@ -25,7 +25,7 @@ class FakeMoveBase:
 
     def __init__(self, v=1.0, end=None, result=None):
         self.v, self.end, self.result = v, end, result
-        self.goals, self.requests, self.steps, self.scans = [], [], [], []
+        self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):
@@ -40,6 +40,9 @@ class FakeMoveBase:
     def reconfigure(self, server, values):
         self.requests.append((server, values))
         return {**values, "vx_samples": 7} if "vx_samples" in values else values  # a planner with its own mind
+
+    def report_held(self, held):
+        self.held.append(held)
 
     def step(self, now, pose, twist, scan):
         self.steps.append((now, pose, twist))
@@ -147,6 +150,54 @@ def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():
     ended = drive(trial(wall, end_on_collision=True))[-1]
     assert (ended.collided, ended.reason, failed(ended)) == (True, "contact", True)
     assert ended.time_s < 4
+
+
+class Scripted(FakeMoveBase):
+    """Drives commands (v, w) of a second each."""
+
+    def __init__(self, commands):
+        super().__init__()
+        self.commands = commands
+
+    def step(self, now, pose, twist, scan):
+        cycle = super().step(now, pose, twist, scan)
+        if cycle.command:
+            cycle.command = self.commands[min((len(self.steps) - 2) // 20, len(self.commands) - 1)]
+        return cycle
+
+
+FIELDS = ("phi", "progress", "progress_y", "last_scan_min", "decision_min", "contact", "collided", "seconds")
+FIELDS += ("time_s", "path_length_m", "min_clearance_m", "mean_jerk", "mean_turn", "mean_range")
+GOLDEN = (
+    (-1.48, 0.73, 0.82, 0.51, 0.45, 0, 0, 1, 1, 0.82, 0.45, 9.74, 0.44, 4.50),
+    (-2.86, 1.15, 1.30, 0.15, 0.15, 1, 1, 1, 2, 2.13, 0.15, 34.91, 2.47, 3.77),
+    (-2.64, -0.33, -0.57, 0.79, 0.15, 1, 1, 1, 3, 2.79, 0.15, 26.71, 2.40, 4.51),
+    (2.99, -0.24, -0.32, 1.13, 0.79, 0, 1, 1, 4, 3.13, 0.15, 22.29, 2.39, 4.75),
+)
+
+
+def test_what_every_decision_of_a_drive_says():
+    """It passes a post within the first decision, touches one in the second, backs off, and turns; goal to the left."""
+    course = straight().course
+    course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
+    world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
+    planner = Scripted([(1.0, 0.0), (1.5, 0.0), (-0.8, 0.0), (-0.3, 0.8)])
+    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=1.0)
+    episode.reset(world, 0)
+    for row in GOLDEN:
+        outcome = episode.decide(SPACE.theta0)
+        found = {**vars(outcome), "mean_range": np.minimum(outcome.ranges, 5.0).mean()}
+        assert {name: float(found[name]) for name in FIELDS} == pytest.approx(dict(zip(FIELDS, row)), abs=6e-3)
+
+
+def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
+    """A free course is driven as without one; before a wall the robot stands, and the planner knows why."""
+    free = trial(monitor=True)
+    assert drive(free)[-1].success
+    assert not any(free.move_base.held[1:])
+    before_wall = trial((1.0, 4.0, 0.2), monitor=True, limit=3)
+    assert not drive(before_wall)[-1].collided
+    assert before_wall.move_base.held[-1]
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():

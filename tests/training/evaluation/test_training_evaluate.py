@@ -271,6 +271,9 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
 def test_a_method_at_another_period():
     assert methods.parse("period:0.5:random") == [("random-0.5s", "period:0.5:random")]
     assert methods.make("period:0.5:random").period == 0.5
+    policy = methods.make("period:2:applr")
+    policy.reset(0)
+    assert policy.form.period == 2.0  # the policy is told what it has driven in shares of what the period allows
 
 
 # -- the real stack --------------------------------------------------------------------------------------------------

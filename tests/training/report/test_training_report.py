@@ -94,6 +94,7 @@ def test_holm_by_hand():
     p = np.array([0.01, 0.04, 0.03, 0.005])
     below = statistics.holm_adjusted(p) < 0.05  # .005 < .0125, .01 < .0167, .03 >= .025
     assert below.tolist() == [True, False, False, True]
+    assert statistics.holm_adjusted(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert statistics.holm_adjusted(np.zeros(0)).tolist() == []
 
 
