@@ -14,12 +14,12 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import Finding, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, Robot, RobotError, load
-from applr_ros1.robots.check import SEVERITIES, findings
+from applr_ros1.robots import NAMES, Robot
+from applr_ros1.robots.check import examined
 from training.common.command_line import parsed
 from training.common.options import Options, argument
 
@@ -49,16 +49,7 @@ def summary(described: Robot) -> List[str]:
 
 def check(name_or_folder: str) -> int:
     """Print all that there is to say about a robot; exit status 1 where there is an error."""
-    found: List[Finding] = []
-    try:
-        described = load(name_or_folder)
-        setups = (False,) if described.move_base.with_map is None else (False, True)
-        for with_map in setups:
-            found += findings(described, with_map)
-    except RobotError as error:
-        found += error.findings
-    found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
-    found.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    described, found = examined(name_or_folder)
     lines = [f"{finding.severity}: {finding}" for finding in found]
     if found and found[0].severity == "error":
         print("\n".join(lines), file=sys.stderr)

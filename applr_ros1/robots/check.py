@@ -15,9 +15,9 @@ import re
 import sys
 from contextlib import suppress
 from functools import lru_cache
-from math import pi
+from math import isnan, pi
 from types import SimpleNamespace
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
@@ -39,8 +39,9 @@ from applr_ros1.planner.parameters.layers import (
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import NAMES, Robot, geometry, load
 from applr_ros1.robots.description import SpaceParameter, find
-from applr_ros1.robots.mistakes import Rule, apply, at_most, contradictions, refuse, same_name
+from applr_ros1.robots.mistakes import Rule, apply, at_most, refuse, same_name
 from applr_ros1.robots.parameter_files import FILE
+from applr_ros1.robots.reader import described
 
 DWA = "DWAPlannerROS"
 SPEEDS = ("max_vel_x", "min_vel_x", "max_vel_trans", "min_vel_trans", "max_trans_vel", "min_trans_vel", "escape_vel")
@@ -56,37 +57,57 @@ SCALE_OFF = 0.15  # share by which world_scale may differ from the one that foll
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
 
 
-def findings(robot: Robot, with_map: bool = False) -> List[Finding]:
-    """All that there is to say about a robot's folder, each finding with its file; remarks only where it has no error.
+def findings(robot: Robot, with_map: bool = False, found: Iterable[Finding] = ()) -> List[Finding]:
+    """All that there is to say about a robot's folder, each finding with its file: errors, warnings, remarks.
 
-    Errors first, then warnings.
+    What only follows from an error, such as a limit that is beyond a wrong speed, is left out.
 
-    with_map: with its files for a map, instead of those without.
+    with_map: with its files for a map, instead of those without. found: what is wrong with its robot.yaml.
     """
-    setup = _Setup(robot, with_map)
-    found: List[Finding] = []
-    for stage in (_parameters, _names, _rules, _space):
-        wrong = [re.split("[/.]", f.key)[-1] for f in found if f.severity == "error"]
+    setup, found = _Setup(robot, with_map), list(found)
+    own = [finding.key for finding in found if finding.file == setup.own]
+    lacking = any(file.problem for file in robot.files(with_map))
+    stages = (_parameters, _names) if lacking else (_parameters, _names, _rules, _space)
+    for stage in stages if not any(key.startswith("move_base") for key in own) else ():
+        wrong = [key if key in own else key.rpartition("/")[2] for key in (f.key for f in found if _stops(f))]
         follows = re.compile(rf"\b({'|'.join(map(re.escape, wrong))})\b" if wrong else "$^")
         found += [finding for finding in stage(setup) if not follows.search(f"{finding.key}: {finding.advice}")]
-    found = sorted(dict.fromkeys(found), key=lambda finding: SEVERITIES.index(finding.severity))
-    usable = not found or found[0].severity != "error"
-    return [finding for finding in found if usable or finding.severity != "remark"]
+    stopped = {(finding.file, finding.key) for finding in found if _stops(finding)}
+    found = [f for f in dict.fromkeys(found) if _stops(f) or (f.file, f.key) not in stopped]
+    return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def _stops(finding: Finding) -> bool:
+    return finding.severity == "error"
+
+
+def examined(name_or_folder: str, setups: Iterable[bool] = (False, True)) -> Tuple[Robot, List[Finding]]:
+    """A robot as far as its files can be read, and what there is to say about its folder in setups that it has.
+
+    setups: False is that without a map, True the one with it.
+    """
+    robot, own = described(name_or_folder)
+    there = [with_map for with_map in setups if robot.move_base.with_map is not None or not with_map]
+    found = [finding for with_map in there for finding in findings(robot, with_map, own)]
+    found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
+    return robot, sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
 
 
 def usable(name_or_folder: str, with_map: bool = False) -> Robot:
     """The robot, whose folder has been checked unless it is an included one. RobotError with each error."""
-    robot = load(name_or_folder)
-    if name_or_folder not in NAMES:
-        refuse(findings(robot, with_map))
+    if name_or_folder in NAMES:
+        return load(name_or_folder)
+    robot, found = examined(name_or_folder, [with_map])
+    refuse(found)
     return robot
 
 
 @lru_cache(maxsize=32)
 def with_remarks(name_or_folder: str) -> Robot:
     """As `usable`; prints the remarks, once in a process."""
-    robot = load(name_or_folder)
-    found = [] if name_or_folder in NAMES else findings(robot)
+    if name_or_folder in NAMES:
+        return load(name_or_folder)
+    robot, found = examined(name_or_folder, [False])
     refuse(found)
     for finding in found:
         print(f"{finding.severity}: {finding}", file=sys.stderr)
@@ -184,15 +205,17 @@ def _paths(tree: Dict[str, Any]) -> Iterator[str]:
 
 
 def _parameters(setup: _Setup) -> Iterator[Finding]:
-    """What the planner's own declarations say; nothing else where the files hold those of another planner alone."""
+    """What the planner's own declarations say, and whether the files hold the parameters of the planner in use."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
     held = [name for name in plugins if name in setup.tree]
-    if setup.planner in plugins and held and setup.planner not in held:
+    if held and setup.planner not in held:
         given = setup.tree.get("base_local_planner", f"not given, which means {LOCAL_PLANNERS[0]}")
         value = f"is {given}, but the files hold the parameters of {held[0]} alone"
-        advice = f"give {plugins[held[0]]}, or a file with the section {setup.planner}"
+        advice = f"give {plugins[held[0]]}" + f", or a file with the section {setup.planner}" * (
+            setup.planner in plugins
+        )
         yield setup.placed(Finding("base_local_planner", value, advice))
-        return
+        setup.tree["base_local_planner"], setup.planner = plugins[held[0]], held[0]  # for all other findings
     found = check(setup.tree)
     yield from map(setup.placed, found)
     with suppress(ParameterError):
@@ -237,7 +260,6 @@ def _listed(tree: Dict[str, Any]) -> Iterator[str]:
 def _rules(setup: _Setup) -> Iterator[Finding]:
     """The tables of this file."""
     yield from _limits(setup)
-    yield from (finding._replace(file=setup.own) for finding in contradictions(setup.robot))
     if setup.planner not in setup.full:
         return
     topic = setup.tree.get(setup.planner, {}).get("odom_topic", setup.robot.topics.odometry)
@@ -281,18 +303,21 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
     own, (back, front, right, left) = setup.full[costmap], setup.box
     points = footprint.parse(own["footprint"])
     outline = footprint.pad(points if len(points) else footprint.circle(own["robot_radius"]), own["footprint_padding"])
-    reach = np.ptp(outline, axis=0)
+    reach, fits = np.ptp(outline, axis=0), False
     if not {"footprint", "robot_radius"} & {*setup.tree.get(costmap, {}), *setup.tree}:
         corners = [(back, right), (back, left), (front, left), (front, right)]
         box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
-        advice = f"body and wheels fill [{box}], give that"
-        yield setup.placed(Finding(f"{costmap}/footprint", "is missing", advice))
-    elif not 1 / UNITS < reach[1] / setup.width < UNITS:
+        value = f"is missing, which means a circle of {own['robot_radius']:g} m"
+        advice = "give that of body and wheels" if isnan(setup.width) else f"body and wheels fill [{box}], give that"
+        yield setup.placed(Finding(f"{costmap}/footprint", value, advice, "warning"))
+    elif reach[1] < setup.width / UNITS or reach[1] > setup.width * UNITS:
         key = "footprint" if len(points) else "robot_radius"
         key = "footprint_padding" if abs(own["footprint_padding"]) > setup.length else key
         advice = f"with padding that is {reach[0]:.3g} x {reach[1]:.3g} m, body and wheels are {setup.length:.3g} x "
         advice += f"{setup.width:.3g} m, give metres"
         yield setup.placed(Finding(f"{costmap}/{key}", f"is {own[key]!s:.60}", advice))
+    else:
+        fits = True
     measures = {"local": costmap == "local_costmap", "fixed": not (setup.with_map or own["rolling_window"])}
     measures.update(centred_x=-own["width"] / 2, centred_y=-own["height"] / 2)
     yield from setup.judged(COSTMAP, costmap, own, **measures)
@@ -312,7 +337,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
         if not found:
             advice = "the robot would not see obstacles, give one"
             yield setup.placed(Finding(costmap, "has no observation source", advice))
-        yield from _size_of_the_robot(setup, outline)
+        yield from _size_of_the_robot(setup, outline) if fits else ()
 
 
 def _size_of_the_robot(setup: _Setup, outline: np.ndarray) -> Iterator[Finding]:
@@ -329,8 +354,8 @@ def _size_of_the_robot(setup: _Setup, outline: np.ndarray) -> Iterator[Finding]:
 
 
 def _space(setup: _Setup) -> Iterator[Finding]:
-    """What no parameter space can be made of, where all else is right."""
-    for parameter in setup.robot.space:
+    """What no parameter space can be made of; nothing where it is for another planner than the files."""
+    for parameter in setup.robot.space if setup.planner == setup.robot.local_planner else ():
         for names, limit, _ in LIMITED:
             most = getattr(setup.robot.base, limit)
             beyond = max(abs(parameter.low), abs(parameter.high)) > most
@@ -338,7 +363,7 @@ def _space(setup: _Setup) -> Iterator[Finding]:
                 value = f"is [{parameter.low:g}, {parameter.high:g}]"
                 advice = f"base.{limit} of this base is {most:g}, stay within it"
                 yield Finding(f"parameter_space.{parameter.name}.range", value, advice, file=setup.own)
-    if setup.full:
+    if setup.full and setup.planner == setup.robot.local_planner:
         yield from (finding._replace(file=setup.own) for finding in space_findings(setup.robot, setup.full))
 
 

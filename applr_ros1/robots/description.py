@@ -266,11 +266,15 @@ class SpaceParameter(Section):
 
 
 class LoadedFile(NamedTuple):
-    """A file of move_base parameters. values: nested dicts, which stand below `namespace`."""
+    """A file of move_base parameters. values: nested dicts, which stand below `namespace`.
+
+    problem: why it cannot be read, in one line; "" where it can.
+    """
 
     file: str
     namespace: str
     values: Dict[str, Any]
+    problem: str = ""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Tuple, get_args
 
+import numpy as np
 from pydantic import ValidationError
 
 from applr_ros1.common.errors import ApplrError, Finding, meant
@@ -113,7 +114,12 @@ def same_name(key: str, field: str, when: Callable[[Any, Any], Any] = always, se
     """The rule that a value is the topic or frame that a field of robot.yaml names."""
     given, wanted = attrgetter(key), attrgetter(field)
     advice = f"{field} in robot.yaml is {{m.{field}}}, give that" + " or leave it out" * (severity == "remark")
-    return Rule(key, lambda v, m: when(v, m) and given(v).strip("/") != wanted(m).strip("/"), advice, severity)
+    return Rule(
+        key,
+        lambda v, m: when(v, m) and wanted(m) and given(v).strip("/") != wanted(m).strip("/"),
+        advice,
+        severity,
+    )
 
 
 def apply(rules: Iterable[Rule], v: Any, m: Any) -> Iterator[Finding]:
@@ -202,11 +208,12 @@ RULES = (
 def contradictions(robot: Robot) -> List[Finding]:
     """What the fields of robot.yaml say against each other."""
     base, body, laser = robot.base, robot.body, robot.laser
-    (x, y, _), skids = laser.pose, base.drive == "skid_steer"
+    (x, y, _), skids = laser.pose, base.drive == "skid_steer" or not base.drive and base.wheelbase
     m = SimpleNamespace(skids=skids, turn=laser.last_angle - laser.first_angle, blind=laser.range_min)
     m.ground = base.axle_height - base.wheel_radius
     m.back, m.front, m.right, m.left = geometry.bounding_box(robot)
     m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)
     m.laser_above_body = abs(x - body.centre[0]) < body.size[0] / 2 and abs(y - body.centre[1]) < body.size[1] / 2
-    m.tips = bool(base.wheelbase if skids else base.casters) and geometry.balance(robot)[2].min() <= 0.0
+    stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
+    m.tips = stands and geometry.balance(robot)[2].min() <= 0.0
     return list(apply(RULES, robot, m))

@@ -89,6 +89,13 @@ class ParameterFile(Section):
             raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
         return self
 
+    def loaded(self, folder: str) -> LoadedFile:
+        """The file in a folder; without values where it cannot be read."""
+        try:
+            return LoadedFile(self.file, self.namespace, read_parameters(os.path.join(folder, self.file)))
+        except ApplrError as problem:
+            return LoadedFile(self.file, self.namespace, {}, str(problem))
+
 
 class FileGroup(Section):
     """Files in the order in which they are loaded, and parameters that come after them; later values count."""
@@ -98,8 +105,7 @@ class FileGroup(Section):
 
     def loaded(self, folder: str) -> Tuple[LoadedFile, ...]:
         """The files in a folder, and robot.yaml with the parameters."""
-        read = (LoadedFile(f.file, f.namespace, read_parameters(os.path.join(folder, f.file))) for f in self.files)
-        return (*read, LoadedFile(FILE, "", self.parameters))
+        return (*(file.loaded(folder) for file in self.files), LoadedFile(FILE, "", self.parameters))
 
 
 class MoveBaseSection(FileGroup):

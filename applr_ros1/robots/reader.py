@@ -6,19 +6,20 @@ Included robots lie beside this file and are named after their folders.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Dict, Optional
+from math import nan
+from typing import Any, Dict, List, Optional, Tuple, get_args
 
-from pydantic import Field, ValidationError, model_validator
-from typing_extensions import Literal
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from typing_extensions import Annotated, Literal
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, Finding
 from applr_ros1.robots import description as sections
 from applr_ros1.robots import mistakes
 from applr_ros1.robots.default_space import default_space
 from applr_ros1.robots.description import Robot
-from applr_ros1.robots.mistakes import RobotError
 from applr_ros1.robots.parameter_files import FILE, MoveBaseSection, read_yaml
 
 _HERE = os.path.dirname(os.path.abspath(__file__))
@@ -68,6 +69,17 @@ def load(name_or_folder: str) -> Robot:
             contradicts another.
         ApplrError: There is no such robot, or a file cannot be read; one line.
     """
+    robot, found = described(name_or_folder)
+    mistakes.refuse(found)
+    return robot
+
+
+def described(name_or_folder: str) -> Tuple[Robot, List[Finding]]:
+    """As `load`, with what is wrong: the robot as far as its files can be read, and a finding for each mistake.
+
+    What robot.yaml lacks or has wrong is nan or None, of which no rule has anything to say. Without a section move_base
+    that can be read the robot has no parameter files. ApplrError where there is nothing to read at all.
+    """
     name = str(name_or_folder)
     if name in NAMES:
         return _read(os.path.join(_HERE, name))
@@ -85,17 +97,43 @@ def on_ground(robot: Robot, ground: str) -> Robot:
 
 
 @lru_cache(maxsize=32)
-def _read(folder: str) -> Robot:
+def _read(folder: str) -> Tuple[Robot, List[Finding]]:
     path = os.path.join(folder, FILE)
     content = read_yaml(path)
+    found: List[Finding] = []
     try:
-        given = RobotFile.model_validate(content)
+        given = dict(RobotFile.model_validate(content))
     except ValidationError as error:
-        raise RobotError(finding._replace(file=path) for finding in mistakes.of_schema(RobotFile, error)) from None
-    values = dict(given, name=os.path.basename(folder), folder=folder, move_base=given.move_base.setup(folder))
+        found = mistakes.of_schema(RobotFile, error)
+        given = _as_far_as_right(RobotFile, content)
+        given["move_base"] = given["move_base"] or MoveBaseSection()
+    setup = given["move_base"].setup(folder)
+    values = dict(given, name=os.path.basename(folder), folder=folder, move_base=setup)
     space = values.pop("parameter_space")
     robot = Robot(**values, space=tuple((space or {}).values()))
-    if space is None:
-        robot = replace(robot, space=default_space(given.base, given.body, robot.parameters()))
-    mistakes.refuse(mistakes.contradictions(robot), path)
-    return robot
+    if space is None and not found:
+        robot = replace(robot, space=default_space(given["base"], given["body"], robot.parameters()))
+    files = {file.problem: Finding(file.problem) for file in (*setup.without_map, *(setup.with_map or ()))}
+    found += [finding for finding in mistakes.contradictions(robot) if finding.key not in {f.key for f in found}]
+    found = [finding._replace(file=path) for finding in found]
+    return robot, found + [finding for problem, finding in files.items() if problem]
+
+
+def _as_far_as_right(model: Any, content: Any) -> Dict[str, Any]:
+    """The fields of a section, with stand-ins for those that are missing or wrong."""
+    content = content if isinstance(content, dict) else {}
+    return {name: _field(field, content.get(name, field.default)) for name, field in model.model_fields.items()}
+
+
+def _field(field: Any, given: Any) -> Any:
+    """A field's value; nan or None, in the form of the field, where the one that is given is wrong."""
+    kind, bounded = field.annotation, Annotated[field.annotation, field]  # type: Any, Any
+    with suppress(ValidationError):
+        return TypeAdapter(bounded).validate_python(given)
+    if isinstance(kind, type) and issubclass(kind, MoveBaseSection):
+        return None
+    if isinstance(kind, type) and issubclass(kind, sections.Section):
+        return kind.model_construct(**_as_far_as_right(kind, given))
+    if getattr(kind, "__origin__", None) is tuple:
+        return () if ... in get_args(kind) else (nan,) * len(get_args(kind))
+    return nan if kind in (float, int) else None

@@ -44,6 +44,31 @@ def test_a_mistake_is_named_with_file_key_value_and_remedy(tmp_path, capsys, rob
     assert status == lines[0].startswith("error")
 
 
+def test_all_findings_of_all_files_come_at_once(tmp_path, capsys):
+    folder = changed(tmp_path / "mine", "jackal", "robot.yaml", "max_speed: 2.0", "max_speed: fast")
+    for file, old, new in (
+        ("robot.yaml", "  beams: 720\n", ""),
+        ("robot.yaml", "size: [0.420, 0.310, 0.184]", "size: [0.420]"),
+        ("robot.yaml", "last_angle: 2.35619", "last_angle: -3.0"),
+        ("robot.yaml", "odom_nav_params/local", "local"),
+        ("base_local_planner_params.yaml", "sim_time: 2.0", "sim_time: slow"),
+        ("costmap_common_params.yaml", "footprint_padding", "footprint_paddin"),
+    ):
+        text = Path(folder, file).read_text()
+        assert old in text
+        Path(folder, file).write_text(text.replace(old, new))
+    words = ("max_speed", "body.size", "laser.beams", "last_angle", "cannot be read", "sim_time", "footprint_paddin")
+    for found in (words, (*words[:4], *words[5:], "front/scan", "obstacle_range", "world_scale")):
+        assert check_robot.main([folder]) == 1
+        printed = "".join(capsys.readouterr()).splitlines()
+        assert len(printed) == len(found), printed
+        assert [any(word in line for line in printed) for word in found] == [True] * len(found), printed
+        shutil.copy(Path(folder, "odom_nav_params", "local_costmap_params.yaml"), folder)
+        file = Path(folder, "costmap_common_params.yaml")
+        file.write_text(file.read_text().replace(" topic: front/scan", " topic: scan").replace("2.5", "5.5"))
+        load.__globals__["_read"].cache_clear()
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_included_robots_have_no_errors(name):
     robot = load(name)
