@@ -11,6 +11,7 @@ import sim_bridge
 import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
@@ -20,6 +21,7 @@ from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
 from training.bags.reader import TopicNames
+from training.env.episode import Episode
 from training.evaluation.store import read_trials
 
 CRATE = """\
@@ -114,6 +116,16 @@ def test_space_and_layout_follow_the_description(crate):
     assert [has[server][name] for server, name in space.places()] == theta.tolist()
     assert has["DWAPlannerROS"]["max_vel_trans"] == 0.8
     assert has[""]["planner_patience"] == 20.0
+
+
+def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
+    """Where a source takes nothing from the ground, a robot without it would drive blind."""
+    (crate / "costmap.yaml").write_text(COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,"))
+    robot = robots.load(str(crate))
+    planner = MoveBase(robot.parameters())
+    episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0)
+    episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
+    assert (planner.local_costmap.cells == LETHAL).any()
 
 
 def test_check_says_what_it_makes_of_a_description(crate, capsys):

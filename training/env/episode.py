@@ -227,9 +227,8 @@ class Episode:
         self._scan_due += self._scan_period
         self._ranges = self.simulator.scan()
         laser, pose = self.robot.laser, laser_pose(state.odom_pose, self.robot.laser)
-        return LaserScan(
-            state.time, laser.first_angle, laser.increment, laser.range_min, laser.range_max, self._ranges, pose
-        )
+        angles = laser.first_angle, laser.increment
+        return LaserScan(state.time, *angles, laser.range_min, laser.range_max, self._ranges, pose, laser.height)
 
     def _drive_one(self, now: Outcome) -> None:
         before = self.simulator.state

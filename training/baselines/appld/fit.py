@@ -61,7 +61,7 @@ def step(planner: MoveBase, d: Demonstration, i: int):
     The planner gets the pose, twist and scan of the demonstration, and a clock of its own.
     """
     now, pose = clock(i), tuple(d.pose[i].tolist())
-    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose, d.robot.laser))
+    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose, d.robot.laser), d.robot.laser.height)
     cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
     return cycle.command or (0.0, 0.0)
 
