@@ -73,9 +73,10 @@ def run(options: DatasetOptions) -> None:
     for bag in bags:
         reports.append(report := BagReport())
         try:
-            for trajectory in trajectories(
-                read_bag(bag, topics, options.robot), reward, layout, report, options.finish
-            ):
+            recording = read_bag(bag, topics, options.robot)
+            if recording.silent:
+                print(f"{bag}: no parameter_updates of {recording.silent}: values of the robot's files are taken")
+            for trajectory in trajectories(recording, reward, layout, report, options.finish):
                 trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
                 trajectory.check(layout)
                 store.append(trajectory)

@@ -57,9 +57,9 @@ class StackWriter(BagWriter):
         topic = f"{self.topics.move_base}/{server}/parameter_updates"
         self._put(topic, "dynamic_reconfigure/msg/Config", time, *lists.values(), [])
 
-    def status(self, time: float, goal_id: str, running: bool = True) -> None:
-        """Write the status topic of the action move_base."""
-        pursued = [self._status(goal_id, ACTIVE)] if running else []
+    def status(self, time: float, goal_id: str, running: bool = True, ended: int = 0) -> None:
+        """Write the status topic of the action move_base, with a goal that runs or has ended with this status."""
+        pursued = [self._status(goal_id, ACTIVE if running else ended)] if running or ended else []
         topic = self.topics.move_base + "/status"
         self._put(topic, "actionlib_msgs/msg/GoalStatusArray", time, self._header(time, ""), pursued)
 

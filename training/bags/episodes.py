@@ -18,6 +18,7 @@ import numpy as np
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.reader import SECOND, Recording
@@ -79,6 +80,7 @@ class RebuiltObservation:
         decision: what the node published, if it made and recorded one.
         end: the course ends here, and no decision was made.
         scan, pose, plan: indices of the messages that the observation is made of; -1 for none.
+        same: whether these are the messages that the node saw; else the nearest ones that were recorded.
         trouble: why it cannot be rebuilt (outcome is None), or why the transition that ends here cannot be used.
     """
 
@@ -88,6 +90,7 @@ class RebuiltObservation:
     scan: int = -1
     pose: int = -1
     plan: int = -1
+    same: bool = False
     trouble: str = ""
     outcome: Optional[Outcome] = None
     observation: Optional[np.ndarray] = None
@@ -122,7 +125,7 @@ def trajectories(
                 continue
             try:
                 rebuild_observation(recording, goal, samples, i, scans[sample.scan])
-                if _equals_the_nodes(sample):
+                if _equals_the_nodes(recording, sample, scans[sample.scan]):
                     report.verified += 1
                 if i and samples[i - 1].outcome is not None:
                     label_outcome(recording, goal, samples[i - 1], sample)
@@ -239,7 +242,8 @@ def _sample(recording, goal, at, decision=None) -> RebuiltObservation:
         sample.scan = _last(recording.scan_stamp == decision["scan"])
         sample.pose = _last(odometry == decision["odometry"])
         sample.plan = _last(recording.plan_stamp == decision["plan"])
-    else:
+        sample.same = min(sample.scan, sample.pose, sample.plan) >= 0
+    if not sample.same:  # no decision was recorded, or a bag of fewer messages than the node got
         sample.scan = _last(recording.scan_stamp <= at)
         sample.pose = int(np.argmin(np.abs(odometry - recording.scan_stamp[sample.scan])))
         sample.plan = _last(recording.plan_at <= at)
@@ -261,15 +265,22 @@ def _last(which) -> int:
 def rebuild_observation(recording, goal, samples, i, scan) -> None:
     """Fills sample i with what was seen at it; Skipped or ObservationError where it cannot be rebuilt."""
     sample, layout, laser = samples[i], recording.layout, recording.robot.laser
-    frame, points = recording.plans[sample.plan]
-    ranges = layout.resample(scan.ranges, scan.angle_min + laser.pose[2], scan.angle_increment)
-    phi = goal_angle(local_goal(points, _pose(recording, sample.pose, frame, sample.at), layout.lookahead))
+    ranges, phi = _look(recording, sample, scan, layout)
     at_end = sample.end and i
     theta = theta_after(recording, goal, samples[i - 1], sample) if at_end else theta_before(recording, sample)
     sample.observation = observe(ranges, phi, theta, recording.space, layout)
     near = nearest(recording.nearest[[sample.scan]], laser.range_min)
     seconds = (sample.at - samples[0].at) / SECOND
     sample.outcome = Outcome(ranges, phi, theta, last_scan_min=near, decision_min=near, decisions=i, time_s=seconds)
+
+
+def _look(recording, sample, scan, layout) -> Tuple[np.ndarray, float]:
+    """Ranges (beams,) [m] of a scan as a layout has them, and the angle of the local goal [rad]."""
+    frame, points = recording.plans[sample.plan]
+    pose = _pose(recording, sample.pose, frame, sample.at)
+    first = scan.angle_min + recording.robot.laser.pose[2]
+    ranges = layout.resample(scan.ranges, first, scan.angle_increment)
+    return ranges, goal_angle(local_goal(points, pose, layout.lookahead))
 
 
 def theta_before(recording, sample) -> np.ndarray:
@@ -295,10 +306,15 @@ def _whole(recording, values) -> np.ndarray:
 
 
 def _announced(recording, at, lag=0) -> np.ndarray:
-    """(k,) what the servers had announced `lag` before a time, or else first until then. Inflation: the local one's."""
+    """(k,) what the servers had announced `lag` before a time, or else first until then. Inflation: the local one's.
+
+    A server that announced nothing in the whole bag has what the robot's files say.
+    """
     theta = np.array(recording.space.theta0)
     for i, name in enumerate(recording.space.names):
         target = recording.space.targets[name][0]
+        if target.server not in recording.parameters:
+            continue
         updates = [(time, values) for time, values in recording.parameters.get(target.server, ()) if time <= at]
         if not updates:
             raise Skipped("the planner's parameters are not known")
@@ -309,12 +325,19 @@ def _announced(recording, at, lag=0) -> np.ndarray:
     return theta
 
 
-def _equals_the_nodes(sample) -> bool:
-    """Whether the node's own observation was recorded and is the rebuilt one; Skipped where it is another."""
-    if sample.decision is None or not len(sample.decision["observation"]):
+def _equals_the_nodes(recording, sample, scan) -> bool:
+    """Whether the node's own observation was recorded and is the rebuilt one; Skipped where it is another.
+
+    A policy in another form than the paper's sees the scan in that form's layout.
+    """
+    if not sample.same or not len(sample.decision["observation"]):
         return False
-    seen = sample.decision["observation"]
-    if seen.shape != sample.observation.shape or not np.allclose(seen, sample.observation, rtol=0.0, atol=CLOSE):
+    seen, rebuilt = sample.decision["observation"], sample.observation
+    layout = DimensionlessForm(recording.robot, PERIOD).layout
+    if len(seen) - len(rebuilt) == layout.beams - recording.layout.beams:
+        theta = sample.outcome.theta
+        rebuilt = observe(*_look(recording, sample, scan, layout), theta, recording.space, layout)
+    if seen.shape != rebuilt.shape or not np.allclose(seen, rebuilt, rtol=0.0, atol=CLOSE):
         raise Skipped("a rebuilt observation differs from the node's")
     return True
 

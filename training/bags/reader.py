@@ -32,7 +32,7 @@ from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
 SECOND = 1_000_000_000
-RUNNING = (1, 6)  # actionlib: active, preempting
+RUNNING, ENDED = (1, 6), (2, 3, 4, 5)  # actionlib: active, preempting; preempted, succeeded, aborted, rejected
 MAX_UNPACKED = 2**28  # bytes of one chunk; rosbag makes chunks of 768 kB
 PIECE = 2**20
 METADATA = "metadata.yaml"  # of a ROS 2 bag
@@ -57,7 +57,7 @@ class TopicNames:
 
     def needs(self, topic: str) -> bool:
         """Whether messages of a topic are read."""
-        below = [self.move_base + name for name in ("/status", "/result", "/current_goal")]
+        below = [self.move_base + name for name in ("/status", "/result", "/current_goal", "/goal")]
         named = [value for name, value in vars(self).items() if name not in ("move_base", "applr")]
         return topic in (*named, *below, self.applr + "/decision", "/tf", "/tf_static") or bool(
             self.updates.fullmatch(topic)
@@ -133,6 +133,12 @@ class Recording:
     def __post_init__(self):
         self.space, self.layout = space_of(self.robot), layout_of(self.robot)
 
+    @property
+    def silent(self) -> str:
+        """The servers whose parameters the bag does not say, so that the robot's files have to; "" for none."""
+        servers = dict(self.space.places()) if not self.decisions else ()
+        return ", ".join(server or "move_base" for server in servers if server not in self.parameters)
+
     def scans(self, wanted: Iterable[int]) -> Dict[int, Any]:
         """{index: LaserScan} of those wanted. Reads the bag once more, since all scans may be larger than memory."""
         wanted, kept = set(wanted), {}
@@ -153,9 +159,6 @@ def read_bag(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robo
         raise BagError(f"{path}: no odometry on {topics.odometry}")
     if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
         raise BagError(f"{path}: recorded on another clock than its messages'; set use_sim_time where you record")
-    for server in dict(recording.space.places()):
-        if server not in recording.parameters and not recording.decisions:
-            raise BagError(f"{path}: no parameter_updates of {server or 'it'} below {topics.move_base}")
     return recording
 
 
@@ -266,6 +269,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         base + "/status": _status,
         base + "/result": lambda m: [(m.status.goal_id.id, int(m.status.status))],
         base + "/current_goal": _goal,
+        base + "/goal": lambda m: _goal(m.goal.target_pose),
         topics.command: _command,
         topics.demonstration: _demonstrator,
         topics.collision: lambda m: [()] if getattr(m, "data", False) else [],
@@ -291,9 +295,10 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
     driven = rows[topics.odometry]
     table = np.array([row[2:7] for row in driven], dtype=np.float64).reshape(-1, 5)
     recording.odometry = Poses(*_times(driven), table[:, :3], table[:, 3:], driven[0][7] if driven else "odom")
-    recording.status = rows[base + "/status"]
-    recording.results = {goal: (at, status) for at, goal, status in rows[base + "/result"]}
-    recording.goals = rows[base + "/current_goal"]
+    recording.status = [(at, running) for at, running, _ in rows[base + "/status"]]
+    ended = [(at, *end) for at, _, ends in reversed(rows[base + "/status"]) for end in ends]  # the first one counts
+    recording.results = {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]}
+    recording.goals = sorted(rows[base + "/current_goal"] or rows[base + "/goal"])
     recording.commands = rows[topics.command]
     recording.source = next((said for _, said in reversed(rows[topics.demonstration])), {})
     recording.collisions = [at for (at,) in rows[topics.collision]]
@@ -325,8 +330,10 @@ def _odometry(message):
 
 
 def _status(message):
+    """The running goal, and those that have ended, with their status."""
     running = [s.goal_id.id for s in message.status_list if s.status in RUNNING]
-    return [(running[-1] if running else "",)]
+    ended = [(s.goal_id.id, int(s.status)) for s in message.status_list if s.status in ENDED]
+    return [(running[-1] if running else "", ended)]
 
 
 def _goal(message):

@@ -14,8 +14,9 @@ from rosbags.rosbag1 import Reader, Writer
 from applr_ros1 import robots
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.files import StorageError
+from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.observation import LAYOUT, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
@@ -45,6 +46,7 @@ class Drive:
         without=(),
         goal="g",
         every=100,
+        layout=LAYOUT,
         scan=lambda ranges, k: ranges,
         after=lambda drive, t, k: None,
     ):
@@ -56,7 +58,7 @@ class Drive:
             every,
             scan,
         )
-        self.rng = np.random.default_rng(seed)
+        self.rng, self.layout = np.random.default_rng(seed), layout
         self.observations, self.thetas, self.number = [], [], 0
         self.theta = THETA_0
         self.announce(begin)
@@ -85,7 +87,7 @@ class Drive:
         self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
         heard = self.heard(self.ranges, k)
         if heard is not None:
-            self.seen = self.ranges, self.pose
+            self.newest = self.ranges, self.pose
             if "scan" not in self.without:
                 w.scan(t, heard)
         if k % self.every == 0:
@@ -98,24 +100,28 @@ class Drive:
         self.writer.plan(t, self.plan)
 
     def see(self, t):
-        ranges, pose = self.seen
-        self.observations.append(observe(ranges, goal_angle(local_goal(self.plan, pose)), self.theta))
+        self.observations.append(self.seen(LAYOUT))
+
+    def seen(self, layout):
+        (ranges, pose), laser = self.newest, robots.JACKAL.laser
+        phi = goal_angle(local_goal(self.plan, pose, layout.lookahead))
+        return observe(layout.resample(ranges, laser.first_angle, laser.increment), phi, self.theta, layout=layout)
 
     def decide(self, t):
         self.see(t)
+        seen_by_node = self.seen(self.layout)
         self.number += 1
         before, self.theta = self.theta, SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         if self.node:
             seen, sets = dict.fromkeys(("scan", "odometry", "plan"), t), map(SPACE.as_dict, (before, self.theta))
-            self.writer.decision(t, self.number, self.goal, self.observations[-1], seen, *sets)
+            self.writer.decision(t, self.number, self.goal, seen_by_node, seen, *sets)
         self.thetas.append(self.theta)
         self.announce(t + 0.01)
 
     def announce(self, t):
-        if "parameters" in self.without:
-            return
         for server, values in SPACE.requests(self.theta).items():
-            self.writer.parameters(t, server, values)
+            if server not in self.without:
+                self.writer.parameters(t, server, values)
 
 
 def record(path, kind=Drive, **options):
@@ -186,6 +192,38 @@ def test_the_period_is_the_median_interval_in_whole_cycles():
     assert decision_period(SimpleNamespace(decisions=decisions, end=9 * SECOND)) == 2.0
 
 
+def test_a_policy_in_another_form_is_compared_by_what_it_sees(tmp_path):
+    layout = DimensionlessForm(robots.JACKAL, 2.0).layout
+    drive = record(tmp_path / "a.bag", layout=layout)
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert_equal(trajectory, drive)
+    assert report.verified == 5
+    record(tmp_path / "b.bag", layout=replace(layout, range_cap=4.0))
+    _, report = rebuild(tmp_path / "b.bag")
+    assert report.skipped == {"a rebuilt observation differs from the node's": 5}
+
+
+def test_a_bag_without_the_scans_of_decisions_has_those_before_them(tmp_path):
+    drive = record(tmp_path / "a.bag", scan=lambda ranges, k: ranges if k % 2 else None)
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    actions = [PaperForm(robots.JACKAL).action(theta) for theta in drive.thetas[1:]]
+    np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
+    assert (len(trajectory), report.verified) == (4, 0)
+
+
+def test_what_no_server_has_said_is_as_in_the_robots_files(tmp_path, capsys):
+    """A plain move_base, of whose servers somebody recorded one, or none."""
+    for name, silent in (("a", ("local_costmap", "global_costmap", "TrajectoryPlannerROS")), ("b", SPACE.servers)):
+        record(tmp_path / f"{name}.bag", node=False, without=silent)
+        (trajectory,), _ = rebuild(tmp_path / f"{name}.bag")
+        said = ~np.isclose(trajectory.action, PaperForm(robots.JACKAL).action(THETA_0), atol=1e-6)
+        inflation = SPACE.chosen.names.index("inflation_radius")
+        assert said.any(axis=0).nonzero()[0].tolist() == ([inflation] if name == "a" else [])
+    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", str(tmp_path / "out")]) == 0
+    line = "a.bag: no parameter_updates of TrajectoryPlannerROS, local_costmap: values of the robot's files are taken"
+    assert line in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards count time in it, as in training; a course of two decisions takes it from the bag's other course."""
@@ -217,6 +255,17 @@ def test_how_a_course_ends(tmp_path, status, seconds, finish, count, terminated)
     assert trajectory.terminated == terminated
     assert trajectory.info["success"] == (finish is not None)
     assert_equal(trajectory, drive, count, ends=finish is None)
+
+
+def test_the_status_says_how_a_course_ended_where_no_result_was_recorded(tmp_path):
+    def end(drive, t, k):
+        if k >= 450:
+            drive.writer.status(t + 0.01, "g", running=False, ended=SUCCEEDED)
+
+    record(tmp_path / "a.bag", status=None, after=end)
+    (trajectory,), _ = rebuild(tmp_path / "a.bag")
+    assert trajectory.terminated
+    assert trajectory.info["success"]
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
@@ -269,7 +318,6 @@ def damaged(tmp_path):
         ("status", "no goal was pursued"),
         ("plan", "no global plan"),
         ("goal", "the goal's position"),
-        ("parameters", "no parameter_updates"),
     ):
         record(tmp_path / ("no_%s.bag" % missing), without=(missing,), node=False)
         reasons["no_%s.bag" % missing] = reason
@@ -373,9 +421,8 @@ def test_gaps_jumps_changes_and_bad_scans_cut_an_episode(tmp_path, changes, leng
 
 def test_a_node_that_saw_something_else_is_noticed(tmp_path):
     class Other(Drive):
-        def see(self, t):
-            super().see(t)
-            self.observations[-1] = self.observations[-1] + np.float32(0.01 * (self.number == 2))
+        def seen(self, layout):
+            return super().seen(layout) + np.float32(0.01 * (self.number == 2))
 
     record(tmp_path / "a.bag", Other)
     found, report = rebuild(tmp_path / "a.bag")
