@@ -204,11 +204,11 @@ def test_a_policy_in_another_form_is_compared_by_what_it_sees(tmp_path):
 
 
 def test_a_bag_without_the_scans_of_decisions_has_those_before_them(tmp_path):
-    drive = record(tmp_path / "a.bag", scan=lambda ranges, k: ranges if k % 2 else None)
+    drive = record(tmp_path / "a.bag", scan=lambda ranges, k: ranges if k % 2 or not k else None)
     (trajectory,), report = rebuild(tmp_path / "a.bag")
-    actions = [PaperForm(robots.JACKAL).action(theta) for theta in drive.thetas[1:]]
+    actions = [PaperForm(robots.JACKAL).action(theta) for theta in drive.thetas]
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
-    assert (len(trajectory), report.verified) == (4, 0)
+    assert (len(trajectory), report.verified) == (5, 1)
 
 
 def test_what_no_server_has_said_is_as_in_the_robots_files(tmp_path, capsys):
