@@ -14,6 +14,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import announced
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up as warm_up_monitor
+from applr_ros1.movers.warm_up import warm_up as warm_up_tracker
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.robots import JACKAL
@@ -22,6 +23,7 @@ from sim_bridge.simulator import warm_up as warm_up_simulator
 PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
     ("the simulators", lambda: _simulators()),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
+    ("the tracker of moving obstacles", warm_up_tracker),
     (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
     (f"move_base with {LOCAL_PLANNERS[1]}", lambda: warm_up_planner(LOCAL_PLANNERS[1])),
 )

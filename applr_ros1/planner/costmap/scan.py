@@ -102,7 +102,7 @@ def _turned(q: Quaternion, yaw: float) -> Quaternion:
 _beams: Dict[Tuple[float, float, int], np.ndarray] = {}
 
 
-def _beam_directions(angle_min, angle_increment, count):
+def beam_directions(angle_min, angle_increment, count):
     """Cosine and sine (count, 2) of every beam, kept for the last few scan geometries."""
     key = (angle_min, angle_increment, count)
     table = _beams.get(key)
@@ -123,7 +123,7 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     range_max, so that it clears; NaN and -inf never count.
     """
     ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-    table = _beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
+    table = beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
     points = np.empty((len(ranges), 3), np.float32)
     level = scan.rotation is None
     x, y, yaw = scan.sensor_pose if level else (0.0, 0.0, 0.0)

@@ -1,0 +1,72 @@
+"""How far a scan's pose is wrong, by what stands: tracks that do not move vote on a small shift and turn of the laser.
+
+A base that turns by skidding, or whose wheels spin, moves otherwise than its odometry says: then all that stands seems
+to move. Weighted least squares on the places of the standing tracks, those that do not fit weighted down.
+"""
+
+import math
+
+from applr_ros1.common.kernels import kernel
+from applr_ros1.movers.clusters import CX, CY, FROM, HIDDEN_FROM, HIDDEN_TO, POINTS, SIGMA, TO
+
+VOTES = 3  # standing tracks that are needed
+SHIFT, TURN = 0.05, 0.02  # [m, rad]: errors of the odometry that are expected from scan to scan
+FITS = 0.06  # [m]: what is so far off counts half
+ROUNDS = 3
+
+
+@kernel
+def slip(places, voters, votes, clusters, sensor):
+    """(dx, dy [m], turn [rad]) by which the laser's pose has to be corrected; zeros where too little stands.
+
+    Args:
+        places: (n, 3) of what stands: x, y [m] and variance [m^2].
+        voters: (n,) the number of each one's cluster.
+        votes: how many there are.
+        clusters: as clusters.py says.
+        sensor: (x, y, yaw) of the laser by the odometry.
+    """
+    dx = dy = turn = 0.0
+    if votes < VOTES:
+        return dx, dy, turn
+    for _ in range(ROUNDS):
+        a00 = a11 = 1.0 / SHIFT**2
+        a22 = 1.0 / TURN**2
+        a02 = a12 = b0 = b1 = b2 = 0.0
+        for k in range(votes):
+            cluster = clusters[voters[k]]
+            if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
+                continue
+            x, y = cluster[CX] - sensor[0], cluster[CY] - sensor[1]
+            ex, ey = places[k, 0] - cluster[CX], places[k, 1] - cluster[CY]
+            off = ((ex - dx + turn * y) ** 2 + (ey - dy - turn * x) ** 2) / FITS**2
+            w = 1.0 / ((places[k, 2] + cluster[SIGMA] ** 2) * (1.0 + off))
+            a00 += w
+            a11 += w
+            a22 += w * (x * x + y * y)
+            a02 -= w * y
+            a12 += w * x
+            b0 += w * ex
+            b1 += w * ey
+            b2 += w * (x * ey - y * ex)
+        turn = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
+        dx, dy = (b0 - a02 * turn) / a00, (b1 - a12 * turn) / a11
+    return dx, dy, turn
+
+
+@kernel
+def shift(clusters, count, fan, sensor, by):
+    """Correct what a scan says, in place: its clusters, and the pose in `fan`; returns the pose (x, y, yaw)."""
+    dx, dy, turn = by
+    c, s = math.cos(turn), math.sin(turn)
+    for k in range(count):
+        cluster = clusters[k]
+        cluster[FROM] += turn
+        cluster[TO] += turn
+        for i in (CX, POINTS, POINTS + 2, POINTS + 4):
+            x, y = cluster[i] - sensor[0], cluster[i + 1] - sensor[1]
+            cluster[i] = sensor[0] + dx + c * x - s * y
+            cluster[i + 1] = sensor[1] + dy + s * x + c * y
+    pose = sensor[0] + dx, sensor[1] + dy, sensor[2] + turn
+    fan[1], fan[2], fan[3] = pose
+    return pose

@@ -1,0 +1,137 @@
+"""The tracker of moving obstacles: from scans and odometry to discs with velocities.
+
+docs/explanation/movers.md says what it follows, what it does not, and how well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Optional
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_point
+from applr_ros1.movers import clusters, tracks
+from applr_ros1.movers.free_space import FreeSpace, depths
+from applr_ros1.planner.costmap.scan import LaserScan, beam_directions
+from applr_ros1.robots import Robot
+
+REACH = 8.0  # [m]: what is farther is not followed
+LARGEST = 0.8  # [m]: radius of the largest mover
+PAUSE = 1.0  # [s] without a scan, or by which a stamp is older: another time has begun
+FASTER = 1.5  # a pose that changes so many times as fast as the base can: another place
+SHIFT, TURN = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
+SMOOTH = 0.1  # [s]: time constant of the measured turn rate
+LATENCY, OF_A_SCAN = 0.04, 0.5  # [s, periods] by which the stamps of poses and beams may differ
+
+
+class Movers(NamedTuple):
+    """What moves, in the odometry's frame at a scan's stamp; arrays of one length.
+
+    id: a mover's number, which it keeps (int64). x, y: centre of the disc [m]. vx, vy: its velocity [m/s]. radius [m].
+    deviation: standard deviation of either component of the velocity [m/s].
+    """
+
+    id: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+    radius: np.ndarray
+    deviation: np.ndarray
+
+
+class MoverTracker:
+    """Follows what moves from scan to scan.
+
+    Args:
+        max_speed: of the base [m/s]; a pose that changes much faster starts anew.
+        max_yaw_rate: of the base [rad/s].
+        reach: distance [m] from the laser within which movers are followed.
+    """
+
+    def __init__(self, max_speed: float, max_yaw_rate: float, reach: float = REACH):
+        self.max_speed, self.max_yaw_rate, self.reach = float(max_speed), float(max_yaw_rate), float(reach)
+        self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
+        self._history = np.empty((tracks.SCANS, tracks.MAX_TRACKS, 6))
+        self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
+        self._free = FreeSpace()
+        self._number = 1
+        self.reset()
+
+    @classmethod
+    def of(cls, robot: Robot) -> MoverTracker:
+        """A tracker for a robot's base."""
+        return cls(robot.base.max_speed, robot.base.max_yaw_rate)
+
+    def reset(self) -> None:
+        """Nothing has been seen. To be called when time or odometry jumps; update() sees most jumps by itself."""
+        self._tracks[:] = 0.0
+        self._history[:] = math.nan
+        self._free.clear()
+        self._last: Optional[tuple] = None  # stamp and pose of the last scan
+        self._correction: Pose = (0.0, 0.0, 0.0)  # of the odometry's poses, by what stands
+        self._turning = 0.0  # [rad/s]
+
+    def update(self, scan: LaserScan) -> Movers:
+        """Take a scan, whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
+
+        A scan that is not newer than the last one, or of a laser that is not level, changes nothing. A jump of time, or
+        of the pose beyond what the base can drive, begins anew.
+
+        Returns:
+            The movers at the newest scan's stamp, empty where nothing is known to move.
+        """
+        x, y, yaw = (float(value) for value in scan.sensor_pose)
+        dt = 0.0
+        if self._last is not None:
+            dt = scan.stamp - self._last[0]
+            if -PAUSE < dt <= 0.0:
+                return self._movers()
+            if abs(dt) > PAUSE or self._jumps((x, y, yaw), dt):
+                self.reset()
+                dt = 0.0
+        if scan.rotation is not None:
+            return self._movers()
+        if self._last is not None:
+            rate = normalize_angle(yaw - self._last[1][2]) / dt
+            self._turning += (1.0 - math.exp(-dt / SMOOTH)) * (rate - self._turning)
+        self._last = scan.stamp, (x, y, yaw)
+        self._follow(scan, dt)
+        return self._movers()
+
+    def _jumps(self, pose, dt: float) -> bool:
+        assert self._last is not None
+        was = self._last[1]
+        moved, turned = math.hypot(pose[0] - was[0], pose[1] - was[1]), abs(normalize_angle(pose[2] - was[2]))
+        return moved > FASTER * self.max_speed * dt + SHIFT or turned > FASTER * self.max_yaw_rate * dt + TURN
+
+    def _follow(self, scan: LaserScan, dt: float) -> None:
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        n, first, step = len(ranges), float(scan.angle_min), float(scan.angle_increment)
+        assert self._last is not None
+        now = self._last[0]
+        sensor = compose(self._correction, self._last[1])
+        limits = first, step, float(scan.range_min), float(scan.range_max)
+        depth = np.empty(n, np.float32)
+        depths(ranges, *limits[2:], depth)
+        fan = np.array((now, *sensor, *limits[:3], n, self._turning))
+        table = beam_directions(first, step, n)
+        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST, self.reach, self._clusters)
+        before = self._free.ranges, self._free.fans
+        latency = max(LATENCY, OF_A_SCAN * dt)
+        given = self._tracks, self._history, self._clusters, count
+        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, latency)
+        self._correction = compose(sensor, inverse(self._last[1]))
+        self._number = tracks.begin(self._tracks, self._clusters, count, taken, now, self._number)
+        if self._free.due(now):
+            self._free.take(depth, fan)
+            tracks.remember(self._history, self._free.newest, found, self._clusters)
+
+    def _movers(self) -> Movers:
+        rows = self._tracks[self._tracks[:, tracks.MOVES] > 0.0]
+        deviation = np.sqrt(rows[:, tracks.VV])
+        back = inverse(self._correction)
+        x, y = transform_point(back, rows[:, tracks.TX], rows[:, tracks.TY])
+        vx, vy = transform_point((0.0, 0.0, back[2]), rows[:, tracks.VX], rows[:, tracks.VY])
+        return Movers(rows[:, tracks.ID].astype(np.int64), x, y, vx, vy, rows[:, tracks.TR], deviation)

@@ -1,0 +1,194 @@
+"""What the tracker of moving obstacles finds, and what it must not take for one: small scenes, each for one rule."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.angles import compose
+from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.robots import JACKAL
+from sim_bridge.lidar import Lidar
+
+BURGER = robots.load("turtlebot3_burger").laser
+NARROW = JACKAL.laser.model_copy(update=dict(beams=121, first_angle=-0.6, last_angle=0.6, rate=15.0))
+ROOM = np.array([[0.0, 6.0, 0.0, 12.0, 0.2], [0.0, -6.0, 0.0, 12.0, 0.2], [6.0, 0.0, 0.0, 0.2, 12.0]])
+PILLARS = np.array(
+    [[2.0, 1.0, 0.1], [3.0, -1.5, 0.15], [1.5, -2.5, 0.1], [-1.5, 2.0, 0.2], [-2.0, -1.0, 0.1], [4, 2, 0.1]]
+)
+STANDS = np.empty((0, 3))
+
+
+class Scene:
+    """A robot with a laser among cylinders (n, 3) and boxes (m, 5); movers and poses are functions of time."""
+
+    def __init__(self, laser=JACKAL.laser, cylinders=STANDS, boxes=ROOM, noise=0.01):
+        self.laser, self.noise = laser, noise
+        self.lidar = Lidar(laser, cylinders, boxes)
+        self.random = np.random.default_rng(1)
+        self.tracker = MoverTracker(2.0, 4.0)
+
+    def scan(self, time, pose=(0.0, 0.0, 0.0), movers=(), believed=None):
+        ranges = self.lidar.scan(*pose, np.array(movers, dtype=float).reshape(-1, 3))
+        ranges += self.random.normal(0.0, self.noise, len(ranges)).astype(np.float32)
+        laser = self.laser
+        limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+        return LaserScan(time, *limits, ranges, pose if believed is None else believed)
+
+    def watch(
+        self, seconds, pose=lambda t: (0.0, 0.0, 0.0), movers=lambda t: (), believed=None, seen=lambda scan: scan
+    ):
+        """[(time, Movers)] of all scans of so many seconds."""
+        result = []
+        for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
+            scan = self.scan(t, pose(t), movers(t), None if believed is None else believed(t))
+            result.append((t, self.tracker.update(seen(scan))))
+        return result
+
+
+def counts(result):
+    return [len(movers.id) for _, movers in result]
+
+
+def reverse(scan):
+    """The same beams in the other order."""
+    last = scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1)
+    return replace(scan, angle_min=last, angle_increment=-scan.angle_increment, ranges=scan.ranges[::-1])
+
+
+def vary(scan):
+    """A spinning laser whose number of beams varies."""
+    less = int(scan.stamp * 5.0) % 3
+    return replace(scan, ranges=scan.ranges[: len(scan.ranges) - less])
+
+
+@pytest.mark.parametrize(("laser", "seen"), [
+    (JACKAL.laser, lambda scan: scan), (BURGER, lambda scan: scan), (NARROW, lambda scan: scan),
+    (JACKAL.laser, reverse), (BURGER, vary),
+])  # fmt: skip
+@pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
+def test_a_mover_is_known_soon_with_its_velocity(laser, seen, velocity):
+    """Whether it crosses, goes away or comes nearer, before any kind of laser."""
+    vx, vy = velocity
+    start = 2.4 - vx, -vy
+    place = lambda t: (start[0] + vx * t, start[1] + vy * t)  # noqa: E731
+    result = Scene(laser).watch(1.9, movers=lambda t: [(*place(t), 0.3)], seen=seen)
+    known = [(t, movers) for t, movers in result if len(movers.id)]
+    assert known[0][0] <= 0.65
+    assert max(counts(result)) == 1
+    assert len({int(movers.id[0]) for _, movers in known}) == 1
+    t, last = known[-1]
+    assert t == result[-1][0]
+    assert math.hypot(last.x[0] - place(t)[0], last.y[0] - place(t)[1]) < 0.12
+    assert math.hypot(last.vx[0] - vx, last.vy[0] - vy) < 0.25
+    assert last.radius[0] == pytest.approx(0.3, abs=0.08)
+    assert 0.02 < last.deviation[0] < 0.4
+
+
+@pytest.mark.parametrize("rate", [1.5, -3.0])
+def test_turning_makes_no_movers(rate):
+    """Though stamps of scans and poses differ by 30 ms, and the turn begins and ends."""
+    turn = lambda t: rate * max(0.0, min(t, 2.0) - 0.5)  # noqa: E731
+    for laser in (JACKAL.laser, BURGER):
+        scene = Scene(laser, PILLARS)
+        result = scene.watch(3.0, lambda t: (0, 0, turn(t)), believed=lambda t: (0, 0, turn(t - 0.03)))
+        assert sum(counts(result)) == 0
+
+
+def test_a_wall_seen_under_a_new_angle_stands():
+    """Its visible part slides along behind a nearer box as the robot drives; others come into view from behind it."""
+    boxes = np.array(
+        [[2.0, 1.0, 0.0, 1.0, 0.4], [3.0, 2.5, 0.3, 0.5, 0.4], [4.0, 2.2, 0.0, 0.4, 0.3], [5, 3, 1, 1, 0.1]]
+    )
+    posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
+    for laser in (JACKAL.laser, BURGER):
+        scene = Scene(laser, posts, boxes)
+        assert sum(counts(scene.watch(3.0, lambda t: (1.5 * t, 0.0, 0.0)))) == 0
+
+
+def test_wheels_that_slip_make_no_movers():
+    """All that stands seems to move then; what moves among it is still found, with its velocity in the world."""
+    scene = Scene(cylinders=PILLARS)
+    slips = lambda t: (0.6 * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
+    result = scene.watch(2.0, believed=slips)
+    assert sum(counts(result)) == 0
+    scene = Scene(cylinders=PILLARS)
+    result = scene.watch(2.0, believed=slips, movers=lambda t: [(2.5, -1.0 + t, 0.3)])
+    assert counts(result)[-1] == 1
+    t, last = result[-1]
+    assert (last.vx[0], last.vy[0]) == pytest.approx((0.0, 1.0), abs=0.15)
+    assert (last.x[0], last.y[0]) == pytest.approx((2.5 + slips(t)[0], -1.0 + t), abs=0.1)
+
+
+@pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
+def test_beams_that_fail_make_no_movers(code):
+    """Single ones by chance, and a sector now and then; also posts so thin that beams miss them now and then."""
+    random = np.random.default_rng(2)
+    thin = np.array([[2.0 + 0.4 * i, -1.5 + 0.6 * i, 0.012] for i in range(6)])
+
+    def fail(scan):
+        ranges = np.where(random.random(len(scan.ranges)) < 0.1, np.float32(code), scan.ranges)
+        if scan.stamp % 0.5 < 0.2:
+            ranges[len(ranges) // 3 : len(ranges) // 2] = code
+        return replace(scan, ranges=ranges.astype(np.float32))
+
+    for laser in (JACKAL.laser, BURGER):
+        scene = Scene(laser, np.vstack([PILLARS, thin]))
+        assert sum(counts(scene.watch(4.0, lambda t: (0.2 * t, 0.0, 0.5 * math.sin(t)), seen=fail))) == 0
+
+
+def test_a_hidden_mover_is_carried_on_and_then_forgotten():
+    """Behind a pillar; one that is not where it should be though one sees there is forgotten at once."""
+    wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
+    crosses = lambda t: [(2.5, -1.2 + 1.2 * t, 0.25)]  # noqa: E731
+    result = Scene(boxes=wall).watch(4.0, movers=crosses)
+    times = [t for t, movers in result if len(movers.id)]
+    assert 0.3 <= max(times) - 1.5 <= 1.2, "it is out of sight after some 1.5 s"
+    t, movers = next((t, movers) for t, movers in reversed(result) if len(movers.id))
+    assert (movers.x[0], movers.y[0]) == pytest.approx((2.5, -1.2 + 1.2 * t), abs=0.3)
+    result = Scene(boxes=wall).watch(2.0, movers=lambda t: crosses(t) if t < 1.0 else ())
+    assert counts(result)[19] == 1
+    assert sum(counts(result)[23:]) == 0
+
+
+def test_what_stops_is_no_mover_and_what_starts_is():
+    waits = lambda t: [(2.0, max(0.0, min(t, 3.0) - 1.5), 0.3)]  # noqa: E731
+    result = Scene().watch(5.0, movers=waits)
+    numbers = counts(result)
+    assert sum(numbers[:31]) == 0
+    assert all(numbers[42:60])
+    assert sum(numbers[72:]) == 0
+
+
+def test_older_scans_change_nothing_and_jumps_begin_anew():
+    scene = Scene()
+    moving = lambda t: [(2.4, -1.0 + t, 0.3)]  # noqa: E731
+    (t, known) = scene.watch(1.0, movers=moving)[-1]
+    for stamp in (t, t - 0.1):
+        again = scene.tracker.update(scene.scan(stamp, movers=()))
+        assert again.id.tolist() == known.id.tolist()
+        assert again.x.tolist() == known.x.tolist()
+    tilted = replace(scene.scan(t + 0.05, movers=()), rotation=(0.0, 0.2, 0.0, 0.98))
+    assert scene.tracker.update(tilted).x.tolist() == known.x.tolist()
+    for stamp, pose in ((t + 5.0, (0, 0, 0)), (t - 5.0, (0, 0, 0)), (t + 0.05, (3, 0, 0)), (t + 0.05, (0, 0, 2))):
+        scene = Scene()
+        scene.watch(1.0, movers=moving)
+        assert len(scene.tracker.update(scene.scan(stamp, movers=moving(t), believed=pose)).id) == 0, (stamp, pose)
+    scene = Scene()
+    scene.watch(1.0, movers=moving)
+    scene.tracker.reset()
+    assert len(scene.tracker.update(scene.scan(t + 0.05, movers=moving(t))).id) == 0
+
+
+def test_places_are_in_the_frame_of_the_odometry():
+    """The laser drives and turns in a frame far from its origin."""
+    frame = (40.0, -30.0, 2.0)
+    scene = Scene(cylinders=PILLARS)
+    mover = lambda t: (2.5, -1.0 + t, 0.3)  # noqa: E731
+    pose = lambda t: (0.5 * t, 0.0, 0.3 * t)  # noqa: E731
+    t, last = scene.watch(1.5, pose, lambda t: [mover(t)], lambda t: compose(frame, pose(t)))[-1]
+    assert (last.x[0], last.y[0]) == pytest.approx(compose(frame, (*mover(t)[:2], 0.0))[:2], abs=0.1)
+    assert (last.vx[0], last.vy[0]) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)
