@@ -7,12 +7,13 @@ to move. Weighted least squares on the places of the standing tracks, those that
 import math
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.movers.clusters import CX, CY, FROM, HIDDEN_FROM, HIDDEN_TO, POINTS, SIGMA, TO
+from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
 VOTES = 3  # standing tracks that are needed
-SHIFT, TURN = 0.05, 0.02  # [m, rad]: errors of the odometry that are expected from scan to scan
-FITS = 0.06  # [m]: what is so far off counts half
-ROUNDS = 3
+SHIFT, TURN = 0.03, 0.01  # [m, rad]: errors of the odometry that are expected from scan to scan
+FITS = 0.04  # [m]: what is so far off counts half
+ROUNDS = 4
+AGREE = 0.6  # share of the votes that have to fit
 
 
 @kernel
@@ -26,20 +27,19 @@ def slip(places, voters, votes, clusters, sensor):
         clusters: as clusters.py says.
         sensor: (x, y, yaw) of the laser by the odometry.
     """
-    dx = dy = turn = 0.0
+    dx = dy = turn = fitting = 0.0
     if votes < VOTES:
         return dx, dy, turn
     for _ in range(ROUNDS):
         a00 = a11 = 1.0 / SHIFT**2
         a22 = 1.0 / TURN**2
-        a02 = a12 = b0 = b1 = b2 = 0.0
+        a02 = a12 = b0 = b1 = b2 = fitting = 0.0
         for k in range(votes):
             cluster = clusters[voters[k]]
-            if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
-                continue
             x, y = cluster[CX] - sensor[0], cluster[CY] - sensor[1]
             ex, ey = places[k, 0] - cluster[CX], places[k, 1] - cluster[CY]
             off = ((ex - dx + turn * y) ** 2 + (ey - dy - turn * x) ** 2) / FITS**2
+            fitting += 1.0 / (1.0 + off)
             w = 1.0 / ((places[k, 2] + cluster[SIGMA] ** 2) * (1.0 + off))
             a00 += w
             a11 += w
@@ -51,6 +51,8 @@ def slip(places, voters, votes, clusters, sensor):
             b2 += w * (x * ey - y * ex)
         turn = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
         dx, dy = (b0 - a02 * turn) / a00, (b1 - a12 * turn) / a11
+    if fitting < AGREE * votes:
+        return 0.0, 0.0, 0.0
     return dx, dy, turn
 
 

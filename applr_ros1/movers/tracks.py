@@ -17,9 +17,8 @@ from applr_ros1.movers.slip import shift, slip
 
 MAX_TRACKS = 192
 # columns of a track: number (0: none), centre [m], velocity [m/s], variances of place, both, velocity, radius [m],
-# stamps of its first and last cluster and of the last evidence [s], evidence [s], how often, scans that saw through it, whether
-# it is a mover, clusters so far, and the mean of its last
-# centres [m]
+# stamps of its first and last cluster and of the last evidence [s], evidence [s], how often, scans that saw through it,
+# whether it is a mover, clusters so far, and the mean of its last centres [m]
 ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, MOVES, HITS, MX, MY = range(19)
 COLUMNS = 19
 
@@ -33,6 +32,7 @@ SLOWEST, STANDING = 0.25, 0.12  # [m/s]: what is faster may be a mover, what bec
 CLEAR = 2.0  # deviations by which a mover's velocity differs from zero
 ENOUGH, OFTEN = 0.12, 2  # evidence [s], and in how many scans, that makes a mover
 MOST = 0.5  # [s] of evidence that counts
+SAME_SIZE = 0.03  # [m]: of a cluster and a track, for that
 SETTLED = 3  # clusters after which a track that stands tells where the robot is
 AVERAGED = 0.5  # [s] over which its place is averaged for that
 SILENT = 1.0  # [s] after which a mover needs new evidence
@@ -139,7 +139,8 @@ def follow(tracks, history, clusters, count, scan, before, dt, latency):
     Args:
         tracks: (MAX_TRACKS, COLUMNS).
         history: (SCANS, MAX_TRACKS, 6): the points of each track's cluster in the kept scans.
-        clusters: of the scan, `count` of them.
+        clusters: of the scan.
+        count: how many there are.
         scan: how far its beams saw (n,), its fan (9,), the laser's pose.
         before: FreeSpace's ranges and fans.
         dt: since the last scan [s].
@@ -190,7 +191,10 @@ def _correct_pose(tracks, clusters, count, found, fan, sensor):
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
         row = tracks[t]
-        if found[t] >= 0 and row[MOVES] == 0.0 and math.hypot(row[VX], row[VY]) < SLOWEST and row[HITS] >= SETTLED:
+        if found[t] < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST or row[HITS] < SETTLED:
+            continue
+        cluster = clusters[found[t]]
+        if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0 and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE:
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
             voters[votes] = found[t]
             votes += 1

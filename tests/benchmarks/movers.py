@@ -92,8 +92,8 @@ class Judge:
             f"position {rms[0]:.3f} m, velocity {rms[1]:.3f} m/s (median {np.median(self.velocity or [math.nan]):.3f}; "
             f"{math.sqrt(np.mean(np.square(self.normal or [math.nan]))):.2f} sigma), radius "
             f"{np.mean(self.radius or [math.nan]):+.3f} m, delay {delay[0]:.2f} s (90 %: {delay[1]:.2f}), known "
-            f"{share:.2f}, false {len(self.false) / minutes:.2f} a minute ({self.false_marks} marks in {minutes:.1f} min), "
-            f"{1e3 * np.mean(self.took):.3f} ms"
+            f"{share:.2f}, false {len(self.false) / minutes:.2f} a minute "
+            f"({self.false_marks} marks in {minutes:.1f} min), {1e3 * np.mean(self.took):.3f} ms"
         )
 
 

@@ -17,7 +17,7 @@ BURGER = robots.load("turtlebot3_burger").laser
 NARROW = JACKAL.laser.model_copy(update=dict(beams=121, first_angle=-0.6, last_angle=0.6, rate=15.0))
 ROOM = np.array([[0.0, 6.0, 0.0, 12.0, 0.2], [0.0, -6.0, 0.0, 12.0, 0.2], [6.0, 0.0, 0.0, 0.2, 12.0]])
 PILLARS = np.array(
-    [[2.0, 1.0, 0.1], [3.0, -1.5, 0.15], [1.5, -2.5, 0.1], [-1.5, 2.0, 0.2], [-2.0, -1.0, 0.1], [4, 2, 0.1]]
+    [[2.0, 1.0, 0.1], [3.0, -1.5, 0.15], [1.5, -2.5, 0.1], [-1.5, 2, 0.2], [-2.0, -1.0, 0.1], [4, 2, 0.1]]
 )
 STANDS = np.empty((0, 3))
 
@@ -38,9 +38,7 @@ class Scene:
         limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
         return LaserScan(time, *limits, ranges, pose if believed is None else believed)
 
-    def watch(
-        self, seconds, pose=lambda t: (0.0, 0.0, 0.0), movers=lambda t: (), believed=None, seen=lambda scan: scan
-    ):
+    def watch(self, seconds, pose=lambda t: (0, 0, 0), movers=lambda t: (), believed=None, seen=lambda scan: scan):
         """[(time, Movers)] of all scans of so many seconds."""
         result = []
         for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
@@ -100,9 +98,7 @@ def test_turning_makes_no_movers(rate):
 
 def test_a_wall_seen_under_a_new_angle_stands():
     """Its visible part slides along behind a nearer box as the robot drives; others come into view from behind it."""
-    boxes = np.array(
-        [[2.0, 1.0, 0.0, 1.0, 0.4], [3.0, 2.5, 0.3, 0.5, 0.4], [4.0, 2.2, 0.0, 0.4, 0.3], [5, 3, 1, 1, 0.1]]
-    )
+    boxes = np.array([[2.0, 1.0, 0.0, 1.0, 0.4], [3, 2.5, 0.3, 0.5, 0.4], [4, 2.2, 0, 0.4, 0.3], [5, 3, 1, 1, 0.1]])
     posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, posts, boxes)
