@@ -25,7 +25,12 @@ from typing import Any, Callable
 import numba
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("applr_ros1/planner", "applr_ros1/monitor", "applr_ros1/movers", "sim_bridge")  # each has all that its own kernels take
+PACKAGES = (
+    "applr_ros1/planner",
+    "applr_ros1/monitor",
+    "applr_ros1/movers",
+    "sim_bridge",
+)  # no kernel takes one of another
 KEPT = 24  # folders; beyond, those that were unused longest are removed
 
 
