@@ -1,15 +1,15 @@
-"""Parameters on five servers, all or none, within a deadline: the client and its worker beside a stand-in
+"""Parameters on five servers, all or none, within a deadline: the client beside a stand-in
 move_base.
 """
 
 import time
 from collections import Counter
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.ros_harness import session, slowness, wait_for
 
@@ -44,6 +44,16 @@ def client(connected):
         rospy.delete_param("/fake")
     assert connected.apply(THETA_0).ok
     return connected
+
+
+@contextmanager
+def started(on_report):
+    """A connected client that applies what is requested."""
+    client = ReconfigureClient(on_report=on_report)
+    client.start()
+    wait_for(lambda: client.connected, 10.0, "servers")
+    yield client
+    client.close()
 
 
 def test_values_are_read_back(client):
@@ -106,18 +116,24 @@ def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client,
         assert calls() == expected
 
 
+def test_an_answer_counts_when_the_server_has_published_the_values(client):
+    import rospy
+
+    rospy.set_param("/fake/late", [PLANNER])
+    assert client.apply(SPACE.high).ok
+    assert np.array_equal(client.theta(), SPACE.high)
+
+
 def test_a_refused_set_is_given_up_where_one_server_alone_was_called(client):
     import rospy
 
     theta, reports = THETA_0.copy(), []
     theta[0] = 1.5
     rospy.set_param("/fake/refuse", [PLANNER])
-    worker = ReconfigureWorker(client, reports.append, reports.append)
-    worker.start()
-    worker.request(theta)
-    wait_for(lambda: not worker.busy, 5.0, "the end of the attempts")
+    with started(reports.append) as client:
+        client.request(theta)
+        wait_for(lambda: not client.busy, 5.0, "the end of the attempts")
     assert len(reports) == 3
-    worker.stop()
 
 
 def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):
@@ -148,18 +164,16 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
 
 def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake):
     reports = []
-    worker = ReconfigureWorker(client, reports.append, reports.append)
-    worker.start()
-    fake.freeze()
-    worker.request(SPACE.low)
-    wait_for(lambda: reports and reports[-1].unanswered, 3.0, "a call that is given up")
-    worker.request(SPACE.high)
-    time.sleep(0.3)
-    fake.thaw()
-    wait_for(lambda: not worker.busy, 3.0, "the newer set")
-    time.sleep(0.3)
-    assert np.array_equal(client.theta(), SPACE.high)
-    worker.stop()
+    with started(reports.append) as client:
+        fake.freeze()
+        client.request(SPACE.low)
+        wait_for(lambda: reports and reports[-1].unanswered, 3.0, "a call that is given up")
+        client.request(SPACE.high)
+        time.sleep(0.3)
+        fake.thaw()
+        wait_for(lambda: not client.busy, 3.0, "the newer set")
+        time.sleep(0.3)
+        assert np.array_equal(client.theta(), SPACE.high)
 
 
 @pytest.mark.fault("5")

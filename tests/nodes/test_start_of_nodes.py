@@ -99,29 +99,26 @@ def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_
     assert main.make_method(spec, robot, main.own_method(spec))[0].name == spec
 
 
-class Searching:
-    """A reconfigure client that never finds the servers; move_base's node is there from the 10th search to the 50th."""
-
-    connected, searches, starting = False, 0, False
-
-    def connect(self):
-        self.searches += 1
-        self.starting = 10 <= self.searches <= 50
-        return "no parameter server"
-
-
 def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
-    from applr_ros1.nodes.applr import reconfigure_worker
+    from applr_ros1.nodes.applr import reconfigure_client
 
-    monkeypatch.setattr(reconfigure_worker, "RETRY", 1e-4)
-    client, troubles = Searching(), []
-    worker = reconfigure_worker.ReconfigureWorker(
-        client, troubles.append, lambda line: troubles.append(client.searches)
-    )
-    worker.start()
+    class Searching(reconfigure_client.ReconfigureClient):
+        """Never finds the servers; move_base's node is there from the 10th search to the 50th."""
+
+        searches = 0
+
+        def connect(self):
+            self.searches += 1
+            self.starting = 10 <= self.searches <= 50
+            return "no parameter server"
+
+    monkeypatch.setattr(reconfigure_client, "RETRY", 1e-4)
+    troubles = []
+    client = Searching(on_trouble=lambda line: troubles.append(client.searches))
+    client.start()
     ros_harness.wait_for(lambda: client.searches >= 80, 10.0, "searches")
-    worker.stop()
-    assert troubles[0] == 50 + reconfigure_worker.PATIENCE
+    client.stop()
+    assert troubles[0] == 50 + reconfigure_client.PATIENCE
 
 
 class Answering:

@@ -2,11 +2,12 @@
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME]
 The ROS parameters /fake/refuse, /fake/hold and /fake/lie name servers (a list) that raise an error, keep their old
-values and say so, or say that they have taken the new ones.
+values and say so, or say that they have taken the new ones; /fake/late those that publish what they have .2 s later.
 """
 
 import argparse
 import sys
+import threading
 from types import SimpleNamespace
 
 import rospy
@@ -45,6 +46,14 @@ class Liar(Server):
     """Answers what it was asked where it is to lie, and sets nothing."""
 
     def _set_callback(self, request):
+        if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):
+            topic = self.update_topic
+            late = SimpleNamespace(publish=lambda message: threading.Timer(0.2, topic.publish, [message]).start())
+            self.update_topic = late
+            try:
+                return super()._set_callback(request)
+            finally:
+                self.update_topic = topic
         if self.ns.rstrip("/") not in rospy.get_param("/fake/lie", []):
             return super()._set_callback(request)
         asked = decode_config(request.config, self.type.config_description)

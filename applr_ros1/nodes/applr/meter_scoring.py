@@ -86,9 +86,9 @@ class MeterScoring:
         nothing = Compensation(self._space)
         if self._factor is None or self._at is None or not per_cell:
             return nothing
-        largest = self._client.upper_bound(*self._at[:2])
-        found = Compensation(self._space, self._factor, largest)
-        if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
+        low, high = self._client.bounds()
+        found = Compensation(self._space, self._factor, high[self._at[:2]].min())
+        if (found.outgoing(self._space.low) >= low).all() and (found.outgoing(self._space.high) <= high).all():
             return found
         rospy.logwarn("applr: the distance biases are not rescaled: the planner's bounds do not allow it")
         return nothing

@@ -16,7 +16,6 @@ from applr_ros1.common.errors import one_line
 from applr_ros1.common.progress import Throttled
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
 from applr_ros1.nodes.sensors import jumped_back
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.distance_weights import Compensation
@@ -32,7 +31,7 @@ LOST_AFTER = 3  # periods without a usable decision after which the policy count
 
 
 class ApplrNode:
-    """Joins inputs, method and worker.
+    """Joins inputs, method and client.
 
     Args:
         method: Chooses the parameters (policy/methods/).
@@ -71,8 +70,7 @@ class ApplrNode:
         self._last = None  # ROS time of the last decision
         self._base_set = False  # whether what a goal-less planner should have has been sent
         self._deciding = threading.Lock()  # of method, enabled and the course's state
-        self.client = ReconfigureClient(namespace, self.space, self._on_restart)
-        self.worker = ReconfigureWorker(self.client, self._on_report, self._say)
+        self.client = ReconfigureClient(namespace, self.space, self._on_restart, self._on_report, self._say)
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
@@ -91,7 +89,7 @@ class ApplrNode:
 
     def spin(self):
         """Until shutdown. A clock that jumps back starts afresh."""
-        self.worker.start()
+        self.client.start()
         rospy.on_shutdown(self.shutdown)
         beat = report = last = rospy.Time(0)
         while not rospy.is_shutdown():
@@ -186,13 +184,13 @@ class ApplrNode:
 
     def _resend(self):
         """What the planner has was sent before it was known what its weights count."""
-        if self._last is None or self.method.static or self.worker.applied is None:
+        if self._last is None or self.method.static or self.client.applied is None:
             self._base()
         else:
-            self.worker.reapply()
+            self.client.reapply()
 
     def _decide(self, now, goal):
-        unsettled = self.worker.busy or self.meter_scoring.waits(now)
+        unsettled = self.client.busy or self.meter_scoring.waits(now)
         if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
             return  # every course starts on theta_0, which is still on its way
         theta_prev = self.client.theta()
@@ -225,7 +223,7 @@ class ApplrNode:
             return
         self._failures = 0
         if not self.method.static:
-            self.worker.request(theta)
+            self.client.request(theta)
 
     def _ask(self, context):
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
@@ -241,7 +239,7 @@ class ApplrNode:
         self._say(line)
         if self._failures == LOST_AFTER and not self.method.static:
             self._say(f"no decision for {LOST_AFTER} periods: back to theta_0")
-            self.worker.request(self._capped(self.space.theta0))
+            self.client.request(self._capped(self.space.theta0))
 
     def _base(self):
         """What the planner has between goals: theta_0, or the one set of a static method."""
@@ -252,8 +250,8 @@ class ApplrNode:
         if theta is None:
             theta = self._capped(self.space.theta0)
         has = self.client.theta()
-        if has is None or not np.array_equal(has, theta) or self.worker.busy:
-            self.worker.request(theta)
+        if has is None or not np.array_equal(has, theta) or self.client.busy:
+            self.client.request(theta)
 
     def _capped(self, theta):
         """Theta (n,) with max_vel_x within max_speed."""
@@ -261,11 +259,11 @@ class ApplrNode:
 
     def shutdown(self):
         """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
-        self.worker.stop()
+        self.client.stop()
         theta = self._capped(self.space.theta0)
-        if self.worker.applied is None:
+        if self.client.applied is None:
             return
-        if self.client.compensation.needed or not np.array_equal(self.worker.applied, theta):
+        if self.client.compensation.needed or not np.array_equal(self.client.applied, theta):
             self.client.compensation = Compensation(self.space)  # as the planner was before this node came
             self.client.apply(theta)
 
@@ -274,7 +272,7 @@ class ApplrNode:
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.meter_scoring.forget()  # another process may count otherwise
         self.client.compensation = Compensation(self.space)
-        self.worker.reapply()
+        self.client.reapply()
 
     def _on_report(self, report):
         if report.ok:

@@ -1,7 +1,8 @@
 """Sets the parameters of a space in a running move_base, ours or the C++ one, all or none.
 
-The applr node's worker calls `apply`; the node reads `theta()`, what the planner really has. Each server has a client
-of dynamic_reconfigure's own library. Which names, bounds and layers exist is found out, not assumed.
+The applr node says what it wants with `request`, which never waits, and reads `theta()`, what the planner really has.
+Each server has a client of dynamic_reconfigure's own library. Which names, bounds and layers exist is found out, not
+assumed.
 """
 
 from __future__ import annotations
@@ -11,19 +12,23 @@ import threading
 import time
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
 
-from applr_ros1.common.errors import reason
+from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.distance_weights import Compensation
-from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
+from applr_ros1.policy.parameter_space import SPACE, Space, Target, are_in_force
 
-DEADLINE = 1.0  # s of wall time for one call of all servers
-ANNOUNCED = 0.4  # s of wall time between a server's answer and its message on parameter_updates
+# deadlines are wall time, whatever the clock of ROS does
+DEADLINE = 1.0  # s for one call of all servers
+ANNOUNCED = 0.4  # s between a server's answer and its message on parameter_updates
+RETRY = 0.25  # s between attempts
+REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
+PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; none while move_base starts
 _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float, "str": str}
 
 
@@ -50,61 +55,72 @@ class Server:
     """One dynamic_reconfigure server: its values as last heard, its bounds, and calls to change it.
 
     A stopped process accepts a call and never answers, and the library has no time-out for that. So each call has a
-    thread of its own, and there is no second one before it has ended: a late call never undoes a newer one.
+    thread, and there is no second one before it has ended: a late call never undoes a newer one.
+
+    Args:
+        name: Its full name.
+        targets: (index in theta, Target) of the values that it must hold.
+        on_restart: Called with this server when it came back after a restart.
 
     Attributes:
-        settings: (index in theta, sign, name) of each of its values that the space sets.
-        refused: whether the newest call was answered, and the values are not in force.
+        settings: (index in theta, sign, name) of each of those values.
+        refused: Whether the newest call was answered, and the values are not in force.
+
+    Raises rospy.ROSException where it does not answer, ApplrError where it does not hold a value.
     """
 
-    def __init__(self, name: str, on_restart: Callable[[Server], None]):
-        self.name, self._on_restart = name, on_restart
-        self.settings: List[Tuple[int, int, str]] = []
-        self._declared: Dict[str, Dict[str, Any]] = {}
+    def __init__(self, name: str, targets: Sequence[Tuple[int, Target]], on_restart: Callable[[Server], None]):
+        self.name, self._on_restart, self.refused = name, on_restart, False
         self._call: Optional[Future] = None  # the newest one
-        self.refused = False
-        self._starts = 0  # times that the server was found or came back
-        self._known = 0  # the start since which its values are known; 0: a call has shown nothing of them
+        self._starts = 0  # of the server, as far as they were noticed
+        self._known = 1  # its start since which the values are known; 0: a call has shown nothing of them
         self._client = Client(name, DEADLINE, description_callback=self._on_description)
         self.close = self._client.close
+        try:
+            for hear in (self._client.get_parameter_descriptions, self._client.get_configuration):
+                if hear(DEADLINE) is None:
+                    raise rospy.ROSException("does not publish its parameters: is it stopped?")
+            self.settings = [(i, target.sign, self._own_name(target)) for i, target in targets]
+        except Exception:
+            self.close()
+            raise
 
-    def hold(self, targets: Any, owner: str) -> str:
-        """Learn values and bounds, and which values the space's targets are. Returns "" or one line why not."""
-        for heard in (self._client.get_parameter_descriptions(DEADLINE), self._client.get_configuration(DEADLINE)):
-            if heard is None:
-                return f"{self.name} does not publish its parameters: is it stopped?"
-        for i, target in targets:
-            name = next((name for name in target.names if name in self._declared), None)
-            if name is None:
-                return f"{self.name} has no parameter {target.names[0]}: {owner} has it"
-            self.settings.append((i, target.sign, name))
-        self._known = self._starts
-        return ""
+    def _own_name(self, target: Target) -> str:
+        for name in target.names:
+            if name in self._declared:
+                return name
+        raise ApplrError(f"has no parameter {target.names[0]}")
+
+    def _on_description(self, description: List[Dict[str, Any]]) -> None:
+        self._starts += 1  # each server sends it once
+        if self._starts > 1:
+            self._on_restart(self)
+
+    @property
+    def _declared(self) -> Dict[str, Dict[str, Any]]:
+        return {parameter["name"]: parameter for parameter in self._client.param_description}
 
     @property
     def values(self) -> Mapping[str, Any]:
         """{name: value} as last heard."""
         return self._client.config
 
-    def value(self, index: int) -> float:
-        """The value of the parameter with this index in theta."""
-        return next(self.values[name] for i, sign, name in self.settings if i == index and sign > 0)
-
-    def request(self, values: np.ndarray) -> Dict[str, Any]:
-        """{name: value} of what it holds of values (n,), within the bounds and as the types that it declares."""
-        found = {}
-        for i, sign, name in self.settings:
-            declared = self._declared[name]
-            found[name] = _KINDS[declared["type"]](min(max(sign * values[i], declared["min"]), declared["max"]))
-        return found
-
     def has(self, values: Mapping[str, Any]) -> bool:
         """Whether {name: value} are in force, as the server itself has said since its start and the newest call."""
         return self._known == self._starts and are_in_force(values, self.values)
 
-    def upper_bound(self, name: str) -> float:
-        """The largest value that the server declares for a parameter."""
-        return self._declared[name]["max"]
+    def bounds(self) -> List[Tuple[int, float, float]]:
+        """(index in theta, least, most) that it takes of each value, as theta counts it."""
+        limits = [(i, [sign * self._declared[name][end] for end in ("min", "max")]) for i, sign, name in self.settings]
+        return [(i, min(ends), max(ends)) for i, ends in limits]
+
+    def request(self, values: np.ndarray) -> Dict[str, Any]:
+        """{name: value} of what it holds of values (n,), within the bounds and as the types that it declares."""
+        found, declared = {}, self._declared
+        for i, sign, name in self.settings:
+            p = declared[name]
+            found[name] = _KINDS[p["type"]](min(max(sign * values[i], p["min"]), p["max"]))
+        return found
 
     @property
     def unanswered(self) -> Optional[Future]:
@@ -112,56 +128,45 @@ class Server:
         return None if self._call is None or self._call.done() else self._call
 
     def set(self, values: Mapping[str, Any]) -> Future:
-        """Begin a call, with no other unanswered; its result is what is in force then.
+        """Begin a call, with no other unanswered; its result is one line why {name: value} are not in force, or ""."""
+        self._call, self.refused = Future(), False
+        threading.Thread(target=self._set, args=(dict(values), self._call), daemon=True).start()
+        return self._call
 
-        The answer alone is not believed: every server publishes on parameter_updates what it has then.
-        """
-        future: Future = Future()
+    def _set(self, values: Dict[str, Any], call: Future) -> None:
+        """The answer alone is not believed: every server publishes on parameter_updates what it has then."""
         starts, self._known = self._starts, 0
-
-        def call() -> None:
-            try:
-                answer = self._client.update_configuration(dict(values))
-                until = time.monotonic() + ANNOUNCED
-                while any(self.values[name] != answer[name] for name in values) and time.monotonic() < until:
-                    time.sleep(0.002)
-                if all(self.values[name] == answer[name] for name in values):
-                    self._known = starts
-                self.refused = not self.has(values)
-                future.set_result(self.values)
-            except Exception as error:
-                self.refused = "responded with an error" in str(error.__context__)  # others found no server
-                future.set_exception(error)
-
-        self._call = future
-        threading.Thread(target=call, daemon=True).start()
-        return future
-
-    def problem(self, future: Future, values: Mapping[str, Any]) -> str:
-        """Why the values are not in force after a call; "" if they are."""
-        if not future.done():
-            return f"{self.name} does not answer"
-        error = future.exception()
-        if error is not None:  # the library hides what the server said behind an error of its own
-            said = error.__context__ if isinstance(error.__context__, rospy.ServiceException) else error
-            return f"{self.name}: {reason(said)}"
-        got = future.result()
-        other = next((name for name, value in values.items() if got.get(name) != value), None)
-        return "" if other is None else f"{self.name} holds {other} at {got.get(other)}, not {values[other]}"
-
-    def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        anew = bool(self._declared)  # each server sends it once
-        self._starts += 1
-        self._declared = {parameter["name"]: parameter for parameter in description}
-        if anew:
-            self._on_restart(self)
+        try:
+            answer, until = self._client.update_configuration(dict(values)), time.monotonic() + ANNOUNCED
+            answer = {name: answer[name] for name in values}
+            while not are_in_force(answer, self.values) and time.monotonic() < until:
+                time.sleep(0.002)
+            has = {name: self.values[name] for name in values}
+            self._known = starts if has == answer else 0
+            other = next((name for name in values if has[name] != values[name]), None)
+            error = "" if other is None else f"{self.name} holds {other} at {has[other]}, not {values[other]}"
+            self.refused = bool(error)
+        except Exception as problem:  # the library hides what the server said behind an error of its own
+            said = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
+            error = f"{self.name}: {reason(said)}"
+            self.refused = "responded with an error" in str(said)  # rospy's words; others reached no server
+        call.set_result(error)
 
 
 class ReconfigureClient:
-    """The parameters of one move_base.
+    """The parameters of one move_base. Make it after rospy.init_node.
 
-    namespace: of move_base. space: which parameters, and the servers that hold them. on_restart(server): called when a
-    server came back after a restart, from a callback's thread. Make it after rospy.init_node.
+    `apply` waits for its result; once it is started, a thread applies what is requested, until it is in force.
+
+    Args:
+        namespace: Of move_base.
+        space: Which parameters, and the servers that hold them.
+        on_restart: Called with a Server that came back after a restart, from a callback's thread.
+        on_report: Called with the ApplyReport of every attempt at a request, from the client's thread.
+        on_trouble: Called from there with one line while the servers cannot be found, and with "" when they have been.
+
+    Attributes:
+        applied: theta (n,) of the last request that came into force.
     """
 
     def __init__(
@@ -169,10 +174,18 @@ class ReconfigureClient:
         namespace: str = "/move_base",
         space: Space = SPACE,
         on_restart: Callable[[Server], None] = lambda server: None,
+        on_report: Callable[[ApplyReport], None] = lambda report: None,
+        on_trouble: Callable[[str], None] = lambda line: None,
     ):
         self.namespace, self.space = namespace.rstrip("/"), space
+        self._on_restart, self._on_report, self._on_trouble = on_restart, on_report, on_trouble
+        self.applied: Optional[np.ndarray] = None
+        self._requested: Optional[np.ndarray] = None  # theta (n,) that is not in force yet
+        self._refusals = 0
+        self._stopped = False
+        self._asking, self._wake = threading.RLock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
         self.starting = False  # whether the last `connect` found move_base's node, but none of its servers yet
-        self._on_restart = on_restart
         self._servers: Dict[str, Server] = {}  # by their names in the space
         self.compensation = Compensation(space)  # what is sent instead of theta, and back
         self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None  # (theta, values) of the last apply
@@ -199,10 +212,14 @@ class ReconfigureClient:
         for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:
             error = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
             for name in self._candidates(wanted, found):
-                error = self._try(wanted, name)
-                if not error:
+                try:
+                    self._servers[wanted] = Server(name, self.space.targets_of(wanted), self._on_restart)
                     break
-            if error:
+                except rospy.ROSException as problem:
+                    error = f"{name}: {reason(problem)}"
+                except ApplrError as problem:
+                    error = f"{name} {problem}: the {wanted or 'move_base'} of a {self.space.robot} has it"
+            else:
                 return error
         return ""
 
@@ -224,19 +241,6 @@ class ReconfigureClient:
 
         return sorted(there, key=lambda name: (-alike(name), name))
 
-    def _try(self, wanted: str, name: str) -> str:
-        """Takes server `name` for `wanted` if it has the parameters. Returns "" or one line why not."""
-        try:
-            server = Server(name, self._on_restart)
-        except rospy.ROSException as problem:
-            return f"{name}: {reason(problem)}"
-        error = server.hold(self.space.targets_of(wanted), f"the {wanted or 'move_base'} of a {self.space.robot}")
-        if error:
-            server.close()
-        else:
-            self._servers[wanted] = server
-        return error
-
     def values(self) -> Optional[np.ndarray]:
         """(n,) float64: what the planner has, as last heard; of a value that several servers hold, the first counts.
 
@@ -244,7 +248,11 @@ class ReconfigureClient:
         """
         if not self.connected:
             return None
-        return np.array([self._servers[server].value(i) for i, (server, _) in enumerate(self.space.places())])
+        found = np.empty(len(self.space))
+        for i, (server, _) in enumerate(self.space.places()):
+            has = self._servers[server]
+            found[i] = next(has.values[name] for j, sign, name in has.settings if j == i and sign > 0)
+        return found
 
     def theta(self) -> Optional[np.ndarray]:
         """(n,) float64: what the planner's values mean as a parameter set; None before `connect` has succeeded."""
@@ -255,17 +263,12 @@ class ReconfigureClient:
             return sent[0].copy()
         return self.compensation.incoming(values)
 
-    def upper_bound(self, *indices: int) -> float:
-        """The smallest upper bound that the servers declare for these parameters of theta; inf for none."""
-        servers = self._servers.values()
-        return min((s.upper_bound(name) for s in servers for i, _, name in s.settings if i in indices), default=np.inf)
-
-    def holds(self, values: np.ndarray) -> bool:
-        """Whether values (n,) lie within the bounds that the servers declare."""
-        return all(
-            server.request(values) == {name: sign * values[i] for i, sign, name in server.settings}
-            for server in self._servers.values()
-        )
+    def bounds(self) -> Tuple[np.ndarray, np.ndarray]:
+        """The smallest and the largest values (n,) that all servers take."""
+        low, high = np.full((2, len(self.space)), [[-np.inf], [np.inf]])
+        for i, least, most in (bound for server in self._servers.values() for bound in server.bounds()):
+            low[i], high[i] = max(low[i], least), min(high[i], most)
+        return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
         """Sets theta (n,): one call to each server that has not got its values, side by side, with answers verified.
@@ -303,10 +306,71 @@ class ReconfigureClient:
             unanswered = tuple(server.name for server in servers if server.unanswered)
         return ApplyReport("; ".join(errors.values()), refused, tuple(put_back), unanswered)
 
+    def start(self) -> None:
+        """Begin to apply requests; those made before are kept."""
+        self._thread.start()
+
+    def request(self, theta: np.ndarray) -> None:
+        """Have theta (n,), finite, applied as soon as possible, instead of what was requested before."""
+        with self._asking:
+            self._requested, self._refusals = np.array(theta, dtype=np.float64), 0
+        self._wake.set()
+
+    def reapply(self) -> None:
+        """Apply the present parameters anew: a server came back and has its start-up values."""
+        with self._asking:
+            present = self.applied if self._requested is None else self._requested
+            if present is not None:
+                self.request(present)  # an attempt that is under way may have reached the server before
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request is not in force yet."""
+        return self._requested is not None
+
+    def stop(self) -> None:
+        """End the thread; what is still requested is dropped."""
+        self._stopped = True
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join(2 * DEADLINE + 0.1)  # an attempt that is under way takes no longer
+
     def close(self) -> None:
-        """Unsubscribe from all servers."""
+        """End the thread and unsubscribe from all servers."""
+        self.stop()
         for server in self._servers.values():
             server.close()
+
+    def _run(self) -> None:
+        failures = 0
+        while not self._stopped:
+            pause, theta = 4 * RETRY, self._requested
+            try:
+                if self.connected:
+                    if theta is not None:
+                        self._attempt(theta)
+                        pause = RETRY
+                else:
+                    trouble = self.connect()
+                    failures = 0 if self.starting else failures + 1
+                    if not trouble or failures >= PATIENCE:
+                        self._on_trouble(trouble)
+                    pause = pause if trouble else 0.0
+            except Exception as e:  # whatever it is, the thread that talks to the planner goes on
+                self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
+            self._wake.wait(pause)
+            self._wake.clear()
+
+    def _attempt(self, theta: np.ndarray) -> None:
+        report = self.apply(theta)
+        with self._asking:
+            if report.ok:
+                self.applied = theta
+            if theta is self._requested:  # none newer
+                self._refusals += report.refused and not report.unanswered
+                if report.ok or self._refusals >= REFUSALS:
+                    self._requested = None
+        self._on_report(report)
 
 
 def _is_alive(node: str) -> bool:
@@ -322,5 +386,5 @@ def _set_all(requests: Mapping[Server, Mapping[str, Any]], seconds: float) -> Di
     """{server: {name: value}} set side by side. Returns {server: why not} of those that failed."""
     calls = {server: server.set(values) for server, values in requests.items()}
     wait(calls.values(), seconds)
-    problems = {server: server.problem(call, requests[server]) for server, call in calls.items()}
-    return {server: problem for server, problem in problems.items() if problem}
+    errors = {s: call.result() if call.done() else f"{s.name} does not answer" for s, call in calls.items()}
+    return {server: error for server, error in errors.items() if error}

@@ -17,7 +17,6 @@ from std_srvs.srv import SetBool
 
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
@@ -42,9 +41,13 @@ class Pilot:
         self.space, self.method, self.trouble = space_of(robot), "", ""
         self._listener, self._say = listener, say
         self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
-        self.client = ReconfigureClient(rospy.resolve_name("move_base"), self.space)
-        self._worker = ReconfigureWorker(self.client, lambda report: self._note(report.error), self._note)
-        self._worker.start()
+        self.client = ReconfigureClient(
+            rospy.resolve_name("move_base"),
+            self.space,
+            on_report=lambda report: self._note(report.error),
+            on_trouble=self._note,
+        )
+        self.client.start()
         self._hand: Optional[np.ndarray] = None  # what a person wants, for SETTLED after it was set
         self._asked = 0.0  # wall time of the last call to the applr node; inf while one waits for its answer
         self._lock = threading.Lock()
@@ -76,9 +79,9 @@ class Pilot:
                     self.method = HAND if method == "off" else method
         with self._lock:
             theta = self.client.theta()
-            if self._hand is not None and theta is not None and not self._worker.busy:
+            if self._hand is not None and theta is not None and not self.client.busy:
                 if not np.array_equal(theta, self._hand):
-                    self._worker.request(self._hand)
+                    self.client.request(self._hand)
                 elif since > SETTLED:
                     self._hand = None
 
@@ -114,5 +117,4 @@ class Pilot:
 
     def close(self) -> None:
         """End the thread that sets parameters."""
-        self._worker.stop()
         self.client.close()
