@@ -47,13 +47,15 @@ def client(connected):
 
 
 @contextmanager
-def started(on_report):
+def started(on_report=lambda report: None):
     """A connected client that applies what is requested."""
     client = ReconfigureClient(on_report=on_report)
     client.start()
-    wait_for(lambda: client.connected, 10.0, "servers")
-    yield client
-    client.close()
+    try:
+        wait_for(lambda: client.connected, 10.0, "servers")
+        yield client
+    finally:
+        client.close()
 
 
 def test_values_are_read_back(client):
@@ -122,6 +124,12 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
     rospy.set_param("/fake/late", [PLANNER])
     assert client.apply(SPACE.high).ok
     assert np.array_equal(client.theta(), SPACE.high)
+    with started() as client:  # a newer request while the first is under way
+        for theta in (SPACE.low, THETA_0):
+            client.request(theta)
+            time.sleep(0.05)
+        wait_for(lambda: not client.busy, 5.0, "both sets")
+        assert np.array_equal(client.theta(), THETA_0)
 
 
 def test_a_refused_set_is_given_up_where_one_server_alone_was_called(client):
@@ -204,8 +212,13 @@ def test_a_node_without_servers_is_a_move_base_that_starts(connected):
         assert client.starting == starting, namespace
 
 
-def test_servers_that_are_gone_are_named(client, fake):
-    fake.kill()
+def test_servers_that_are_gone_are_named_and_what_is_requested_is_kept_for_them(client, fake):
+    reports = []
+    with started(reports.append) as asking:
+        fake.kill()
+        asking.request(SPACE.high)
+        wait_for(lambda: len(reports) >= 5, 10.0, "attempts")
+        assert asking.busy
     report = client.apply(SPACE.high)
     assert not report.ok
     assert all(server in report.error for server in (PLANNER, *LAYERS))
