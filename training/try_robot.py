@@ -1,10 +1,11 @@
 """Whether the included policy pays on a robot: drives courses in simulation and ends with a verdict.
 
 Started as `./applr try ROBOT` or `python -m training.try_robot ROBOT`. In each course the robot's own parameters, the
-policy and, where the robot's folder has static.json, the best single set drive with the same seed, until one of them is
-clearly better or the time is spent. What is printed ends with three sentences (arrivals and times with 95 % intervals;
-whether the policy pays; what to do next), the commonest reasons of failures with what to change, a picture, and the
-line for robot.yaml. The exit status is 0 only where the policy pays. A stopped run continues with the same command.
+policy and, where the robot's folder has static.json, the tuned parameters drive with the same seed, until one of them
+is clearly better or the time is spent. What is printed ends with three sentences (arrivals and times with 95 %
+intervals; whether the policy pays; what to do next), the commonest reasons of failures with what to change, a picture,
+and the line for robot.yaml. The exit status is 0 only where the policy pays. A stopped run continues with the same
+command.
 """
 
 from __future__ import annotations

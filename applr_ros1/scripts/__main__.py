@@ -34,6 +34,7 @@ COMMANDS = {
     "static_search": "training.static_search",
     "train": "training.train",
     "try_robot": "training.try_robot",
+    "tune_robot": "training.tune_robot",
 }
 
 if __name__ == "__main__":

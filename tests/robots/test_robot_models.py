@@ -13,7 +13,7 @@ from applr_ros1.robots.description import find
 from training.env.settings import TrialSettings
 from training.evaluation import trials
 from training.evaluation.plan import plan_trials
-from training.static_search import move_base_parameters
+from training.tune.parameter_file import move_base_parameters
 
 OTHERS = ["husky", "turtlebot3_waffle_pi"]
 

@@ -75,12 +75,12 @@ def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> No
     elif get_origin(field.annotation) is Literal:
         more["metavar"] = f"{{{','.join(filter(None, get_args(field.annotation)))}}}"
     shown_help = text.replace("%", "%%") if field.description else argparse.SUPPRESS
-    section.add_argument(dashed(name), default=argparse.SUPPRESS, help=shown_help, **more)
+    section.add_argument(dashed(name), dest=name, default=argparse.SUPPRESS, help=shown_help, **more)
 
 
 def dashed(name: str) -> str:
-    """An option as the command line spells it, such as --batch-size."""
-    return "--" + name.replace("_", "-")
+    """An option as the command line spells it, such as --batch-size; for_ is --for."""
+    return "--" + name.rstrip("_").replace("_", "-")
 
 
 def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:

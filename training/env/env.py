@@ -33,8 +33,6 @@ class ApplrEnv(gymnasium.Env):
     Args:
         worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
             commas between them).
-        randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
-            latency, friction, slip (sim_bridge.Randomisation).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
         params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
@@ -43,7 +41,7 @@ class ApplrEnv(gymnasium.Env):
         critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
-        settings: fields of TrialSettings (settings.py): robot, simulator, observation, reward, monitor, ... period must
+        settings: fields of TrialSettings (settings.py): robot, simulator, randomisation, observation, ...; period must
             be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
             reset; as robot, too (drawn_robots.py), for the dimensionless form.
 
@@ -57,7 +55,6 @@ class ApplrEnv(gymnasium.Env):
         self,
         worlds="generated:train",
         *,
-        randomisation: Optional[Dict[str, Any]] = None,
         limit: Optional[int] = None,
         params: Optional[Dict[str, Any]] = None,
         planner: str = OURS,
@@ -79,7 +76,7 @@ class ApplrEnv(gymnasium.Env):
         self.worlds = load_worlds(worlds)
         self.render_mode = render_mode
         self.hidden = privileged.SIZE if critics_know_more else 0
-        self._params, self._planner, self._randomisation = params, planner, randomisation or {}
+        self._params, self._planner = params, planner
         self._loop: Dict[str, Any] = {
             "limit": limit,
             "period": self.settings.period,
@@ -97,7 +94,7 @@ class ApplrEnv(gymnasium.Env):
 
     def _equip(self, robot: Robot) -> None:
         """Makes the simulator, the planner and the loop for a robot."""
-        simulator = sim_bridge.make(self.settings.simulator, robot=robot, **self._randomisation)
+        simulator = sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation)
         move_base = MoveBase(self.settings.planner_parameters(robot, self._params), planner=self._planner)
         self.episode = Episode(simulator, move_base, robot, **self._loop)
         self.form = self.settings.form(robot)

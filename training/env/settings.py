@@ -32,6 +32,8 @@ class TrialSettings(Options):
     period: Optional[float] = Field(None, description="Decision period [s]; None: each method's own, for trials.")
     reward: Reward = Field(Reward(), description="Its coefficients.")
     monitor: bool = Field(False, description="Whether the collision monitor stands between the planner and the base.")
+    randomisation: Dict[str, Any] = Field({}, description=
+        "What differs from the nominal robot, drawn at each reset: fields of sim_bridge.Randomisation such as latency.")
     planner_frequency: Optional[float] = Field(None, description=
         "Global plans per second instead of the robot's; fewer make the simulation faster.")
     time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")

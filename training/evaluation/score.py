@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Sequence
+from typing import Any, Dict, NamedTuple, Sequence
 
 import numpy as np
 from scipy import stats
 
+from applr_ros1.robots import Robot
 from training.env.episode import TIME_LIMIT
 from training.evaluation.plan import TrialResult
 
@@ -26,6 +27,37 @@ def trial_seconds(
 ) -> float:
     """A trial's score [s]: its time, or failure_seconds, and contact_seconds more where the robot touched something."""
     return (time_s if success else failure_seconds) + contact_seconds * collided
+
+
+class Aim(NamedTuple):
+    """What parameters are tuned for: prices beside a trial's time, in optimal times.
+
+    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time;
+    contact: more where the robot touched something; near: more the nearer its laser came to
+    something, nothing beyond 1.5 of the body's widths, all at half a width; jerk and turn: times the mean change of
+    acceleration and the mean yaw acceleration, in the base's largest speeds [1/s^2] and [1/s].
+    """
+
+    failure: float
+    contact: float
+    near: float = 0.0
+    jerk: float = 0.0
+    turn: float = 0.0
+
+    def seconds(self, result: TrialResult, robot: Robot) -> float:
+        """What a trial costs [s]."""
+        optimal, width, base = result.route_m / robot.base.max_speed, robot.body.size[1], robot.base
+        short = float(np.clip(1.5 - result.min_clearance_m / width, 0.0, 1.0))
+        jerk, turn = result.mean_jerk / base.max_speed, result.mean_turn / base.max_yaw_rate
+        price = self.contact * result.collided + self.near * short + self.jerk * jerk + self.turn * turn
+        return (result.time_s if result.success else self.failure * optimal) + price * optimal
+
+
+AIMS = {
+    "fast": Aim(failure=10.0, contact=2.0),
+    "careful": Aim(failure=10.0, contact=10.0, near=5.0),
+    "smooth": Aim(failure=10.0, contact=2.0, jerk=0.4, turn=4.0),
+}
 
 
 def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: float = 2.0) -> Any:

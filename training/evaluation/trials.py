@@ -1,6 +1,6 @@
 """Drives evaluation trials. A trial depends on its task and settings only, not on who drives it or what was before.
 
-evaluate.py, the periodic evaluation of a training and static_search.py have the trials of plan.py driven by drive() in
+evaluate.py, the periodic evaluation of a training and the searches have the trials of plan.py driven by drive() in
 a pool of workers.
 """
 
@@ -133,7 +133,7 @@ class TrialRunner:
         self.robot = settings.load_robot()
         self.settings, self.period = settings, settings.period
         self.space, self.form = space_of(self.robot), settings.form(self.robot)
-        self.simulator = sim_bridge.make(settings.simulator, robot=self.robot)
+        self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
         self._episodes: Dict[str, Episode] = {}
         self.trace = Trace()
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))

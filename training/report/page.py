@@ -19,7 +19,7 @@ from training.evaluation.trials import PROTOCOLS
 from training.report import drives, figures
 from training.report.data import Results
 from training.report.summary import summary
-from training.report.tables import MORE, PAPER
+from training.report.tables import MORE, PAPER, Table
 
 FOLDER = "report"
 
@@ -34,13 +34,15 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, joined: Sequence[str] = ()) -> str:
+def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
         joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
             which all tables count in.
+        said: the sentences that the page begins with, instead of the summary.
+        first: tables that come before the others.
 
     Raises:
         ApplrError: trials are missing, or joined evaluations do not fit together.
@@ -49,7 +51,7 @@ def write(folder, joined: Sequence[str] = ()) -> str:
     results = Results(folder, joined)
     out = make_folder(results.folder / FOLDER)
     title = f"APPLR: evaluation of {', '.join(results.methods)}"
-    tables = [table for table in (make(results) for make in PAPER + MORE) if table.rows]
+    tables = [table for table in (*first, *(make(results) for make in PAPER + MORE)) if table.rows]
     for table in tables:
         write_bytes(out / f"{table.name}.csv", table.csv().encode())
     missing = absent("matplotlib")
@@ -57,7 +59,10 @@ def write(folder, joined: Sequence[str] = ()) -> str:
         print(f"the report is without pictures: {missing}")
     pictures = [] if missing else _pictures(results, out)
     shown = [_picture(*picture) for picture in pictures]
-    body = [f"<h1>{html.escape(title)}</h1>", *(f"<p class=verdict>{html.escape(s)}</p>" for s in summary(results))]
+    body = [
+        f"<h1>{html.escape(title)}</h1>",
+        *(f"<p class=verdict>{html.escape(s)}</p>" for s in said or summary(results)),
+    ]
     body += shown[:1]
     if drives.write(results, out, title):
         paths = next((file for file, _ in pictures if file.startswith("paths_")), "")

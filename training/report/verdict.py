@@ -1,15 +1,15 @@
-"""Whether the policy pays on a robot: a verdict from pairs of trials, and why drives failed. try_robot.py prints it.
+"""Whether the policy, or a tuned set, pays on a robot: a verdict from pairs of trials, and why drives failed.
 
-A drive counts as its time, as 100 s where it failed, and as 5 s more where the robot touched something
-(evaluation/score.py). Methods are compared over worlds (applr_ros1/drives/comparison.py) after the numbers of courses
-in LOOKS and at the end: at LEVEL per look, a difference where there is none is found in at most one of twenty runs. A
-run that is continued looks once more.
+try_robot.py and tune_robot.py print it. For try_robot.py a drive counts as its time, as 100 s where it failed, and as
+5 s more where the robot touched something (evaluation/score.py). Methods are compared over worlds
+(applr_ros1/drives/comparison.py) after the numbers of courses in LOOKS and at the end: at LEVEL per look, a difference
+where there is none is found in at most one of twenty runs. A run that is continued looks once more.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import List, Mapping, Sequence, Tuple
+from typing import Callable, List, Mapping, Sequence, Tuple
 
 import numpy as np
 import pandas as pd
@@ -21,9 +21,15 @@ from training.report.figures import canvas
 from training.report.statistics import mean_time, rate
 
 OWN, POLICY, SET = "dwa", "applr", "static"
-WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the best single set"}
+WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
 LOOKS = (8, 16)  # numbers of pairs after which it may end; there is a last look when all is driven or the time is spent
 LEVEL = 0.05 / (len(LOOKS) + 1)  # of the two-sided test of each look
+CLEAR = 0.05  # of the one test of a tuned set
+LOAD = (
+    "Load {0} after your own files, drive carefully at first (max_speed in this package's launch file, or a smaller "
+    "max_vel_x), and go on with ./applr try."
+)
+KEEP = "Keep your own parameters; the same command with more --minutes searches on from here."
 
 # what a trial's reason begins with, and what to change; the first that fits counts
 REMEDIES = (
@@ -49,16 +55,23 @@ REMEDIES = (
 )
 
 
-def paired_trials(results: Mapping[Trial, TrialResult], methods: Sequence[str]) -> pd.DataFrame:
+def score(result: TrialResult) -> float:
+    """What a drive counts as [s]."""
+    return trial_seconds(result.success, result.time_s, result.collided, CONTACT_SECONDS)
+
+
+def paired_trials(
+    results: Mapping[Trial, TrialResult], methods: Sequence[str], cost: Callable[[TrialResult], float] = score
+) -> pd.DataFrame:
     """The trials of those courses that all of some methods have driven with the same seed.
 
     Returns:
-        A row per trial: its "world", "trial" and "method", what TrialResult says, and its "score" [s].
+        A row per trial: its "world", "trial" and "method", what TrialResult says, and its cost as "score" [s].
     """
     names = ("world", "trial", "method", "success", "collided", "time_s", "reason")
     rows = [{name: getattr(t if hasattr(t, name) else r, name) for name in names} for t, r in results.items()]
     trials = pd.DataFrame(rows, columns=list(names))
-    trials["score"] = [trial_seconds(t.success, t.time_s, t.collided, CONTACT_SECONDS) for t in trials.itertuples()]
+    trials["score"] = [cost(result) for result in results.values()]
     return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
 
 
@@ -94,10 +107,6 @@ def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tup
     scores = mean_scores(trials)
     better = [method for method in scores if method != OWN and clearly_better(scores, method, OWN)]
     best = min(better, key=lambda method: scores[method].mean(), default=OWN)
-    of_method = dict(list(trials.groupby("method", sort=False)))
-    driven = f"Of {len(of_method[OWN])} courses {robot} finished " + ", ".join(
-        f"{_arrivals(one)} with {WORDS[method]}" for method, one in of_method.items()
-    )
     saved = compare(scores[OWN], scores[POLICY]).difference
     how = f"it takes {abs(saved.value):.1f} s {'less' if saved.value > 0 else 'more'} per course than {WORDS[OWN]}"
     if np.isfinite(saved.low):
@@ -108,8 +117,8 @@ def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tup
         judged = f"The policy pays on {robot}: {how}."
         advice = f"Drive with it, and let it learn this robot ({train} ...), which may save more."
     elif best == SET:
-        judged = f"The policy does not pay on {robot}, the best single set does: with the policy {how}."
-        advice = f"Load {folder}/static.yaml after your own parameters, or train a policy of its own ({train} ...)."
+        judged = f"The policy does not pay on {robot}, {WORDS[SET]} do: with the policy {how}."
+        advice = f"Load {folder}/tuned.yaml after your own parameters, or train a policy of its own ({train} ...)."
     elif clearly_better(scores, OWN, POLICY):
         judged = f"The policy does not pay on {robot}: {how}."
         advice = f"Keep your parameters, or train a policy of its own ({train} ...) and try again."
@@ -120,15 +129,57 @@ def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tup
             if used_up
             else "Keep your parameters for now, and give the same command more --minutes: it continues."
         )
-    return best, [driven + ".", judged, advice]
+    return best, [_driven(trials, robot), judged, advice]
 
 
-def _arrivals(trials: pd.DataFrame) -> str:
-    share, low, high = rate(trials.success, trials.world)
-    text = f"{trials.success.sum()} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
+def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tuple[bool, List[str]]:
+    """Whether tuned parameters are better than the robot's own.
+
+    Args:
+        trials: of at least one course with both (paired_trials), and what they cost by the aim.
+        robot: its name.
+        file: of the tuned parameters for move_base.
+        aim: what they were tuned for, one of score.AIMS.
+
+    Returns:
+        Whether they are clearly better, and three sentences: arrivals, times and contacts; how sure; what to do next.
+    """
+    scores = mean_scores(trials)
+    found = compare(scores[OWN], scores[SET])
+    saved, low, high = found.difference
+    how = f"by what --for {aim} counts they cost {abs(saved):.1f} s {'less' if saved > 0.0 else 'more'} per course"
+    how += f" (95 % interval of what they save: {low:.1f} to {high:.1f} s, p = {found.p:.2g})"
+    own, tuned = (trials[trials.method == method] for method in (OWN, SET))
+    less = ["arrives less often"] if tuned.success.sum() < own.success.sum() else []
+    less += ["touches something more often"] if tuned.collided.sum() > own.collided.sum() else []
+    how += f", although {robot} {' and '.join(less)} with them" if less else ""
+    where = "This holds for the simulator and for courses of this kind, which the search did not use."
+    if saved > 0.0 and found.p < CLEAR:
+        judged = f"The tuned parameters are better: {how}. {where}"
+        return True, [_driven(trials, robot), judged, LOAD.format(file)]
+    judged = f"Nothing clearly better was found: {how}. {where}"
+    return False, [_driven(trials, robot), judged, KEEP]
+
+
+def _driven(trials: pd.DataFrame, robot: str) -> str:
+    """The first sentence: arrivals, times and contacts with each method."""
+    of_method = dict(list(trials.groupby("method", sort=False)))
+    ends = ", ".join(f"{_ends(one)} with {WORDS[method]}" for method, one in of_method.items())
+    return f"Of {len(of_method[OWN])} courses {robot} finished {ends}."
+
+
+def _ends(trials: pd.DataFrame) -> str:
+    text = _share(trials.success, trials)
     mean, low, high = mean_time(trials)
     text += f" in {mean:.1f} s" if np.isfinite(mean) else ""
-    return text + (f" ({low:.1f} to {high:.1f} s)" if np.isfinite(low) else "")
+    text += f" ({low:.1f} to {high:.1f} s)" if np.isfinite(low) else ""
+    return f"{text} and touched something in {_share(trials.collided, trials)}"
+
+
+def _share(flags: pd.Series, trials: pd.DataFrame) -> str:
+    """How many, in percent, and the 95 % interval of that."""
+    share, low, high = rate(flags, trials.world)
+    return f"{flags.sum()} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def failures(trials: pd.DataFrame) -> List[str]:

@@ -51,7 +51,7 @@ def around(*middles, count=12):
         (around(30, 20), BOTH, "applr", "The policy pays on mine: it takes 10.0 s less", "Drive with it"),
         (around(20, 30), BOTH, "dwa", "does not pay on mine: it takes 10.0 s more", "Keep your parameters, or"),
         (around(20, 20), BOTH, "dwa", "Whether the policy pays on mine is not clear", "more --minutes"),
-        (around(30, 25, 15), THREE, "static", "the best single set does", "static.yaml"),
+        (around(30, 25, 15), THREE, "static", "the tuned parameters do", "tuned.yaml"),
         (around(30, 15, 25), THREE, "applr", "The policy pays", "Drive with it"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The search for the best single set: races between candidates on common trials, and the command."""
+"""The search for one set: races between candidates on common trials, what pays of a set, and static_search.py."""
 
 import json
 
@@ -11,7 +11,8 @@ from training import static_search
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.plan import TrialResult, seed_of
 from training.evaluation.score import clearly_worse
-from training.static_search import SetTrials, StaticOptions, race
+from training.static_search import StaticOptions
+from training.tune.search import SetTrials, race, without_idle
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -41,6 +42,46 @@ def test_halving_keeps_the_better_half_after_each_block():
     ranking, results, driven = run([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 1], [2, 3], [4, 5]], halve=True, noise=0.0)
     assert [sorted(racing) for racing, _ in driven] == [[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3], [0, 1]]
     assert ranking == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_the_next_block_is_asked_for_when_the_last_is_driven():
+    begun = []
+
+    def blocks():
+        for number in range(9):
+            begun.append(number)
+            yield [number]
+            if number == 2:
+                return
+
+    _, results, driven = run([0.0, 0.1], blocks())
+    assert begun == [0, 1, 2]
+    assert [len(of_one) for of_one in results] == [3, 3]
+
+
+def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
+    """Four count: one saves 5 s, one 1 s, one makes it slower, and one pays only while the third is there."""
+    names = ["max_vel_x", "sim_time", "occdist_scale", "inflation_radius"]
+    at = [SPACE.names.index(name) for name in names]
+
+    def drive(trials):
+        found = {}
+        for trial in trials:
+            pays, little, harms, with_it = (np.array(trial.theta)[at] != SPACE.theta0[at]).tolist()
+            seconds = 30.0 - 5.0 * pays - little + 2.0 * harms - 3.0 * (with_it and harms) + trial.seed % 9
+            found[trial] = TrialResult(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
+        return found
+
+    theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
+    trials = SetTrials(drive, [(f"w{i}", "") for i in range(8)], SPACE)
+    jobs = [[(world, 0) for world in range(8)]]
+    found, worth = without_idle(trials, theta, lambda: jobs, lambda result: result.time_s, seed=0)
+    changed = [name for name, value, own in zip(SPACE.names, found, SPACE.theta0) if value != own]
+    assert sorted(changed) == sorted(worth)
+    assert {"max_vel_x", "sim_time"} <= set(worth) <= set(names)
+    assert "vx_samples" not in worth
+    assert worth["sim_time"].value == 1.0
+    assert 4.9 < worth["max_vel_x"].low <= worth["max_vel_x"].high < 5.1
 
 
 def test_the_test_is_paired_one_sided_and_needs_some_trials():
