@@ -278,8 +278,8 @@ def _limits(setup: _Setup) -> Iterator[Finding]:
         for name in names:
             given = find(setup.tree, setup.planner, (name,))
             if given is not None and abs(given) > most:
-                advice = f"base.{limit} in robot.yaml is {most:g} {unit}, give at most that"
-                yield setup.placed(Finding(f"{setup.planner}/{name}", f"is {given:g}", advice))
+                advice = f"base.{limit} in robot.yaml is {most:g} {unit}, which the base will not exceed"
+                yield setup.placed(Finding(f"{setup.planner}/{name}", f"is {given:g}", advice, "warning"))
 
 
 def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
@@ -357,7 +357,9 @@ def _space(setup: _Setup) -> Iterator[Finding]:
     """What no parameter space can be made of; nothing where it is for another planner than the files."""
     for parameter in setup.robot.space if setup.planner == setup.robot.local_planner else ():
         for names, limit, _ in LIMITED:
-            most = getattr(setup.robot.base, limit)
+            first = parameter.sets[0]  # the range includes what the files start with
+            start = find(setup.tree, first.server, first.names) or 0.0
+            most = max(getattr(setup.robot.base, limit), abs(start))
             beyond = max(abs(parameter.low), abs(parameter.high)) > most
             if beyond and any(s.server == setup.planner and s.name in names for s in parameter.sets):
                 value = f"is [{parameter.low:g}, {parameter.high:g}]"
@@ -411,8 +413,8 @@ WIDE = "the robot is {m.s.width:.3g} m wide, give metres"
 DROPPED = "laser.height in robot.yaml is {m.laser.height:g}, so that all points are dropped"
 PLANNER = (
     same_name("odom_topic", "topics.odometry", severity="remark"),
-    at_most("min_vel_x", "max_vel_x"),
-    at_most("min_vel_theta", "max_vel_theta"),
+    at_most("min_vel_x", "max_vel_x", severity="warning"),
+    at_most("min_vel_theta", "max_vel_theta", severity="warning"),
     Rule("sim_time", lambda v, m: v.sim_time == 0.0, "no velocity is legal then, give about 1.5 s"),
     Rule(
         "yaw_goal_tolerance",
@@ -459,7 +461,7 @@ COSTMAP = (
     Rule("origin_x", lambda v, m: m.fixed and not -v.width < v.origin_x < 0.0, START.format("width", "x")),
     Rule("origin_y", lambda v, m: m.fixed and not -v.height < v.origin_y < 0.0, START.format("height", "y")),
 )
-INFLATION = (Rule("inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.s.width, WIDE),)
+INFLATION = (Rule("inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.s.width, WIDE, "warning"),)
 BLIND = (  # why a source does not show what the laser sees
     same_name("topic", "topics.scan"),
     Rule("data_type", lambda v, m: v.data_type != "LaserScan", "the robot's laser publishes LaserScan, give that"),

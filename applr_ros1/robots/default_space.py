@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import Any, Dict, List, Tuple
 
 from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.costmap_parameters import INFLATION
+from applr_ros1.planner.parameters.declarations import SERVERS
 from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, find
 
 DWA = "DWAPlannerROS"
@@ -64,6 +66,8 @@ def _with_start(
     start = find(tree, settings[0].server, settings[0].names)
     start = _DEFAULTS.get(name) if start is None else start
     if start is not None:
+        declared = next(p for p in SERVERS.get(settings[0].server, INFLATION) if name in p.names)
+        start = min(max(start, declared.min), declared.max)  # as move_base has it
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings)
 

@@ -14,10 +14,11 @@ import yaml
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
-from applr_ros1.planner.parameters.layers import OBSTACLE_LAYER, TYPES
+from applr_ros1.planner.parameters.layers import replaced
 from applr_ros1.robots.parameter_files import read_parameters
 
 _COSTMAPS = ("local_costmap", "global_costmap")
+_SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
 _NAVFN = "navfn/NavfnROS"
 _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 # names of which one says what a file is for
@@ -130,28 +131,11 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         tree = branch(found.tree, costmap)
         # tf2 takes no leading slash
         added = {k: v[1:] for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/")}
-        layers = tree.get("plugins")
-        if layers is None and tree.get("map_type") == "voxel":
-            added["map_type"] = "costmap"
-            found.notes.append(f"{costmap}: map_type voxel is not here: an obstacle layer stands for the voxel layer")
-        if isinstance(layers, list):
-            ours = _known_layers(layers)
-            changed = ", ".join(str(layer["type"]) for layer in layers if layer not in ours)
-            if changed:
-                added["plugins"] = ours
-                found.notes.append(f"{costmap}: {changed} is not here: obstacle layers stand for voxel layers")
         if added:
             found.added[costmap] = added
     found.tree = merged(found.tree, found.added)
+    found.notes += map(str, replaced(found.tree))
     return found
-
-
-def _known_layers(layers: List[Any]) -> List[Any]:
-    """Layers of a costmap that this package has, with an obstacle layer for a voxel layer."""
-    given = [dict(layer, type=str(layer.get("type"))) for layer in layers if isinstance(layer, dict)]
-    for layer in given:
-        layer["type"] = {"costmap_2d::VoxelLayer": OBSTACLE_LAYER}.get(layer["type"], layer["type"])
-    return [layer for layer in given if layer["type"] in TYPES]
 
 
 def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
@@ -260,7 +244,7 @@ def without_map(given: Parameters, odom: str, size: int) -> Dict[str, Any]:
 
 def _with_obstacles(layers: List[Any], tree: Dict[str, Any]) -> List[Any]:
     """Layers of a global costmap without its map: with the local costmap's obstacles where it had the map alone."""
-    if any("ObstacleLayer" in str(layer) for layer in layers):
+    if any(_SEES.search(str(layer)) for layer in layers):
         return layers
     local = branch(tree, "local_costmap").get("plugins", [])
-    return [layer for layer in local if "ObstacleLayer" in str(layer)] + layers
+    return [layer for layer in local if _SEES.search(str(layer))] + layers

@@ -184,7 +184,7 @@ def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
         ("navfn.yaml", ""),
     ]
     assert "amcl.yaml is left out" in said
-    assert "VoxelLayer is not here" in said
+    assert "local_costmap/plugins has costmap_2d::VoxelLayer: an obstacle layer stands for it" in said
     assert "take nothing from bumps: " in said
     fill(file)
     robots.reader._read.cache_clear()

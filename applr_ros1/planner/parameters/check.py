@@ -18,6 +18,7 @@ from applr_ros1.planner.parameters.declarations import (
     CONTRADICTIONS,
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
+    OLDER,
     namespace,
     tables,
 )
@@ -30,6 +31,7 @@ from applr_ros1.planner.parameters.layers import (
     OBSTACLE_LAYER,
     arranged,
     layers,
+    replaced,
     sources,
 )
 from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAULT_RECOVERIES, RECOVERY_TYPES
@@ -88,10 +90,11 @@ def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
             yield from _names_and_values(value, label, known, behaviours)
         elif key in mine and not isinstance(value, dict):
             try:
-                converted = mine[key].convert(value, label)
-                if mine[key].clamp(converted, label) != converted and not mine[key].clamps:
-                    advice = f"give a value from {mine[key].min!r} to {mine[key].max!r}"
-                    yield Finding(label, f"is {converted!r}", advice)
+                converted, taken = mine[key].convert(value, label), mine[key].taken(value, label)
+                bounds, beyond = f"{mine[key].min!r} to {mine[key].max!r}", mine[key].beyond
+                if taken != converted and beyond:
+                    advice = f"give a value from {bounds}" if beyond == "error" else f"{taken!r} counts, of {bounds}"
+                    yield Finding(label, f"is {converted!r}", advice, beyond)
             except ParameterError as problem:
                 yield problem.finding
         elif not path and label in known and value is not None:
@@ -110,11 +113,17 @@ def warnings(tree: Dict[str, Any]) -> List[Finding]:
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
         given = without_effect(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
         found += [finding.below("DWAPlannerROS") for finding in given]
+    for planner, names in OLDER.items():
+        values = branch(tree, planner) if planner == _local_planner(tree) else {}
+        for old in filter(values.__contains__, names):
+            value, advice = "is an older name without effect", f"give {names[old]}"
+            found.append(Finding(f"{planner}/{old}", value, advice, "remark"))
     instead = "as in C++ the default behaviours take the place of the list; give each a name of its own"
     for name in _repeated(tree):
         found.append(Finding("recovery_behaviors", f"has the name {name!r} more than once", instead, "remark"))
+    found += replaced(tree)
     tree = arranged(tree)
-    found += [finding for finding in _walked(tree) if finding.value == UNREAD_NAME]
+    found += [finding for finding in _walked(tree) if finding.severity != "error"]
     return found + list(_clearings(tree)) + list(_blind(tree))
 
 
@@ -169,7 +178,7 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
                 other = f"is {named[0]!r} but its other name {p.aliases[0]} is {named[1]!r}"
                 raise ParameterError(Finding(label, other, "give one of them"))
             try:
-                value = p.convert(named[0] if named else p.default, label)
+                value = p.taken(named[0] if named else p.default, label)
             except ParameterError:
                 if path not in idle:
                     raise
@@ -193,7 +202,7 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     for name in names:
         own, usual = branch(tree, name), full.get(name, {})
         full[name] = {
-            p.name: p.convert(own.get(p.name, usual.get(p.name, p.default)), f"{name}/{p.name}") for p in BEHAVIOUR
+            p.name: p.taken(own.get(p.name, usual.get(p.name, p.default)), f"{name}/{p.name}") for p in BEHAVIOUR
         }
 
 

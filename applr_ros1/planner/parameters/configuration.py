@@ -54,7 +54,7 @@ class Configuration:
         for name, value in values.items():
             if name not in table:
                 raise ParameterError(f"{name}: no such parameter of server {server!r}")
-            wanted[name] = table[name].clamp(table[name].convert(value))
+            wanted[name] = table[name].taken(value)
         if wanted.get("restore_defaults"):
             return dict(self._start[server])
         for p in self._declared[server]:

@@ -85,13 +85,14 @@ STATIC_COSTMAP = (
         "Where it is given here it counts for all obstacle layers of the costmap."),
     flag("static_map", False,
         "Whether a file without plugins has a static layer. Without effect beside plugins."),
-    text("map_type", "costmap", "Only costmap is supported in files without plugins."),
+    text("map_type", "costmap",
+        "Without effect; in files without plugins an obstacle layer stands for the voxel layer of voxel."),
     flag("meter_scoring", False,
         "Without effect; exists for Clearpath's parameter files. The value of the local planner is used."),
     real("origin_z", 0.0, -INF, INF, "m", "Without effect; exists for Clearpath's parameter files."),
     flag("publish_voxel_map", False, "Without effect; exists for Clearpath's parameter files."),
-    real("z_resolution", 1, 0.0, INF, "m", "Without effect; exists for Clearpath's parameter files."),
-    whole("z_voxels", 2, 0, INT_MAX, "", "Without effect; exists for Clearpath's parameter files."),
+    real("z_resolution", 1, -INF, INF, "m", "Without effect; exists for Clearpath's parameter files."),
+    whole("z_voxels", 2, -INT_MAX - 1, INT_MAX, "", "Without effect; exists for Clearpath's parameter files."),
 )
 
 STATIC_OBSTACLES = (
@@ -119,13 +120,14 @@ STATIC_SOURCE = (
     real("max_obstacle_height", 2.0, -INF, INF, "m",
         "Height in the costmap's frame above which points are dropped."),
     real("obstacle_range", 2.5, 0.0, INF, "m",
-        "Distance from the sensor beyond which points are not marked."),
+        "Distance from the sensor beyond which points are not marked.", beyond="error"),
     real("raytrace_range", 3.0, 0.0, INF, "m", "Distance from the sensor up to which rays clear cells."),
     real("observation_persistence", 0.0, 0.0, INF, "s",
-        "How long messages are kept and applied again in each update. With 0 the newest alone is used."),
+        "How long messages are kept and applied again in each update. With 0 the newest alone is used.",
+        beyond="error"),
     real("expected_update_rate", 0.0, 0.0, INF, "s",
         "Time without a message after which the robot stops, for sources of the local costmap. With 0 scan_timeout "
-        "alone decides."),
+        "alone decides.", beyond="error"),
 )
 
 STATIC_STATIC_MAP = (

@@ -74,6 +74,13 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[Finding]]] = {
 }
 
 
+# names that the C++ planners have given up, with what counts instead
+OLDER: Dict[str, Dict[str, str]] = {
+    "TrajectoryPlannerROS": trajectory_planner_parameters.OLDER,
+    "DWAPlannerROS": dwa_planner_parameters.OLDER,
+}
+
+
 class Server(NamedTuple):
     """A dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
 

@@ -9,7 +9,17 @@ import math
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import Finding
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, too_many_points, whole
+from applr_ros1.planner.parameters.parameter import (
+    INF,
+    INT_MAX,
+    RESTORE,
+    flag,
+    older,
+    real,
+    text,
+    too_many_points,
+    whole,
+)
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags and texts have no bounds and no unit.
@@ -80,11 +90,11 @@ DWA_PLANNER = (
     real("max_scaling_factor", 0.2, 0.0, INF, "",
         "Share by which the footprint counts larger at max_vel_trans."),
     whole("vx_samples", 3, 1, INT_MAX, "",
-        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
     whole("vy_samples", 10, 1, INT_MAX, "",
-        "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+        "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
     whole("vth_samples", 20, 1, INT_MAX, "",
-        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
     flag("use_dwa", True,
         "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
         "within sim_time."),
@@ -100,6 +110,7 @@ OLDER = {
     "max_vel_rot": "max_vel_theta",
     "min_vel_rot": "min_vel_theta",
     "acc_limit_trans": "acc_lim_trans",
+    "acc_lim_th": "acc_lim_theta",
     "rot_stopped_vel": "theta_stopped_vel",
 }
 
@@ -121,15 +132,12 @@ STATIC_DWA_PLANNER = (
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
     text("global_frame_id", "odom", "Frame of trajectory_cloud."),
     text("odom_topic", "odom", "Topic of the odometry."),
-) + tuple(
-    real(old, 0.0, -INF, INF, "", f"Older name of {new}. Without effect, as in the C++ node: give {new}.")
-    for old, new in OLDER.items()
-)
+) + tuple(older(old, new) for old, new in OLDER.items())
 # fmt: on
 
 
 def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
-    """Values that cannot be run together: too many samples or points, or velocities of a base that strafes."""
+    """Values that cannot be run together: too many samples or points."""
     counts = tuple(values[name] for name in SAMPLES)
     most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
     if most > MOST_SAMPLES:
@@ -138,9 +146,6 @@ def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
         )
     yield from too_many_points(values, "sim_granularity", ["max_vel_trans"], values["sim_time"])
     yield from too_many_points(values, "angular_sim_granularity", ["max_vel_theta"], values["sim_time"])
-    sideways = values["min_vel_y"], values["max_vel_y"]
-    if sideways != (0.0, 0.0):
-        yield Finding("min_vel_y, max_vel_y", f"are {sideways}", "give 0: no sideways velocity is commanded")
 
 
 def without_effect(values: Dict[str, Any], latches: bool) -> Iterator[Finding]:
@@ -148,9 +153,10 @@ def without_effect(values: Dict[str, Any], latches: bool) -> Iterator[Finding]:
 
     latches: latch_xy_goal_tolerance of move_base itself.
     """
-    for old, new in OLDER.items():
-        if old in values:
-            yield Finding(old, "is an older name without effect", f"give {new}", "remark")
+    sideways = values.get("min_vel_y", -0.1), values.get("max_vel_y", 0.1)
+    if any(sideways):
+        advice = "samples that drive sideways are chosen, which this base cannot: give 0"
+        yield Finding("min_vel_y, max_vel_y", f"are {sideways}", advice, "warning")
     if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
         yield Finding("latch_xy_goal_tolerance", "is without effect here", "give it below move_base itself", "remark")
     for name in ("occdist_scale", "path_distance_bias"):

@@ -6,7 +6,7 @@ Used by the check and completion of parameter trees and by declarations.servers.
 from __future__ import annotations
 
 import re
-from typing import Any, Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 from applr_ros1.common.errors import Finding
 from applr_ros1.common.trees import branch
@@ -59,6 +59,7 @@ TYPES: Dict[str, LayerType] = {
 INHERITED: Dict[str, Parameter] = {
     p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
 }
+STANDS_FOR = {"costmap_2d::VoxelLayer": OBSTACLE_LAYER}  # what drives in place of a type of C++ that is not here
 UNREAD = ("static_map", "map_type")  # at a costmap with `plugins`
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
 # without `plugins`: (name, type); the static layer only with static_map
@@ -78,12 +79,15 @@ class Layer(NamedTuple):
 
 
 def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
-    """The layers of the costmap `name`, from the lowest to the highest. ParameterError for a list that is none."""
+    """The layers of the costmap `name`, from the lowest to the highest, without those of types that are not here.
+
+    ParameterError for a list that is none.
+    """
     found: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
-        if not good or entry.get("type") not in tuple(TYPES):
+        if not good or not isinstance(entry.get("type"), str):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(Finding(f"{name}/plugins", f"has {entry!r}", advice))
         if any(layer.name == entry["name"] for layer in found):
@@ -91,8 +95,26 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
                 Finding(f"{name}/plugins", f"has two layers named {entry['name']}", "give each its own")
             )
         _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
-        found.append(Layer(f"{name}/{entry['name']}", entry["name"], entry["type"]))
+        kind = STANDS_FOR.get(entry["type"], entry["type"])
+        if kind in TYPES:
+            found.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
     return found
+
+
+def replaced(tree: Dict[str, Any]) -> Iterator[Finding]:
+    """The layers of a tree's costmaps whose types are not here, and what drives in their place."""
+    for name in COSTMAPS:
+        costmap = branch(tree, name)
+        if costmap.get("map_type") == "voxel" and "plugins" not in costmap:
+            yield Finding(f"{name}/map_type", "is voxel", "an obstacle layer stands for the voxel layer", "remark")
+        plugins = costmap.get("plugins")
+        for entry in plugins if isinstance(plugins, list) else ():
+            kind = str(entry.get("type")) if isinstance(entry, dict) else OBSTACLE_LAYER
+            if kind in STANDS_FOR:
+                yield Finding(f"{name}/plugins", f"has {kind}", "an obstacle layer stands for it", "remark")
+            elif kind not in TYPES:
+                advice = "that layer is not here, the costmap is without it and what it sees"
+                yield Finding(f"{name}/plugins", f"has {kind}", advice, "warning")
 
 
 def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
@@ -116,10 +138,7 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     at the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
     """
     made = dict(tree)
-    planner = branch(tree, "TrajectoryPlannerROS")
-    if "min_in_place_rotational_vel" in planner:
-        older = {"min_in_place_vel_theta": planner["min_in_place_rotational_vel"]}
-        made["TrajectoryPlannerROS"] = {**older, **planner}
+    made["TrajectoryPlannerROS"] = _with_older_names(tree)
     for name in COSTMAPS:
         given = tree.get(name, {})
         if not isinstance(given, dict):
@@ -143,11 +162,25 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     return made
 
 
+def _with_older_names(tree: Dict[str, Any]) -> Any:
+    """The values of TrajectoryPlannerROS, with the older names of rotate_recovery.cpp and trajectory_planner_ros.cpp.
+
+    With another local planner, rotations of recovery read them. This planner itself reads the slowest turn to the goal
+    heading so, and has written the newer names for recovery by then.
+    """
+    given = tree.get("TrajectoryPlannerROS", {})
+    if not isinstance(given, dict):
+        return given
+    slowest = "min_in_place_vel_theta", "min_in_place_rotational_vel"
+    if str(tree.get("base_local_planner", "TrajectoryPlannerROS")).endswith("TrajectoryPlannerROS"):
+        return {**given, slowest[1]: given[slowest[0]]} if slowest[0] in given else given
+    older = {slowest[0]: slowest[1], "max_vel_theta": "max_rotational_vel", "acc_lim_theta": "acc_lim_th"}
+    return {"yaw_goal_tolerance": 0.1, **{now: given[old] for now, old in older.items() if old in given}, **given}
+
+
 def _move_to_layers(costmap) -> None:
     """The set of layers that files had before `plugins` existed."""
     with_map = costmap.get("static_map", False) is True
-    if costmap.get("map_type") == "voxel":
-        raise ParameterError(Finding("map_type", "is voxel", "give costmap, or plugins without a voxel layer"))
     own = {layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {} for layer, _ in BEFORE_HYDRO}
     keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
     keys["obstacle_layer"] += ("observation_sources", *sources(costmap))

@@ -64,7 +64,7 @@ STATIC_MOVE_BASE = (
         "Names and types of the recovery behaviours in the order in which they are tried; an empty list: none. Of the "
         "default ones, and only of these, clearing_rotation_allowed leaves out the rotations."),
     real("scan_timeout", 1.0, 0.0, INF, "s",
-        "Age of the newest scan at which the robot is stopped. 0 switches this check off."),
+        "Age of the newest scan at which the robot is stopped. 0 switches this check off.", beyond="error"),
     flag("latch_xy_goal_tolerance", False,
         "Of DWAPlannerROS: whether the goal position, once reached, keeps counting as reached until the next plan."),
     real("clearing_radius", 0.46, 0.0, INF, "m",
@@ -115,11 +115,11 @@ STATIC_NAVFN = (
 APPLR_NODE = (
     real("period", 2.0, 0.0, INF, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
-        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored."),
+        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored.", beyond="error"),
     real("max_speed", 0.0, 0.0, INF, "m/s",
         "Largest speed of a command, ahead and back: a faster one is slowed down along its arc. 0: any. When the applr "
-        "node has died, max_vel_x is restored to no more than it."),
+        "node has died, max_vel_x is restored to no more than it.", beyond="error"),
     whole("recovery_rounds", 0, 0, INT_MAX, "",
         "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
-        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached."),
+        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached.", beyond="error"),
 )

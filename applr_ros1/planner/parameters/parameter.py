@@ -34,7 +34,8 @@ class Parameter:
     also be a "list". default, min, max: of that type. unit: "" for none. doc: one or two sentences. aliases: older
     names that always show the same value.
     enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
-    clamps: a start-up value beyond the bounds is moved to them, as the C++ node does, instead of being refused.
+    beyond: what is said of a start-up value beyond the bounds, which is moved to them as in C++: "remark", "" for
+    nothing, or "error" where nothing drives with it.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Parameter:
     aliases: Tuple[str, ...] = ()
     enum: Tuple[Tuple[str, int, str], ...] = ()
     not_zero: bool = False
-    clamps: bool = False
+    beyond: str = "remark"
 
     @property
     def names(self) -> Tuple[str, ...]:
@@ -69,6 +70,10 @@ class Parameter:
         if self.type == "str" and isinstance(value, (str, list) if self.name in TEXT_OR_LIST else str):
             return str(value)
         raise ParameterError(Finding(label, f"is {value!r}", f"give {_GIVE[self.type]}"))
+
+    def taken(self, value: Any, label: str = "") -> Any:
+        """`value` as the node has it: converted and within the bounds. ParameterError where it cannot be."""
+        return self.clamp(self.convert(value, label), label)
 
     def clamp(self, value: Any, label: str = "") -> Any:
         """`value` moved into the bounds. ParameterError where that makes it a useless 0."""
@@ -97,6 +102,11 @@ def too_many_points(
 def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare a double."""
     return Parameter(name, "double", default, low, high, unit, doc, **more)
+
+
+def older(name: str, now: str) -> Parameter:
+    """Declare a name that the C++ node has given up and no longer reads."""
+    return real(name, 0.0, -INF, INF, "", f"Older name of {now}. Without effect, as in the C++ node: give {now}.")
 
 
 def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:

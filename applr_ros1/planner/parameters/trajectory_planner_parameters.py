@@ -9,7 +9,7 @@ import math
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import Finding
-from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, real, text, too_many_points, whole
+from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, older, real, text, too_many_points, whole
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -72,12 +72,20 @@ TRAJECTORY_PLANNER = (
     RESTORE,
 )
 
+OLDER = {
+    "acc_limit_x": "acc_lim_x",
+    "acc_limit_y": "acc_lim_y",
+    "acc_limit_th": "acc_lim_theta",
+    "acc_lim_th": "acc_lim_theta",
+    "backup_vel": "escape_vel",
+}
+
 # Read once, when the node starts
 STATIC_TRAJECTORY_PLANNER = (
     real("xy_goal_tolerance", 0.1, 0.0, INF, "m",
-        "Distance from the goal position at which the position counts as reached."),
+        "Distance from the goal position at which the position counts as reached.", beyond="error"),
     real("yaw_goal_tolerance", 0.05, 0.0, INF, "rad",
-        "Difference from the goal heading at which the heading counts as reached."),
+        "Difference from the goal heading at which the heading counts as reached.", beyond="error"),
     flag("latch_xy_goal_tolerance", False,
         "Whether the goal position, once reached, keeps counting as reached while the robot turns to the goal "
         "heading."),
@@ -88,12 +96,13 @@ STATIC_TRAJECTORY_PLANNER = (
         "Whether path_distance_bias and goal_distance_bias apply to distances in metres instead of in cells."),
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
         "Its inverse is the control period that the dynamic window is computed with."),
-    real("min_in_place_rotational_vel", 0.4, 0.0, 20.0, "rad/s",
-        "Older name of min_in_place_vel_theta; counts where that is not given."),
+    real("min_in_place_rotational_vel", 0.4, -INF, INF, "rad/s",
+        "Older name of min_in_place_vel_theta. Where that is not given it counts, as in C++, for the turn to the goal "
+        "heading; with another local planner for rotations of recovery, too."),
     text("world_model", "costmap", "Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
-)
+) + tuple(older(old, new) for old, new in OLDER.items())
 # fmt: on
 
 

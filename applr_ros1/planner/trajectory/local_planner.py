@@ -43,7 +43,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._latches = params["latch_xy_goal_tolerance"]
         self._prunes = bool(params["prune_plan"])
         self._acceleration = params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"]
-        self._slowest_turn = params["min_in_place_vel_theta"]
+        self._slowest_turn = params["min_in_place_rotational_vel"]
         self._fastest_turn = params["max_rotational_vel"]
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
         self.reset()
