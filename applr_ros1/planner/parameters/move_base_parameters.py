@@ -115,11 +115,13 @@ STATIC_NAVFN = (
 APPLR_NODE = (
     real("period", 2.0, 0.0, INF, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
-        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored.", beyond="error"),
+        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored.",
+        beyond="error"),
     real("max_speed", 0.0, 0.0, INF, "m/s",
         "Largest speed of a command, ahead and back: a faster one is slowed down along its arc. 0: any. When the applr "
         "node has died, max_vel_x is restored to no more than it.", beyond="error"),
     whole("recovery_rounds", 0, 0, INT_MAX, "",
         "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
-        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached.", beyond="error"),
+        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached.",
+        beyond="error"),
 )
