@@ -211,7 +211,7 @@ def test_values_are_read_as_roscpp_reads_them():
 
 
 def test_older_names_count_where_cpp_reads_them():
-    """trajectory_planner_ros.cpp:219: the turn to the goal heading. rotate_recovery.cpp:70: unless that planner drives."""
+    """The turn to the goal heading (trajectory_planner_ros.cpp:219), and recovery unless that planner drives."""
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
         move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))
