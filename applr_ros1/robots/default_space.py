@@ -1,6 +1,7 @@
-"""The parameter space of a robot whose robot.yaml states none: what the included policy sets, within wide ranges.
+"""The parameter space of a robot whose robot.yaml states none: what pays, within wide ranges.
 
-reader.py calls `default_space`.
+The first are what the included policy sets; the last ones, with paper false, are for searches alone. reader.py calls
+`default_space`.
 """
 
 from __future__ import annotations
@@ -14,11 +15,18 @@ from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, f
 
 DWA = "DWAPlannerROS"
 # what move_base starts with where the files leave it out, of those that the ranges would not always include
-_DEFAULTS = {"vx_samples": 3.0, "forward_point_distance": 0.325, "inflation_radius": 0.55}
+_DEFAULTS = {
+    "vx_samples": 3.0,
+    "forward_point_distance": 0.325,
+    "inflation_radius": 0.55,
+    "min_in_place_vel_theta": 0.4,
+    "footprint_padding": 0.01,
+    "planner_frequency": 0.0,
+}
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
-    """Ten to twelve parameters of local planner and inflation layers; ranges include what the files start with.
+    """Eleven to fourteen parameters of planners and costmaps; ranges include what the files start with.
 
     They are made without checks, because the tree has not been checked yet; check.py does so.
 
@@ -57,11 +65,28 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     for name, low, high in layered if inflation else ():
         settings = tuple(Setting.model_construct(server=layer, name=name) for layer in inflation)
         found.append(_with_start(tree, name, low, high, False, settings))
+    costmaps = ("local_costmap", "global_costmap")
+    searched: List[Tuple[str, float, float, Tuple[str, ...]]] = []
+    if not dwa:
+        searched.append(("min_in_place_vel_theta", 0.05 * turn, 0.5 * turn, (server,)))
+    if len({find(tree, costmap, ("footprint_padding",)) for costmap in costmaps}) == 1:
+        searched.append(("footprint_padding", 0.0, 0.45 * width, costmaps))
+    if not find(tree, "", ("planner_frequency",)):  # a plan is made once, through what the laser has not seen yet
+        searched.append(("planner_frequency", 0.0, 5.0, ("",)))
+    for name, low, high, places in searched:
+        settings = tuple(Setting.model_construct(server=place, name=name) for place in places)
+        found.append(_with_start(tree, name, low, high, False, settings, paper=False))
     return tuple(found)
 
 
 def _with_start(
-    tree: Dict[str, Any], name: str, low: float, high: float, integer: bool, settings: Tuple[Setting, ...]
+    tree: Dict[str, Any],
+    name: str,
+    low: float,
+    high: float,
+    integer: bool,
+    settings: Tuple[Setting, ...],
+    paper: bool = True,
 ) -> SpaceParameter:
     start = find(tree, settings[0].server, settings[0].names)
     start = _DEFAULTS.get(name) if start is None else start
@@ -69,7 +94,7 @@ def _with_start(
         declared = next(p for p in SERVERS.get(settings[0].server, INFLATION) if name in p.names)
         start = min(max(start, declared.min), declared.max)  # as move_base has it
         low, high = min(low, start), max(high, start)
-    return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings)
+    return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings, paper=paper)
 
 
 def _inflation_layers(tree: Dict[str, Any]) -> List[str]:

@@ -161,6 +161,25 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     assert all((space.low <= theta).all() and (theta <= space.high).all() for theta in starts)
 
 
+@pytest.mark.parametrize(
+    ("name", "searched"),
+    [
+        ("jackal", ["min_in_place_vel_theta", "footprint_padding"]),
+        ("husky", ["footprint_padding", "planner_frequency"]),  # its files plan once
+        ("turtlebot3_burger", ["footprint_padding"]),
+    ],
+)
+def test_a_robot_without_a_space_has_what_pays_for_searches_alone(name, searched, tmp_path):
+    folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
+    described = yaml.safe_load((folder / "robot.yaml").read_text())
+    described.pop("parameter_space", None)
+    (folder / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    space = space_of(robots.load(str(folder)))
+    assert list(space.fixed) == searched
+    assert {"max_vel_x", "sim_time", "inflation_radius"} <= set(space.chosen.names)
+    assert len(tune_robot.warm_starts(robots.load(str(folder)))) >= 5
+
+
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     """Loaded after the robot's own files it gives the set: into the parameter server, and as a file of robot.yaml."""
