@@ -9,7 +9,6 @@ clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.js
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -112,19 +111,19 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(options: TuneOptions) -> int:
     """Searches, judges, writes and prints; returns the exit status."""
-    robot, space = options.robot, space_of(options.robot)
+    robot, searched, unseen = options.robot, WORLDS, UNSEEN
     out = make_folder(options.out or os.path.join("tune", robot.name))
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
-    folder = out if included else Path(robot.folder)
+    folder, space = out if included else Path(robot.folder), space_of(robot)
     with continuable():
-        theta, worth, budget = find(options, out)
+        theta, worth, budget = find(options, robot, searched, out)
         values = {name: value for name, value in space.as_dict(theta).items() if name in worth}
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
             return 1
-        drives = make_folder(out / f"{options.for_}_{sha256(json.dumps(values).encode())[:8]}")
+        drives = make_folder(out / f"{options.for_}_{sha256(repr((values, unseen, content(robot))).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        trials = judge(options, drives, budget)
+        trials = judge(options, robot, unseen, drives, budget)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     table = changes(robot, values, worth)
     shown = page.write(drives, said=sentences, first=[table])
@@ -136,11 +135,17 @@ def run(options: TuneOptions) -> int:
     return 0 if better else 1
 
 
-def find(options: TuneOptions, out: Path) -> Tuple[np.ndarray, Dict[str, Estimate], Budget]:
-    """The best set (n,) of the robot's parameters, what each that it changes saves [s], and how the time stands."""
-    robot, aim, seed, seconds = options.robot, AIMS[options.for_], options.seed, 60.0 * options.minutes
+def find(
+    options: TuneOptions, robot: Robot, searched: str, out: Path
+) -> Tuple[np.ndarray, Dict[str, Estimate], Budget]:
+    """The best set (n,) of a robot's parameters in the worlds `searched`.
+
+    Returns:
+        The set, what each parameter that it changes saves [s], and how the time stands.
+    """
+    aim, seed, seconds = AIMS[options.for_], options.seed, 60.0 * options.minutes
     space, cost = space_of(robot), partial(aim.seconds, robot=robot)
-    worlds = world_list(WORLDS, CHALLENGE, robot)
+    worlds = world_list(searched, CHALLENGE, robot)
     rules: Dict[str, Any] = {
         "robot": robot.folder,
         "protocol": CHALLENGE,
@@ -223,14 +228,21 @@ def randomisation() -> Dict[str, Any]:
     return {name: recipe[name] for name in vars(Randomisation()) if name in recipe and name != "ground"}
 
 
-def judge(options: TuneOptions, drives: Path, budget: Budget) -> pd.DataFrame:
-    """Drives the robot's own parameters and the set in `drives` in unseen courses: paired_trials of both."""
-    robot, cost = options.robot, partial(AIMS[options.for_].seconds, robot=options.robot)
-    how = {name: getattr(options, name) for name in ("robot", "workers", "seed", "runner")}
+def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, budget: Budget) -> pd.DataFrame:
+    """Drives the robot's own parameters and the set in `drives` in the worlds `unseen`: paired_trials of both."""
+    cost = partial(AIMS[options.for_].seconds, robot=robot)
+    how = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     evaluation = EvaluationOptions.model_construct(
-        **how, simulator=JUDGED, protocol=CHALLENGE, planner="ours", monitor=True, trials=1, out=str(drives)
+        **how,
+        robot=robot,
+        simulator=JUDGED,
+        protocol=CHALLENGE,
+        planner="ours",
+        monitor=True,
+        trials=1,
+        out=str(drives),
     )
-    worlds = world_list(UNSEEN, CHALLENGE, robot)
+    worlds = world_list(unseen, CHALLENGE, robot)
     chosen = [(OWN, OWN), (SET, str(drives / "static.json"))]
     plan = plan_trials([world[:2] for world in worlds], chosen, 1, options.seed)
     size = len(chosen) * max(1, options.workers)
