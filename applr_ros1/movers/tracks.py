@@ -26,6 +26,7 @@ ACCELERATION = 0.2  # [m^2/s^3]: spectral density of the acceleration
 BEARING = 0.005  # [rad]: standard deviation of a bearing in the odometry's frame
 FIRST_SPEED = 1.5  # [m/s]: standard deviation of the velocity of a new track
 GATE = 9.0  # squared deviations up to which a cluster may be a track's
+SUDDEN = 1.0  # [m/s] by which a velocity may change from scan to scan
 FARTHEST = 1.0  # [m] between both at most
 RESIZED = 0.15  # [m]: a difference of both radii that counts as one deviation
 SLOWEST, STANDING = 0.25, 0.12  # [m/s]: what is faster may be a mover, what becomes slower is none any more
@@ -55,7 +56,7 @@ def predict(tracks, dt):
 
 
 @kernel
-def associate(tracks, clusters, count, sensor, found):
+def associate(tracks, clusters, count, sensor, dt, found):
     """Fill found (MAX_TRACKS,) with the number of each track's cluster, -1 without one: the nearest pairs first."""
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
@@ -70,9 +71,10 @@ def associate(tracks, clusters, count, sensor, found):
                 continue
             x, y, sigma = centre(clusters[c], row[TR], sensor)
             dx, dy = x - row[TX], y - row[TY]
-            cost = (dx * dx + dy * dy) / (row[PP] + sigma * sigma)
-            if clusters[c, HIDDEN_FROM] + clusters[c, HIDDEN_TO] == 0.0:
-                cost += ((clusters[c, RADIUS] - row[TR]) / RESIZED) ** 2
+            cost = (dx * dx + dy * dy) / (row[PP] + sigma * sigma + (SUDDEN * dt) ** 2)
+            larger = clusters[c, RADIUS] - row[TR]
+            if larger > 0.0 or clusters[c, HIDDEN_FROM] + clusters[c, HIDDEN_TO] == 0.0:
+                cost += (larger / RESIZED) ** 2
             if cost < GATE and n < costs.shape[0]:
                 costs[n], pairs[n, 0], pairs[n, 1] = cost, t, c
                 n += 1
@@ -155,7 +157,7 @@ def follow(tracks, history, clusters, count, scan, before, dt, latency):
     now = fan[STAMP]
     found = np.empty(MAX_TRACKS, np.int64)
     predict(tracks, dt)
-    taken = associate(tracks, clusters, count, sensor, found)
+    taken = associate(tracks, clusters, count, sensor, dt, found)
     sensor = _correct_pose(tracks, clusters, count, found, fan, sensor)
     for t in range(tracks.shape[0]):
         row = tracks[t]

@@ -98,7 +98,9 @@ class Judge:
 
 
 def truth(simulator, scan):
-    """(n, 5) x, y, radius, vx, vy of the world's movers in the odometry's frame."""
+    """(n, 5) x, y, radius, vx, vy of the world's movers in the odometry's frame; while one pushes the robot, none."""
+    if simulator.state.contact:
+        return np.empty((0, 5))
     c_from = laser_pose(simulator.state.pose, simulator.robot.laser)
     to_odom = compose(scan.sensor_pose, inverse(c_from))
     now, dt = simulator.state.time, 0.01
