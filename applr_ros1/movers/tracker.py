@@ -21,7 +21,7 @@ LARGEST = 0.8  # [m]: radius of the largest mover
 PAUSE = 1.0  # [s] without a scan, or by which a stamp is older: another time has begun
 FASTER = 1.5  # a pose that changes so many times as fast as the base can: another place
 SHIFT, TURN = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
-SMOOTH = 0.1  # [s]: time constant of the measured turn rate
+SMOOTH = 0.1  # [s]: time constant of the measured speed and turn rate
 LATENCY, OF_A_SCAN = 0.04, 0.5  # [s, periods] by which the stamps of poses and beams may differ
 
 
@@ -71,7 +71,7 @@ class MoverTracker:
         self._free.clear()
         self._last: Optional[tuple] = None  # stamp and pose of the last scan
         self._correction: Pose = (0.0, 0.0, 0.0)  # of the odometry's poses, by what stands
-        self._turning = 0.0  # [rad/s]
+        self._turning = self._speed = 0.0  # of the laser by the odometry [rad/s, m/s]
 
     def update(self, scan: LaserScan) -> Movers:
         """Take a scan, whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
@@ -95,7 +95,10 @@ class MoverTracker:
             return self._movers()
         if self._last is not None:
             rate = normalize_angle(yaw - self._last[1][2]) / dt
-            self._turning += (1.0 - math.exp(-dt / SMOOTH)) * (rate - self._turning)
+            speed = math.hypot(x - self._last[1][0], y - self._last[1][1]) / dt
+            share = 1.0 - math.exp(-dt / SMOOTH)
+            self._turning += share * (rate - self._turning)
+            self._speed += share * (speed - self._speed)
         self._last = scan.stamp, (x, y, yaw)
         self._follow(scan, dt)
         return self._movers()
@@ -121,7 +124,7 @@ class MoverTracker:
         before = self._free.ranges, self._free.fans
         latency = max(LATENCY, OF_A_SCAN * dt)
         given = self._tracks, self._history, self._clusters, count
-        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, latency)
+        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed, latency)
         self._correction = compose(sensor, inverse(self._last[1]))
         self._number = tracks.begin(self._tracks, self._clusters, count, taken, now, self._number)
         if self._free.due(now):

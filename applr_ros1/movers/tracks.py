@@ -13,7 +13,7 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, MAX_CLUSTERS, POINTS, RADIUS, centre
 from applr_ros1.movers.free_space import RATE, SCANS, STAMP, sees_through
-from applr_ros1.movers.slip import shift, slip
+from applr_ros1.movers.slip import VOTES, shift, slip
 
 MAX_TRACKS = 192
 # columns of a track: number (0: none), centre [m], velocity [m/s], variances of place, both, velocity, radius [m],
@@ -36,6 +36,7 @@ MOST = 0.5  # [s] of evidence that counts
 SAME_SIZE = 0.03  # [m]: of a cluster and a track, for that
 SETTLED = 3  # clusters after which a track that stands tells where the robot is
 AVERAGED = 0.5  # [s] over which its place is averaged for that
+SLIDES = 0.2  # [m/s]: a base that turns or brakes may slide so fast beside what its wheels say
 SILENT = 1.0  # [s] after which a mover needs new evidence
 HIDDEN = 0.8  # [s] for which a mover that is hidden is carried on
 LOST = 0.25  # [s] after which another track ends without a cluster
@@ -135,7 +136,7 @@ def has_moved(points, history, ranges, fans, depth, fan, latency):
 
 
 @kernel
-def follow(tracks, history, clusters, count, scan, before, dt, latency):
+def follow(tracks, history, clusters, count, scan, before, dt, speed, latency):
     """One scan's step of all tracks.
 
     Args:
@@ -146,6 +147,7 @@ def follow(tracks, history, clusters, count, scan, before, dt, latency):
         scan: how far its beams saw (n,), its fan (9,), the laser's pose.
         before: FreeSpace's ranges and fans.
         dt: since the last scan [s].
+        speed: of the laser by the odometry [m/s].
         latency: as has_moved takes it.
 
     Returns:
@@ -160,6 +162,10 @@ def follow(tracks, history, clusters, count, scan, before, dt, latency):
     taken = associate(tracks, clusters, count, sensor, dt, found)
     sensor = _correct_pose(tracks, clusters, count, found, fan, sensor)
     for t in range(tracks.shape[0]):
+        if found[t] >= 0:
+            correct(tracks[t], clusters[found[t]], sensor, dt)
+    drift_x, drift_y = _drift(tracks, found, speed)
+    for t in range(tracks.shape[0]):
         row = tracks[t]
         if row[ID] == 0.0:
             continue
@@ -168,14 +174,13 @@ def follow(tracks, history, clusters, count, scan, before, dt, latency):
             if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN if row[MOVES] > 0.0 else LOST):
                 _end(row, history, t)
             continue
-        cluster = clusters[found[t]]
-        correct(row, cluster, sensor, dt)
         row[SEEN], row[GONE] = now, 0.0
-        speed = math.hypot(row[VX], row[VY])
-        if speed < STANDING:
+        own = math.hypot(row[VX], row[VY])
+        if own < STANDING:
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
-        if speed > SLOWEST and speed > CLEAR * math.sqrt(row[VV]):
-            if has_moved(cluster[POINTS:], history[:, t], ranges, fans, depth, fan, latency):
+        clear = max(SLOWEST, CLEAR * math.sqrt(row[VV]))
+        if own > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
+            if has_moved(clusters[found[t], POINTS:], history[:, t], ranges, fans, depth, fan, latency):
                 row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST)
                 row[TIMES] += 1.0
                 row[EVIDENT] = now
@@ -201,6 +206,20 @@ def _correct_pose(tracks, clusters, count, found, fan, sensor):
             voters[votes] = found[t]
             votes += 1
     return shift(clusters, count, fan, sensor, slip(places, voters, votes, clusters, sensor))
+
+
+@kernel
+def _drift(tracks, found, speed):
+    """The velocity (x, y) [m/s] with which all that is no mover seems to move, if wheels that slip can be why."""
+    n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
+    for t in range(tracks.shape[0]):
+        if found[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED:
+            vx[n], vy[n] = tracks[t, VX], tracks[t, VY]
+            n += 1
+    if n < VOTES:
+        return 0.0, 0.0
+    x, y = np.median(vx[:n]), np.median(vy[:n])
+    return (x, y) if math.hypot(x, y) < speed + SLIDES else (0.0, 0.0)
 
 
 @kernel
