@@ -70,7 +70,7 @@ def test_brakes_and_stops_as_its_wheels_can_without_locking(way):
         ]
         assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
     assert monitor.braked(0.35, 1.0 * way)[0] == pytest.approx(0.8 * way), "its wheels are slower than commanded"
-    assert monitor.braked(0.40, -0.1 * way) == (0.0, 0.0)
+    assert monitor.braked(0.40, -0.5 * way) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * way) == (0.0, 0.0)
 
 
