@@ -1,0 +1,80 @@
+"""Both images from one script: its steps in a root of debootstrap, then a drive in it as a user who can write nowhere."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support import ROOT
+
+FOLDER = ROOT / "containers"
+DEFINITION = (FOLDER / "apptainer.def").read_text(encoding="utf-8")
+DOCKERFILE = (FOLDER / "Dockerfile").read_text(encoding="utf-8")
+POST = re.search(r"%post\n(.*?)\n\n", DEFINITION, re.DOTALL).group(1)
+RUN = shlex.split(re.search(r"exec (.*)", DEFINITION).group(1))[:-1]
+HOSTS = (
+    "/etc/resolv.conf",
+    "/etc/pip.conf",
+    "/etc/apt",
+    "/etc/ssl",
+    "/etc/ca-certificates.conf",
+    "/usr/share/keyrings",
+)
+
+
+def test_both_images_are_made_and_run_alike():
+    (image,) = re.findall(r"^FROM (.*)$", DOCKERFILE, re.MULTILINE)
+    (step,) = re.findall(r"^RUN (.*)$", DOCKERFILE, re.MULTILINE)
+    assert image in DEFINITION
+    assert POST.split("\n")[-1].strip() == step
+    assert "[%s]" % ", ".join('"%s"' % word for word in RUN) in DOCKERFILE
+    assert os.access(FOLDER / Path(step).name, os.X_OK)
+
+
+def folders_of_pip():
+    """Folders of this machine that pip installs from."""
+    said = subprocess.run(["pip", "config", "list"], capture_output=True, text=True).stdout + str(os.environ)
+    named = (Path(name) for name in re.findall(r"(?<![\w:/])(?:file://)?(/[\w./-]+)", said))
+    return {Path("/", *folder.parts[1:3]) for folder in named if folder.is_dir() and folder.parts[1] == "opt"}
+
+
+@pytest.mark.long
+@pytest.mark.skipif(os.getuid() != 0 or not shutil.which("debootstrap"), reason="needs root and debootstrap")
+def test_the_steps_of_the_images_in_a_bare_debian(tmp_path):
+    """With this machine's own settings of apt and pip, whatever they are. Some ten minutes and 4 GB."""
+    root, tar = tmp_path / "root", tmp_path / "applr_ros1.tar"
+    subprocess.run(["debootstrap", "--variant=minbase", "bookworm", str(root)], check=True)
+    subprocess.run(["git", "archive", "--prefix=applr_ros1/", "-o", tar, "HEAD"], cwd=ROOT, check=True)
+    shutil.copy(tar, root / "opt")
+    for name in HOSTS:
+        if os.path.isdir(name):
+            shutil.copytree(name, root / name[1:], dirs_exist_ok=True, symlinks=True)
+        elif os.path.exists(name):
+            shutil.copy(name, root / name[1:])
+    mounts = ["mount -t proc proc %s/proc" % root, "mount --bind /dev %s/dev" % root]
+    for folder in folders_of_pip():
+        (root / folder.relative_to("/")).mkdir(parents=True, exist_ok=True)
+        mounts.append("mount --bind %s %s%s" % (folder, root, folder))
+
+    def enter(command, *more, user="0:0", home="/root"):
+        inner = ["chroot", "--userspec=" + user, root, "env", "HOME=" + home, "sh", "-ec", command]
+        lines = [*mounts, *more, "exec " + shlex.join(map(str, inner))]
+        return subprocess.run(["unshare", "--mount", "sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
+
+    made = enter(POST)
+    assert made.returncode == 0, made.stdout[-2000:] + made.stderr[-2000:]
+    (root / "tmp" / "home").mkdir(mode=0o777)
+    (root / "tmp" / "home").chmod(0o777)
+    read_only = "mount --bind {0} {0} && mount -o remount,ro,bind {0} && mount --bind {1} {0}/tmp".format(
+        root, root / "tmp"
+    )
+    drive = " ".join(RUN) + " python -m training.evaluate --worlds generated:0 --methods applr --simulator kinematic "
+    found = enter("cd /tmp/home; " + drive + "--trials 1 --out out", read_only, user="1000:1000", home="/tmp/home")
+    assert found.returncode == 0, found.stdout[-2000:] + found.stderr[-2000:]
+    assert "generated:0,applr" in (root / "tmp/home/out/trials.csv").read_text(encoding="utf-8")
+    listed = enter(" ".join(RUN) + " rospack find applr_ros1", read_only, user="1000:1000", home="/tmp/home")
+    assert listed.returncode == 0, listed.stderr
