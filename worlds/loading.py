@@ -19,10 +19,12 @@ from .world import Mover, World, WorldError
 
 FORMS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
-    "fresh:N, fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world "
-    "file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's training worlds in it"
+    "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
+    "physical_course, a .world file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's "
+    "training worlds in it"
 )
 HALVES = {"choose": 0, "report": 1}  # of BARN's training worlds: even numbers are for choices, odd ones for figures
+MADE = ("fresh:", "final:", "dynamic:")  # on the spot, from a seed
 MAX_WORLDS = 10_000  # in a folder, or from N to M
 
 
@@ -39,9 +41,15 @@ def _fresh(number: int) -> World:
     return dataclasses.replace(barn.generate(barn.COUNT + number), name=f"fresh:{number}")
 
 
+def _final(number: int) -> World:
+    """Worlds of the recipe for published figures alone: nothing is trained or chosen in them. All its kinds in turn."""
+    return dataclasses.replace(barn.generate(3 * number, seed=20261125), name=f"final:{number}")
+
+
 _RECIPES = {
     "generated": _Recipe(barn.world, barn.SPLITS, barn.COUNT),
     "fresh": _Recipe(_fresh, {}, 10**9),
+    "final": _Recipe(_final, {}, 100),
     "dynamic": _Recipe(dynabarn.generate, dynabarn.SPLITS, 10**9),
 }
 
@@ -72,7 +80,7 @@ def load_all(spec: str) -> List[World]:
 class Worlds(Sequence):
     """The worlds of a specification, several with commas between them, as a sequence.
 
-    Files and built-in worlds are loaded at once, so that a wrong one is reported at the beginning. Fresh worlds are
+    Files and built-in worlds are loaded at once, so that a wrong one is reported at the beginning. Others are
     generated when they are asked for, since each takes up to a tenth of a second; the last KEPT of them stay.
 
     Raises:
@@ -83,7 +91,7 @@ class Worlds(Sequence):
 
     def __init__(self, spec: str):
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
-        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(("fresh:", "dynamic:"))}
+        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(MADE)}
         self._fresh: "OrderedDict[int, World]" = OrderedDict()
 
     def __len__(self) -> int:

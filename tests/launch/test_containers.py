@@ -1,4 +1,4 @@
-"""Both images from one script: its steps in a root of debootstrap, then a drive in it as a user who can write nowhere."""
+"""Both images from one script: its steps in a root of debootstrap, then a drive there as a user without rights."""
 
 import os
 import re
@@ -16,14 +16,8 @@ DEFINITION = (FOLDER / "apptainer.def").read_text(encoding="utf-8")
 DOCKERFILE = (FOLDER / "Dockerfile").read_text(encoding="utf-8")
 POST = re.search(r"%post\n(.*?)\n\n", DEFINITION, re.DOTALL).group(1)
 RUN = shlex.split(re.search(r"exec (.*)", DEFINITION).group(1))[:-1]
-HOSTS = (
-    "/etc/resolv.conf",
-    "/etc/pip.conf",
-    "/etc/apt",
-    "/etc/ssl",
-    "/etc/ca-certificates.conf",
-    "/usr/share/keyrings",
-)
+SETTINGS = ("/etc/resolv.conf", "/etc/pip.conf", "/etc/xdg/pip", "/etc/apt", "/usr/share/keyrings")  # of a machine
+SETTINGS += ("/etc/ssl", "/etc/ca-certificates.conf", "/usr/local/share/ca-certificates")
 
 
 def test_both_images_are_made_and_run_alike():
@@ -50,7 +44,7 @@ def test_the_steps_of_the_images_in_a_bare_debian(tmp_path):
     subprocess.run(["debootstrap", "--variant=minbase", "bookworm", str(root)], check=True)
     subprocess.run(["git", "archive", "--prefix=applr_ros1/", "-o", tar, "HEAD"], cwd=ROOT, check=True)
     shutil.copy(tar, root / "opt")
-    for name in HOSTS:
+    for name in SETTINGS:
         if os.path.isdir(name):
             shutil.copytree(name, root / name[1:], dirs_exist_ok=True, symlinks=True)
         elif os.path.exists(name):

@@ -111,6 +111,25 @@ def test_a_turn_moves_the_body_about_the_stated_point_and_as_fast_as_stated():
     assert safe_scale(*wide, (0.0, 3.0, 0.0, 0.0))[0] <= safe_scale(*wide, (0.0, 1.0, 0.0, 0.0))[0]
 
 
+def test_a_turn_about_a_point_ahead_sweeps_what_a_turn_about_it_sweeps():
+    """Turning at 1.5 rad/s about a point .3 m ahead, with .15 s and 3.3 rad/s^2 until it stands: posts at its side."""
+    planes, w, ahead = half_planes(SETTINGS.body), 1.5, 0.3
+    turned = np.linspace(0.0, 0.15 * w + w**2 / (2 * 3.3), 200)
+    front, side = SETTINGS.body[0][0] + 0.03, SETTINGS.body[0][1] + 0.03
+
+    def meets(x, y):  # the post in the robot's frame, which turns about the point
+        dx, c, s = x - ahead, np.cos(turned), np.sin(turned)
+        px, py = ahead + c * dx + s * y, c * y - s * dx
+        return bool(np.any((abs(px) < front) & (abs(py) < side)))
+
+    for x in (-0.15, 0.0, 0.15):
+        for y in np.arange(-0.6, -0.25, 0.04):
+            if meets(x, y - 0.012) == meets(x, y + 0.012):  # not just at the edge
+                arguments = (np.array([[x, y]]), planes, 0.03, (0.0, w), (0.0, w), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
+                free = safe_scale(*arguments, (0.0, 1.0, ahead, -ahead * w))[0] == 1.0
+                assert free != meets(x, y), (x, y)
+
+
 def test_poses_give_the_velocity_ahead_aside_and_of_the_turn():
     motion, yaw = PoseMotion(), 0.0
     for step in range(10):
@@ -122,6 +141,9 @@ def test_poses_give_the_velocity_ahead_aside_and_of_the_turn():
     assert motion.contradicts((-1.5, 0.3))
     assert motion.contradicts((0.3, 0.3))
     assert not motion.contradicts((1.6, 0.3))
+    for step in range(1, 6):  # it stops at once, and stands for a quarter of a second
+        motion.take(stamp + 0.0501 * step, (-0.2 * stamp, 1.5 * stamp, yaw))
+    assert motion.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     motion.take(0.1, HERE)  # the clock was set back
     assert motion.velocity == (0.0, 0.0, 0.0)
 
@@ -135,6 +157,7 @@ def test_a_stated_velocity_that_poses_contradict_does_not_hide_the_wall(stated, 
         monitor.see(scan_of(wall(2.2, 2.0), (x, 0.0, 0.0), now))
         verdict = monitor.filter(now, (x, 0.0, 0.0), (stated, 0.0), (2.0, 0.0))
     assert verdict.action == action
+    assert stated < 0.0 or verdict.command[0] > 1.0, "the commanded speed falls from that of the poses"
 
 
 FLOATS = st.one_of(st.floats(), st.sampled_from([5e-324, -5e-324, -0.0, 1e308, -1e308, math.nan, math.inf, 1e-300]))

@@ -8,7 +8,7 @@ import pytest
 
 from applr_ros1.common.angles import compose
 from applr_ros1.monitor.memory import ObstacleMemory
-from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.scanner import FROZEN_SCANS
 from applr_ros1.monitor.seen import CELL, SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
@@ -49,6 +49,15 @@ def seen_all_around(points, settings=None):
     for stamp, yaw in ((-0.1, math.pi), (0.0, 0.0)):
         monitor.see(scan_of(points, (0.0, 0.0, yaw), stamp))
     return monitor
+
+
+@pytest.mark.parametrize(
+    ("command", "action", "held"),
+    [((0.04, -0.1), SLOW, True), ((0.0, 0.0), STOP, True), ((0.0, 0.2), SLOW, False), ((-0.06, 0.0), SLOW, False)],
+)
+def test_a_command_of_which_next_to_nothing_passes_is_held(command, action, held):
+    assert Verdict(command, action).held is held
+    assert not Verdict(command).held
 
 
 def test_nothing_near_changes_no_command():

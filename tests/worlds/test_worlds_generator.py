@@ -144,6 +144,18 @@ def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
         worlds.load("fresh:5-7")
 
 
+def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
+    """No other name has one of them, and a change of the recipe or of the seed is noticed."""
+    assert len(worlds.specs("final:0-99")) == 100
+    with pytest.raises(worlds.WorldError, match="final:100"):
+        worlds.load("final:100")
+    found = worlds.load_all("final:0-5") + [worlds.load("final:99")]
+    others = worlds.load_all("fresh:0-19") + [barn.world(number) for number in range(0, 300, 3)]
+    assert not {w.cylinders.tobytes() for w in found} & {w.cylinders.tobytes() for w in others}
+    assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted({barn.kind(n) for n in range(300)})
+    assert [len(w.cylinders) for w in found] == [205, 202, 192, 223, 188, 202, 325]
+
+
 def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
     from worlds import loading
 
