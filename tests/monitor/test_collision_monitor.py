@@ -169,12 +169,12 @@ def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry):
 
 def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
     memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
-    empty = np.full(360, 3.0, np.float32)
+    empty = np.full(360, 1.2, np.float32)  # seen through by little more than a range may differ
     post = empty.copy()
     post[[-2, -1, 0, 1]] = 1.0
     for stamp, ranges, left in ((0.0, post, 4), (0.1, empty, 0)):
         memory.update(scan_of([], pose, stamp, ranges=ranges, **TURN))
-        assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.5) == left
+        assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.1) == left
 
 
 def test_a_full_memory_forgets_the_oldest(monkeypatch):
@@ -370,7 +370,7 @@ def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen
 def test_what_lies_behind_an_obstacle_or_the_robot_has_not_been_seen():
     seen = SeenSpace(8.0)
     seen.update(scan_of(wall(1.0), (0.0, 0.0, 0.0)))
-    places = np.array([(0.8, 0.0), (1.3, 0.0), (-0.6, 0.0), (0.0, 1.5), (7.0, 0.0)])
+    places = np.array([(0.8, 0.0), (1.15, 0.0), (-0.6, 0.0), (0.0, 1.5), (7.0, 0.0)])
     assert [seen.cells[tuple(cell)] for cell in np.floor(places / CELL).astype(int) % len(seen.cells)] == [
         1,
         0,

@@ -62,6 +62,19 @@ def test_the_turn_to_a_stop():
     assert least(0.0, 1.5, passes) == pytest.approx(2.0 * 0.15 + 2.0**2 / 8, abs=TOLERANCE)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_slide_ends_with_the_drive(side):
+    """At 1 m/s ahead and .6 m/s aside: .15 s of it, then both fall to 0 with 1.9 m/s^2 ahead."""
+    planes = half_planes(SETTINGS.body)
+
+    def passes(distance):
+        post = np.array([[0.3, side * (SIDE + MARGIN + distance)]])
+        rest = ((0.0, 0.15), (1.9, 3.3), EVERYTHING, (0.0, 1.0, 0.0, side * 0.6))
+        return safe_scale(post, planes, MARGIN, (1.0, 0.0), (1.0, 0.0), *rest)[0] == 1.0
+
+    assert least(0.0, 1.0, passes) == pytest.approx(0.6 * (0.15 + 0.5 / 1.9), abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("scan", "ages", "way"),
     [  # at 1 m/s; what is old adds to the reaction, the pose's age also to what was driven since

@@ -12,6 +12,7 @@ from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, PARAMETERS, SIZE, DimensionlessForm
 from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.description import Setting, SpaceParameter
 from tests.policy import golden_form
@@ -114,6 +115,13 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
     assert course(3, 0.03)[0] == standing
     assert course(4, 0.03)[0][:8] == standing[:8]
     assert course(4, 0.03)[0][8:] != standing[8:]
+
+
+def test_a_larger_robot_stalls_on_a_longer_way():
+    """Half a metre in 8 s is enough for the Jackal, and not for a robot of twice its size."""
+    for scale, stalled in ((1.0, False), (2.0, True)):
+        stall = Stall(scale)
+        assert [stall.look(float(t), 0.0625 * t, 0.0) for t in range(9)][-1] is stalled
 
 
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):

@@ -57,6 +57,32 @@ def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):
     assert 0.25 < np.mean(unseen) < 0.45
 
 
+@pytest.mark.parametrize(
+    ("ground", "places"),
+    [
+        (
+            1.0,
+            (
+                (0.5196, -0.0044, -0.0055),
+                (1.1699, 0.0492, 0.6201),
+                (1.4306, 0.2803, -0.0335),
+                (1.4686, 0.2984, -0.2023),
+            ),
+        ),
+        (
+            0.0,
+            ((0.6217, -0.0005, 0.0012), (1.2671, 0.0529, 0.4032), (1.6070, 0.1975, -0.1681), (1.6584, 0.2062, -0.3472)),
+        ),
+    ],
+)
+def test_a_drive_is_what_it_was(ground, places):
+    """Ahead, a turn, a harder one, a stop: a change of the equations or their numbers moves a place by millimetres."""
+    made = sim_bridge.make("kinematic", ground=ground)
+    made.reset(OPEN, 3)
+    for (v, w, seconds), place in zip(((1.5, 0.0, 0.6), (1.0, 1.0, 0.6), (0.5, -1.5, 0.6), (0.0, 0.0, 0.5)), places):
+        assert drive(made, v, w, seconds).pose == pytest.approx(place, abs=5e-4)
+
+
 def test_grounds_may_be_drawn_in_between():
     """Half of the draws from (0, 2) are Gazebo's own ground; 0 is plain and turns as told."""
     drawn = sim_bridge.make("kinematic", ground=(0.0, 2.0))

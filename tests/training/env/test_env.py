@@ -37,6 +37,9 @@ class FakeMoveBase:
     def make_plan(self, start, goal, tolerance=0.0):
         return self.global_plan
 
+    def configuration(self, server):
+        return {}  # nothing that is asked for is in force
+
     def reconfigure(self, server, values):
         self.requests.append((server, values))
         return {**values, "vx_samples": 7} if "vx_samples" in values else values  # a planner with its own mind
@@ -139,6 +142,21 @@ def test_a_stall_is_a_failure_where_that_is_asked_for():
             (4, "stalled", True) if decisions == 4 else (6, "time limit", False)
         )
         assert last.timeout == (decisions == 6)
+
+
+def test_a_planner_that_gives_up_as_it_stalls_has_given_up():
+    last = drive(trial(v=0.0, limit=6, end=160, result=("aborted", "why"), end_on_stall=True))[-1]
+    assert (last.decisions, last.reason) == (4, "planner aborted: why")
+
+
+def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
+    robot = robots.load("turtlebot3_burger")
+    planner = FakeMoveBase(0.1)
+    episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
+    episode.reset(straight(), 0)
+    episode.decide(episode.space.theta0)
+    seen = [scan is not None for scan in planner.scans]
+    assert seen == [k % 4 == 0 for k in range(41)]
 
 
 def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():
