@@ -64,17 +64,20 @@ class Server:
 
     Attributes:
         settings: (index in theta, sign, name) of each of those values.
-        refused: Whether the newest call was answered, and the values are not in force.
+        call: The newest one.
+        refused: Whether it was answered, and the values are not in force.
 
     Raises rospy.ROSException where it does not answer, ApplrError where it does not hold a value.
     """
 
     def __init__(self, name: str, targets: Sequence[Tuple[int, Target]], on_restart: Callable[[Server], None]):
         self.name, self._on_restart, self.refused = name, on_restart, False
-        self._call: Optional[Future] = None  # the newest one
+        self.call: Future = Future()
+        self.call.set_result("")
         self._starts = 0  # of the server, as far as they were noticed
         self._known = 1  # its start since which the values are known; 0: a call has shown nothing of them
-        self._client = Client(name, DEADLINE, description_callback=self._on_description)
+        self._heard = 0  # its start when it last published values
+        self._client = Client(name, DEADLINE, self._on_update, self._on_description)
         self.close = self._client.close
         try:
             for hear in (self._client.get_parameter_descriptions, self._client.get_configuration):
@@ -87,9 +90,12 @@ class Server:
 
     def _own_name(self, target: Target) -> str:
         for name in target.names:
-            if name in self._declared:
+            if name in self.declared:
                 return name
         raise ApplrError(f"has no parameter {target.names[0]}")
+
+    def _on_update(self, values: Mapping[str, Any]) -> None:
+        self._heard = self._starts
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
         self._starts += 1  # each server sends it once
@@ -97,7 +103,8 @@ class Server:
             self._on_restart(self)
 
     @property
-    def _declared(self) -> Dict[str, Dict[str, Any]]:
+    def declared(self) -> Dict[str, Dict[str, Any]]:
+        """{name: {"type", "min", "max", ...}} of its parameters."""
         return {parameter["name"]: parameter for parameter in self._client.param_description}
 
     @property
@@ -109,29 +116,19 @@ class Server:
         """Whether {name: value} are in force, as the server itself has said since its start and the newest call."""
         return self._known == self._starts and are_in_force(values, self.values)
 
-    def bounds(self) -> List[Tuple[int, float, float]]:
-        """(index in theta, least, most) that it takes of each value, as theta counts it."""
-        limits = [(i, [sign * self._declared[name][end] for end in ("min", "max")]) for i, sign, name in self.settings]
-        return [(i, min(ends), max(ends)) for i, ends in limits]
-
     def request(self, values: np.ndarray) -> Dict[str, Any]:
         """{name: value} of what it holds of values (n,), within the bounds and as the types that it declares."""
-        found, declared = {}, self._declared
+        found, declared = {}, self.declared
         for i, sign, name in self.settings:
             p = declared[name]
             found[name] = _KINDS[p["type"]](min(max(sign * values[i], p["min"]), p["max"]))
         return found
 
-    @property
-    def unanswered(self) -> Optional[Future]:
-        """The call that the server has still to answer."""
-        return None if self._call is None or self._call.done() else self._call
-
     def set(self, values: Mapping[str, Any]) -> Future:
         """Begin a call, with no other unanswered; its result is one line why {name: value} are not in force, or ""."""
-        self._call, self.refused = Future(), False
-        threading.Thread(target=self._set, args=(dict(values), self._call), daemon=True).start()
-        return self._call
+        self.call, self.refused = Future(), False
+        threading.Thread(target=self._set, args=(dict(values), self.call), daemon=True).start()
+        return self.call
 
     def _set(self, values: Dict[str, Any], call: Future) -> None:
         """The answer alone is not believed: every server publishes on parameter_updates what it has then."""
@@ -145,7 +142,7 @@ class Server:
             self._known = starts if has == answer else 0
             other = next((name for name in values if has[name] != values[name]), None)
             error = "" if other is None else f"{self.name} holds {other} at {has[other]}, not {values[other]}"
-            self.refused = bool(error)
+            self.refused = bool(error) and self._heard == starts  # one that came back may not be heard yet
         except Exception as problem:  # the library hides what the server said behind an error of its own
             said = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
             error = f"{self.name}: {reason(said)}"
@@ -266,8 +263,10 @@ class ReconfigureClient:
     def bounds(self) -> Tuple[np.ndarray, np.ndarray]:
         """The smallest and the largest values (n,) that all servers take."""
         low, high = np.full((2, len(self.space)), [[-np.inf], [np.inf]])
-        for i, least, most in (bound for server in self._servers.values() for bound in server.bounds()):
-            low[i], high[i] = max(low[i], least), min(high[i], most)
+        for server in self._servers.values():
+            for i, sign, name in server.settings:
+                least, most = sorted(sign * server.declared[name][end] for end in ("min", "max"))
+                low[i], high[i] = max(low[i], least), min(high[i], most)
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
@@ -287,8 +286,8 @@ class ReconfigureClient:
             if not self.connected:
                 return ApplyReport(f"no parameter servers below {self.namespace} yet")
             servers = list(self._servers.values())
-            wait([server.unanswered for server in servers if server.unanswered], seconds)
-            errors = {server: f"{server.name} does not answer" for server in servers if server.unanswered}
+            wait([server.call for server in servers], seconds)
+            errors = {server: f"{server.name} does not answer" for server in servers if not server.call.done()}
             put_back: List[str] = []
             refused = False
             if not errors:
@@ -298,12 +297,12 @@ class ReconfigureClient:
                 wanted = {server: request for server, request in wanted.items() if not server.has(request)}
                 former = {server: {name: server.values[name] for name in wanted[server]} for server in wanted}
                 errors = _set_all(wanted, until - time.monotonic())
-                refused = any(server.refused for server in errors if not server.unanswered)
+                refused = any(server.refused for server in errors)
                 if errors:
-                    again = {server: former[server] for server in wanted if not server.unanswered}
+                    again = {server: former[server] for server in wanted if server.call.done()}
                     failed = _set_all(again, seconds)
                     put_back = [server.name for server in again if server not in failed]
-            unanswered = tuple(server.name for server in servers if server.unanswered)
+            unanswered = tuple(server.name for server in servers if not server.call.done())
         return ApplyReport("; ".join(errors.values()), refused, tuple(put_back), unanswered)
 
     def start(self) -> None:
