@@ -1,11 +1,12 @@
 """Whether the included policy pays on a robot: drives courses in simulation and ends with a verdict.
 
-Started as `./applr try ROBOT` or `python -m training.try_robot ROBOT`. In each course the robot's own parameters, the
-policy and, where the robot's folder has static.json, the tuned parameters drive with the same seed, until one of them
-is clearly better or the time is spent. What is printed ends with three sentences (arrivals and times with 95 %
-intervals; whether the policy pays; what to do next), the commonest reasons of failures with what to change, a picture,
-and the line for robot.yaml. The exit status is 0 only where the policy pays. A stopped run continues with the same
-command.
+Started as `./applr try ROBOT` or `python -m training.try_robot ROBOT`. It begins on open floor: where a robot's own
+parameters do not drive it, its set-up is wrong, and what is printed says why and what to change. In each course the
+robot's own parameters, the policy and, where the robot's folder has static.json, the tuned parameters drive with the
+same seed, until one of them is clearly better or the time is spent. What is printed then ends with three sentences
+(arrivals and times with 95 % intervals; whether the policy pays; what to do next), the commonest reasons of failures
+with what to change, a picture, and the line for robot.yaml. The exit status is 0 only where the policy pays. A stopped
+run continues with the same command.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from training.common.command_line import (
     parsed,
 )
 from training.common.options import PLACE, Options, option
+from training.evaluation import open_floor
 from training.evaluation.plan import Trial, plan_trials
 from training.evaluation.run import EvaluationOptions, drive, settings
 from training.evaluation.store import TrialStore
@@ -80,6 +82,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(options: TryOptions) -> int:
     """Drives and prints the verdict; returns the exit status."""
     robot = options.robot
+    drives, lines = open_floor.sentences(robot, options.simulator)
+    print("\n".join(lines))
+    if not drives:
+        return 1
     names = [OWN, POLICY, *([SET] if os.path.exists(methods.shipped("static.json", robot)) else [])]
     how = {name: getattr(options, name) for name in ("robot", "worlds", "simulator", "workers", "seed", "runner")}
     out = options.out or os.path.join("try", robot.name)

@@ -215,7 +215,7 @@ class Episode:
             if scan is not None:
                 self.monitor.see(scan)
             if command is not None:
-                verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
+                verdict = self.verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
                 command = verdict.command
                 self.move_base.report_held(verdict.held)
         if command is not None:

@@ -35,8 +35,8 @@ KEEP = "Keep your own parameters; the same command with more --minutes searches 
 REMEDIES = (
     (
         "aborted: Failed to find a valid control",
-        "the local planner refused every velocity: raise acc_lim_x and acc_lim_theta, lower min_vel_x and "
-        "min_vel_theta, raise the numbers of samples, or lower footprint_padding",
+        "the local planner refused every velocity, or the monitor held all: raise acc_lim_x and acc_lim_theta, lower "
+        "min_vel_x and min_vel_theta, raise the numbers of samples, or lower footprint_padding",
     ),
     (
         "aborted: Failed to find a valid plan",
@@ -162,10 +162,12 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
 
 
 def _driven(trials: pd.DataFrame, robot: str) -> str:
-    """The first sentence: arrivals, times and contacts with each method."""
+    """The first sentence: arrivals, times and contacts with each method, and whether most courses fail with all."""
     of_method = dict(list(trials.groupby("method", sort=False)))
+    fails = f"{robot} fails in most courses, whatever sets its parameters: of"
+    begin = fails if all(one.success.mean() < 0.5 for one in of_method.values()) else "Of"
     ends = ", ".join(f"{_ends(one)} with {WORDS[method]}" for method, one in of_method.items())
-    return f"Of {len(of_method[OWN])} courses {robot} finished {ends}."
+    return f"{begin} {len(of_method[OWN])} courses {robot} finished {ends}."
 
 
 def _ends(trials: pd.DataFrame) -> str:

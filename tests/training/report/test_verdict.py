@@ -63,6 +63,28 @@ def test_the_verdict_is_three_sentences_and_a_method(courses, methods, method, s
     assert third in sentences[2]
 
 
+def test_where_most_courses_fail_with_all_the_first_sentence_says_so():
+    mostly = [("time limit", "time limit")] * 6 + [(20.0, 20.0)] * 5
+    _, sentences = judging.verdict(pairs_of(*mostly), *ROBOT)
+    assert sentences[0].startswith("mine fails in most courses, whatever sets its parameters: of 11 courses")
+    _, sentences = judging.verdict(pairs_of(*mostly, (20.0, 20.0)), *ROBOT)
+    assert sentences[0].startswith("Of 12 courses")
+
+
+def test_a_robot_that_open_floor_stops_gets_no_verdict(tmp_path, capsys):
+    """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
+    words = ["husky", "--workers", "0", "--out", str(tmp_path / "out"), "--runner", f"{__name__}:fixed"]
+    assert try_robot.main(words) == 1
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith(
+        "The set-up of husky is wrong. On open floor, with its own parameters, it cannot drive t"
+    )
+    assert printed[1].startswith("It can drive straight on (")
+    assert printed[2] == "Give occdist_scale 0.005 instead of 0.01: all four drives arrive with it."
+    assert len(printed) == 4
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
     method, sentences = judging.verdict(pairs_of(*courses), *ROBOT)
@@ -136,7 +158,8 @@ def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method,
     words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:{runner}"]
     assert try_robot.main(words) == status
     printed = capsys.readouterr().out.splitlines()
-    assert printed[0].startswith("Of 8 courses turtlebot3_burger finished 8 (100 %")
+    assert printed[0].startswith("On open floor turtlebot3_burger can, with its own parameters, drive straight on (")
+    assert printed[1].startswith("Of 8 courses turtlebot3_burger finished 8 (100 %")
     assert printed[-1] == f"method: {method}"
     assert (tmp_path / "verdict.png").stat().st_size > 1000
     table = (tmp_path / "trials.csv").read_bytes()

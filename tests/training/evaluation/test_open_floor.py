@@ -1,0 +1,57 @@
+"""Open floor: its courses, and why a robot does not drive there; test_verdict.py drives all of it."""
+
+import shutil
+
+import pytest
+
+import sim_bridge
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
+from training.evaluation.open_floor import Floor, changes, courses, with_change
+
+BURGER = load("turtlebot3_burger")
+PLANNER = "dwa_local_planner_params_burger.yaml"
+
+
+def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
+    *_, door = courses(BURGER)
+    (left, right) = sorted(door.boxes, key=lambda box: box[0])
+    gap = right[0] - right[3] / 2 - (left[0] + left[3] / 2)
+    assert (door.name, round(gap, 6)) == ("drive through a door of 0.53 m", 0.21 + 0.02 + 0.3)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "course", "why"),
+    [
+        (PLANNER, "acc_lim_x: 2.5", "acc_lim_x: 0.1", 0, "refuses every velocity, most by velocity limits"),
+        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor holds it"),
+        (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
+    ],
+)
+def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5"))
+    robot = load(str(folder))
+    assert why in Floor(robot, "kinematic").drive(courses(robot)[course])
+
+
+def test_wheels_that_do_not_move_it_are_said():
+    floor = Floor(BURGER, "kinematic")
+    floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
+    assert floor.drive(courses(BURGER)[0]).startswith("its wheels move it")
+
+
+def test_a_change_counts_in_all_places_and_keeps_to_the_range():
+    found = {change.name: change for change in changes(BURGER)}
+    for name, change in found.items():
+        robot = with_change(BURGER, change)
+        space = space_of(robot)
+        if name in space.names:
+            at = space.names.index(name)
+            assert space.theta0[at] == pytest.approx(change.value)
+            assert space.low[at] <= change.value <= space.high[at]
+    speed = with_change(BURGER, found["max_vel_x"]).parameters()["DWAPlannerROS"]
+    assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
+    assert space_of(BURGER).theta0[0] == pytest.approx(0.22)

@@ -1,0 +1,169 @@
+"""Open floor: whether a robot's own parameters drive it at all, before courses compare parameters. try_robot.py asks.
+
+Four drives with planner and collision monitor, each until move_base says that its goal is reached: straight on, a turn
+on the spot, around a box, and through a door. Where one fails, other values of one parameter at a time are driven on
+the same floor, and the first with which all arrive is what to change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+
+import numpy as np
+
+import sim_bridge
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.robots import Robot
+from applr_ros1.robots.description import LoadedFile
+from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
+from worlds import Course, World
+
+WAY = 5.0  # m to the goal, at the robot's scale
+DOOR = 0.3  # m by which the door is wider than the padded footprint
+LIMIT = 60.0  # s for a drive
+OFTEN = 0.1  # share of a drive from which on something counts as the reason
+OFF = 1.0  # m from the goal, at the robot's scale, within which it has arrived
+SEED = 1
+FACTORS = (  # of parameters of the robot's space, in the order in which they are tried
+    *(("occdist_scale", 0.1), ("occdist_scale", 0.01), ("sim_time", 1.5), ("sim_time", 0.6), ("max_vel_x", 0.5)),
+    *(("goal_distance_bias", 3.0), ("path_distance_bias", 0.3), ("vx_samples", 3.0)),
+)
+TOLERANCE = 0.2  # m and rad, of the goal
+
+
+class Change(NamedTuple):
+    """A parameter with another value. tree: the same as move_base reads it, in all places."""
+
+    name: str
+    value: float
+    instead_of: float
+    tree: Dict[str, Any]
+
+
+def courses(robot: Robot) -> List[World]:
+    """What is driven, named in words. No place ends a course: the planner has to say that it is at its goal."""
+    length, width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)
+    way, door, ahead = WAY * robot.world_scale, width + DOOR, math.pi / 2
+    box = (0.0, way / 2, 0.0, length / 2, length / 2)
+    walls = [(side * (door / 2 + way), way / 2, 0.0, 2 * way, 0.1) for side in (-1, 1)]
+
+    def course(name: str, boxes: Any, y: float, yaw: float) -> World:
+        goal, path = (0.0, y, yaw), np.array([(0.0, 0.0), (0.0, y)])
+        shapes = np.zeros((0, 3)), np.array(boxes, np.float64).reshape(-1, 5)
+        return World(name, *shapes, Course((0.0, 0.0, ahead), goal, None, -1.0, path))
+
+    return [
+        course("drive straight on", [], way, ahead),
+        course("turn on the spot", [], 0.0, -ahead),
+        course("drive around a box", box, way, ahead),
+        course(f"drive through a door of {door:.2f} m", walls, way, ahead),
+    ]
+
+
+class Floor(Episode):
+    """Drives a robot with its own parameters, and counts what its planner and its monitor do."""
+
+    def __init__(self, robot: Robot, simulator: str):
+        planner = MoveBase(counting_cells(robot.parameters()))
+        super().__init__(sim_bridge.make(simulator, robot=robot), planner, robot, period=1.0, monitor=True)
+        self.time_limit = LIMIT
+
+    def drive(self, world: World) -> str:
+        """Drives one course to its end; why it has not arrived, "" where it has."""
+        self._counts, self._critics, self._held = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
+        self._asked = 0.0  # m
+        outcome = self.reset(world, SEED)
+        while not outcome.over:
+            outcome = self.decide(outcome.theta)
+        self.seconds = self.simulator.state.time - self.began
+        (x, y, _), goal = self.simulator.state.pose, world.course.goal
+        there = math.hypot(x - goal[0], y - goal[1]) < OFF * self.robot.world_scale  # not for its odometry alone
+        if outcome.reason.startswith("planner succeeded") and there and not outcome.collided:
+            return ""
+        return "it touches something, and " * outcome.collided + self._why(outcome)
+
+    def _cycle(self):
+        cycle, state = super()._cycle()
+        planner = self.move_base.local_planner
+        refusals = planner.refusals(self.move_base.local_costmap) if cycle.controlled else {}
+        self._critics.update(refusals)
+        self._counts.update(cycles=1, turns=cycle.controlled, refused=bool(refusals), plans=cycle.new_plan)
+        if self._counts["turns"]:  # what the monitor let through holds until the next command
+            self._held[self.verdict.reason] += self.verdict.held
+            self._asked += abs(self.verdict.command[0]) * CONTROL_PERIOD
+        return cycle, state
+
+    def _why(self, outcome) -> str:
+        """Why it has not arrived, by what happened most."""
+        counts, way = self._counts, outcome.path_length_m
+        if not counts["plans"]:
+            return "the global planner finds no way"
+        refused, held = counts["refused"] / counts["turns"], sum(self._held.values()) / counts["cycles"]
+        if refused > OFTEN:
+            del self._critics["samples"]
+            critic = self._critics.most_common(1)[0][0]
+            return f"in {100 * refused:.0f} % of its cycles the local planner refuses every velocity, most by {critic}"
+        if held > OFTEN:
+            return f"the collision monitor holds it {100 * held:.0f} % of the time: {self._held.most_common(1)[0][0]}"
+        if self._asked > 1.0 + 2.0 * way:
+            return f"its wheels move it {way:.1f} m where {self._asked:.1f} m are commanded"
+        if outcome.aborted:
+            return "move_base ends with " + outcome.reason.partition(": ")[2]
+        return f"it turns or stands, and has not arrived after {LIMIT:g} s"
+
+
+def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
+    """Whether the robot drives on open floor, and what there is to say about it."""
+    floor, can, cannot = Floor(robot, simulator), [], {}  # type: Floor, List[str], Dict[str, List[str]]
+    for world in courses(robot):
+        why = floor.drive(world)
+        can += [] if why else [f"{world.name} ({floor.seconds:.0f} s)"]
+        cannot.setdefault(why, []).append(world.name)
+    failed = "; ".join(f"it cannot {', '.join(what)}: {why}" for why, what in cannot.items() if why)
+    if not failed:
+        return True, [f"On open floor {robot.name} can, with its own parameters, {', '.join(can)}."]
+    lines = [f"The set-up of {robot.name} is wrong. On open floor, with its own parameters, {failed}."]
+    lines += [f"It can {', '.join(can)}."] if can else []
+    lines.append("No single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml.")
+    arrived = cannot.get("", [])
+    for change in changes(robot):
+        floor = Floor(with_change(robot, change), simulator)
+        if not any(map(floor.drive, sorted(courses(robot), key=lambda world: world.name in arrived))):
+            name, value, instead_of, _ = change
+            lines[-1] = f"Give {name} {value:g} instead of {instead_of:g}: all four drives arrive with it."
+            break
+    return False, [*lines, "No courses are driven: what they said about the policy would not hold."]
+
+
+def changes(robot: Robot) -> Iterator[Change]:
+    """Other values of parameters that decide on drives, within the ranges of the robot's space."""
+    tree, space = complete(robot.parameters()), {parameter.name: parameter for parameter in robot.space}
+    wanted: List[Tuple[str, float, List[Tuple[str, str]]]] = []
+    for name, factor in FACTORS:
+        if name in space:
+            parameter = space[name]
+            places = [(one.server, each) for one in parameter.sets for each in one.names]
+            value = float(f"{factor * branch(tree, places[0][0])[places[0][1]]:.2g}")
+            wanted.append((name, min(max(value, parameter.low), parameter.high), places))
+    limits = ("acc_lim_x", robot.base.max_acceleration), ("acc_lim_theta", robot.base.max_yaw_acceleration)
+    for name, value in (*limits, ("yaw_goal_tolerance", TOLERANCE), ("xy_goal_tolerance", TOLERANCE)):
+        wanted.append((name, value, [(robot.local_planner, name)]))
+    wanted.append(("planner_frequency", 1.0, [("", "planner_frequency")]))
+    for name, value, places in wanted:
+        now, made = branch(tree, places[0][0])[places[0][1]], {}  # type: float, Dict[str, Any]
+        for server, each in places:
+            branch(made, server, create=True)[each] = type(now)(value)
+        if value != now:
+            yield Change(name, value, now, made)
+
+
+def with_change(robot: Robot, change: Change) -> Robot:
+    """The robot with a changed parameter, under a name that says so."""
+    files = (*robot.move_base.without_map, LoadedFile("", "", change.tree))
+    name = f"{robot.name} with {change.name} {change.value:g}"
+    return replace(robot, name=name, move_base=replace(robot.move_base, without_map=files))
