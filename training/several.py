@@ -86,7 +86,8 @@ def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -
     shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
     how: Dict[str, Any] = {
         **{"robot": config.robot, "worlds": worlds, "methods": ",".join(names), "trials": 1, "out": str(out)},
-        **{"simulator": config.simulator, "protocol": config.eval_protocol, "monitor": config.monitor},
+        **{"simulator": config.simulator, "protocol": config.eval_protocol},
+        **{"monitor": config.monitor, "movers": config.movers},
     }
     evaluate(EvaluationOptions(**how, workers=config.actors, seed=config.seed))
     trials = read_trials(out / TRIALS)

@@ -11,6 +11,7 @@ from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.scan import LaserScan, Observation, ObservationBuffer, moved, observe
+from applr_ros1.planner.parameters.layers import PREDICTED
 
 Sensed = Union[Observation, Mapping[str, Observation]]
 
@@ -29,7 +30,7 @@ class ObservationRouter:
         local_costmap: the costmap on which the robot drives; its sources stop the robot when they fall silent.
         global_costmap: the other one.
         timeout: age [s] of the newest message at which a source counts as silent; 0 switches that off. It counts for
-            laser scans and for what clears: other sources may have nothing to say.
+            laser scans and for what clears, but for predictions: other sources may have nothing to say.
 
     Attributes:
         data_types: {topic: data type} of all sources, those of the local costmap first.
@@ -90,7 +91,8 @@ class ObservationRouter:
                 source = buffer.source
                 if layer.parameters.enabled and not buffer.is_current(now):
                     return source.topic, source.expected_update_rate
-                if self._timeout > 0.0 and (source.data_type == "LaserScan" or source.clearing):
+                must_speak = (source.data_type == "LaserScan" or source.clearing) and source.topic != PREDICTED
+                if self._timeout > 0.0 and must_speak:
                     stamp = self._stamps.get(source.topic)
                     if stamp is None or now - stamp > self._timeout:
                         return source.topic, self._timeout

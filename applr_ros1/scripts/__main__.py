@@ -13,6 +13,7 @@ NODES = {  # take nothing but NAME:=VALUE
     "applr": "applr_ros1.nodes.applr.main",
     "collision_monitor": "applr_ros1.nodes.monitor.guard",
     "move_base": "applr_ros1.nodes.move_base.node",
+    "movers": "applr_ros1.nodes.movers.node",
     "send_goal": "applr_ros1.nodes.tools.send_goal",
     "sim_bridge": "sim_bridge.ros_bridge",
     "viewer": "applr_ros1.nodes.viewer.node",

@@ -46,7 +46,7 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
     shutil.copytree(JACKAL, robot)
     found = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
-    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal"):
+    for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
         assert found["parameters"]["/%s/robot" % node] == robot
     assert found["parameters"]["/sim_bridge/world"] == found["parameters"]["/send_goal/world"] == "/a b.world"
     assert found["words"]["record"] == [bag, "--costmaps", "false", "--robot", robot]
@@ -66,6 +66,13 @@ def test_method_policy_and_meter_scoring_reach_their_nodes():
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
     assert loaded("jackal_applr.launch")["parameters"]["/applr/method"] == "auto"
+
+
+def test_one_argument_switches_the_prediction_off():
+    for words, on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
+        found = loaded("jackal_applr.launch", *words)
+        assert ("movers" in found["words"]) == (on is not False)
+        assert found["parameters"].get("/move_base/applr/movers") is on
 
 
 def test_launch_files_clear_what_an_earlier_launch_left():

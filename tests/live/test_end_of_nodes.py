@@ -22,6 +22,7 @@ NODES = {
     "move_base": ("odom:=odometry/filtered",),
     "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered"),
     "applr": ("_method:=dwa",),
+    "movers": (),
 }
 SENT = {
     "/cmd_vel_in": Twist,

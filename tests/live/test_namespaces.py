@@ -10,7 +10,7 @@ pytestmark = pytest.mark.ros
 SHARED = {"/clock", "/tf", "/tf_static", "/diagnostics", "/rosout", "/use_sim_time"}
 ROBOTS = ("robot1", "robot2")
 STARTS = {"robot1": (-3.0, 1.2), "robot2": (-1.5, 3.8)}  # of the launch file
-NODES = ("applr", "move_base", "sim_bridge", "collision_monitor")
+NODES = ("applr", "move_base", "sim_bridge", "collision_monitor", "movers")
 
 
 def names_of(node):

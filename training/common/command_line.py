@@ -29,6 +29,9 @@ Planner = Annotated[Literal["ours", "cpp-like", "drawn"], Field("ours", descript
 Monitor = Annotated[bool, Field(False, description=
     "Put the collision monitor between the planner and the base, as the launch file does. Without it the base gets "
     "every command of the planner as it is.")]
+Movers = Annotated[bool, Field(False, description=
+    "Track what moves in the scans and mark where it will be in the costmaps, as the launch file does "
+    "(docs/explanation/movers.md).")]
 ProtocolName = Annotated[Literal["paper", "barn-challenge"], Field("paper", description=
     "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, the "
     "BARN Challenge's course of 10 m, on which it does.")]

@@ -17,7 +17,10 @@ from applr_ros1.common.angles import normalize_angle, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.observation_router import Sensed
+from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
 from applr_ros1.policy.parameter_space import send, space_of
@@ -44,7 +47,8 @@ class Episode:
     """Drives courses, one after the other, with one planner in one simulator.
 
     simulator       sim_bridge.Simulator
-    move_base       applr_ros1.planner.move_base.MoveBase; what it draws, it draws at each reset
+    move_base       applr_ros1.planner.move_base.MoveBase; what it draws, it draws at each reset; with its parameter
+                    applr/movers it gets where moving obstacles will be
     limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
     period          decision period [s]; the paper's is 2 s
     end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
@@ -72,6 +76,7 @@ class Episode:
     ):
         self.simulator, self.move_base = simulator, move_base
         self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
+        self.prediction = Prediction(robot) if move_base.parameters["applr"]["movers"] else None
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
@@ -116,6 +121,8 @@ class Episode:
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         if self.monitor is not None:
             self.monitor.reset()
+        if self.prediction is not None:
+            self.prediction.reset()
         self.trace = Trace()
         self._acceleration = None
         self._jerks = self._turns = 0.0
@@ -209,7 +216,10 @@ class Episode:
         """Scan, plan, command, drive; returns (planner's cycle, new state)."""
         simulator, state = self.simulator, self.simulator.state
         scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
-        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
+        sensed: Optional[Sensed] = scan
+        if self.prediction is not None and scan is not None:
+            sensed = {next(iter(self.move_base.sources)): scan, PREDICTED: self.prediction.see(scan)}
+        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, sensed)
         command = cycle.command
         if self.monitor is not None:
             if scan is not None:

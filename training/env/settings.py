@@ -32,6 +32,7 @@ class TrialSettings(Options):
     period: Optional[float] = Field(None, description="Decision period [s]; None: each method's own, for trials.")
     reward: Reward = Field(Reward(), description="Its coefficients.")
     monitor: bool = Field(False, description="Whether the collision monitor stands between the planner and the base.")
+    movers: bool = Field(False, description="Whether the costmaps get where moving obstacles will be.")
     randomisation: Dict[str, Any] = Field({}, description=
         "What differs from the nominal robot, drawn at each reset: fields of sim_bridge.Randomisation such as latency.")
     planner_frequency: Optional[float] = Field(None, description=
@@ -51,6 +52,7 @@ class TrialSettings(Options):
     def planner_parameters(self, robot: Robot, tree: Optional[Dict[str, Any]] = None) -> Dict[str, Any]:
         """The planner's parameter tree, or that of the robot's files; its distance biases count per cell."""
         parameters = counting_cells(robot.parameters() if tree is None else tree)
+        parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
         if self.planner_frequency is not None:
             parameters["planner_frequency"] = float(self.planner_frequency)
         return parameters

@@ -17,6 +17,7 @@ from training.actors.pool import make_pool
 from training.common.command_line import (
     AnyRobot,
     Monitor,
+    Movers,
     Planner,
     ProtocolName,
     RayAddress,
@@ -46,6 +47,7 @@ class EvaluationOptions(Options):
     protocol: ProtocolName
     planner: Planner
     monitor: Monitor
+    movers: Movers
     ground: Literal["", "plain", "gazebo"] = option("",
         "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
         "Jackal. Default: the robot's own.")
@@ -107,6 +109,7 @@ def settings(
         "protocol": options.protocol,
         "planner": options.planner,
         "monitor": options.monitor,
+        "movers": options.movers,
         "ground": options.ground or options.robot.simulation.ground,
         "seed": options.seed,
     }
@@ -130,7 +133,7 @@ def drive(store: TrialStore, options: EvaluationOptions, blocks: Optional[Iterab
     workers = min(options.workers, wanted - done)
     if options.ground:
         on_ground(options.robot, options.ground)  # refused here, not by every worker
-    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "ground")}
+    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers", "ground")}
     runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
     bar = tqdm(total=wanted if blocks is None else None, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
 

@@ -23,7 +23,7 @@ from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.check import with_remarks
-from training.common.command_line import Monitor, Parser, Planner, SimulatorName
+from training.common.command_line import Monitor, Movers, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
@@ -108,6 +108,7 @@ class TaskOptions(Options):
         "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")
     monitor: Monitor = option(False,
         "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
+    movers: Movers
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
     end_on_stall: bool = option(False,
@@ -279,10 +280,10 @@ class TrainConfig(
 
     def setting(self) -> str:
         """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
-        monitor = ["collision monitor"] * self.monitor
+        beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
         rules = [self.eval_protocol] * (self.eval_protocol != protocols.PAPER)
         robots = ["every included robot"] * (len(self.eval_robots) > 1)
-        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor, *robots, *rules])
+        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *robots, *rules])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""

@@ -47,6 +47,7 @@ def prepare(config: TrainConfig) -> Preparation:
         "reward": config.reward(),
         "period": config.decision_period,
         "monitor": config.monitor,
+        "movers": config.movers,
         "base": config.start.base,
         "observation": config.observation,
     }

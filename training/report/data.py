@@ -28,7 +28,7 @@ SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
 # what joined evaluations must have in common
-SAME = ("simulator", "protocol", "planner", "monitor", "ground", "robot", "seed")
+SAME = ("simulator", "protocol", "planner", "monitor", "movers", "ground", "robot", "seed")
 
 log = logging.getLogger(__name__)
 
@@ -74,6 +74,8 @@ class Results:
         self.planner: str = self.settings["planner"]
         if self.settings["monitor"]:
             self.planner += ", with the collision monitor"
+        if self.settings.get("movers"):
+            self.planner += ", told where moving obstacles will be"
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
         self.trials = trials.assign(
@@ -87,7 +89,7 @@ class Results:
     def _join(self, folder: Path) -> None:
         """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
         here, there = self.settings, read_json(folder / SETTINGS)
-        other = [name for name in SAME if here[name] != there[name]]
+        other = [name for name in SAME if here.get(name) != there.get(name)]
         names, digest = tuple(there["worlds"]), there["worlds_sha256"]
         if self._digests.setdefault(names, digest) != digest:
             other.append("set of worlds of the same names")

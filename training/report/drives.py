@@ -50,6 +50,7 @@ def write(results: Results, out: Path, title: str) -> str:
         "parameters": results.space.names,
         "period": PERIOD,
         "body": results.robot["body"],
+        "marked": bool(results.settings.get("movers")),
         "worlds": worlds,
     }
     data = json.dumps(page, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")

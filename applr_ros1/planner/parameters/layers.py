@@ -60,6 +60,7 @@ INHERITED: Dict[str, Parameter] = {
     p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
 }
 STANDS_FOR = {"costmap_2d::VoxelLayer": OBSTACLE_LAYER}  # what drives in place of a type of C++ that is not here
+PREDICTED = "applr/predicted"  # topic of the points where moving obstacles will be
 UNREAD = ("static_map", "map_type")  # at a costmap with `plugins`
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
 # without `plugins`: (name, type); the static layer only with static_map
@@ -159,6 +160,8 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
                 for source in sources(own):
                     _check_name(f"{layer.path}/observation_sources", source, OBSTACLES + STATIC_OBSTACLES)
                 _arrange_sources(own, (own, costmap, tree))
+                if branch(tree, "applr").get("movers") is True:
+                    _add_predicted(own, costmap.get("robot_base_frame", "base_link"))
     return made
 
 
@@ -176,6 +179,19 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
         return {**given, slowest[1]: given[slowest[0]]} if slowest[0] in given else given
     older = {slowest[0]: slowest[1], "max_vel_theta": "max_rotational_vel", "acc_lim_theta": "acc_lim_th"}
     return {"yaw_goal_tolerance": 0.1, **{now: given[old] for now, old in older.items() if old in given}, **given}
+
+
+def _add_predicted(layer, base) -> None:
+    """One more source, of PREDICTED, where a laser marks and clears; all else is as the laser's."""
+    own = [branch(layer, name) for name in sources(layer)]
+    lasers = [s for s in own if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)]
+    given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]  # as beside C++
+    for source in given:
+        source["topic"] = PREDICTED
+    if lasers and not given:
+        changed = {"topic": PREDICTED, "data_type": "PointCloud2", "observation_persistence": 0.0}
+        layer["applr_predicted"] = {"sensor_frame": base, **lasers[0], **changed, "expected_update_rate": 0.0}
+        layer["observation_sources"] += " applr_predicted"
 
 
 def _move_to_layers(costmap) -> None:

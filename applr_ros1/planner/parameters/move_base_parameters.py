@@ -120,6 +120,9 @@ APPLR_NODE = (
     real("max_speed", 0.0, 0.0, INF, "m/s",
         "Largest speed of a command, ahead and back: a faster one is slowed down along its arc. 0: any. When the applr "
         "node has died, max_vel_x is restored to no more than it.", beyond="error"),
+    flag("movers", False,
+        "Whether both costmaps take where moving obstacles will be from applr/predicted, as one more source of each "
+        "layer that has a laser."),
     whole("recovery_rounds", 0, 0, INT_MAX, "",
         "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
         "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached.",

@@ -26,6 +26,7 @@ class FakeMoveBase:
     def __init__(self, v=1.0, end=None, result=None):
         self.v, self.end, self.result = v, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
+        self.parameters = {"applr": {"movers": False}}
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):

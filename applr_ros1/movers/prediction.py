@@ -1,0 +1,81 @@
+"""Where moving obstacles will be, as marks for the costmaps: the points of one more observation source.
+
+Each mover's disc is carried on with its present velocity. Marked is what the laser would see of the discs then, where
+they lie before what it sees now: there its own rays clear, so that no mark outlasts what it stands for. Called with
+each scan by the movers node and by the training environment.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from applr_ros1.common.angles import compose, inverse
+from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.planner.costmap.scan import LaserScan, SensorCloud, project
+from applr_ros1.robots import Robot
+
+STEP = 0.15  # s between two places of a disc
+HORIZON = 1.0  # s up to which discs are carried on
+CLEARED = 3.0  # s after the last mover for which beams without return clear
+FAR = 100.0  # m at which they end: beyond every obstacle_range, so that nothing is marked there
+ROOM = 0.19  # m between the robot's circumscribed circle and marked discs; the Jackal's, others' in proportion
+
+
+class Prediction:
+    """Marks what moves in the scans of a robot.
+
+    Attributes:
+        movers: what the tracker made of the newest scan.
+        marks: (n, 3) float32 [m], where they will be, in the frame of that scan's pose.
+        room: least distance [m] of a marked disc from the middle of the robot. What is nearer would only block it.
+    """
+
+    def __init__(self, robot: Robot):
+        self._tracker = MoverTracker.of(robot)
+        self._laser = inverse(robot.laser.pose)  # the robot's pose in the laser's frame
+        (length, width, _), (ahead, aside) = robot.body.size, robot.body.centre
+        self.room = math.hypot(length / 2 + abs(ahead), width / 2 + abs(aside)) + ROOM * robot.world_scale
+        self.reset()
+
+    def reset(self) -> None:
+        """The tracker has seen nothing yet."""
+        self._tracker.reset()
+        self._until = -math.inf
+        self.movers = Movers(*(np.empty(0) for _ in Movers._fields))
+        self.marks = np.empty((0, 3), np.float32)
+
+    def see(self, scan: LaserScan) -> SensorCloud:
+        """What a new scan adds to the costmaps, in the frame of its pose; no point where nothing moves, or did.
+
+        The points are the marks and, for CLEARED, the ends of beams without return, so that there, too, marks go.
+        """
+        self.movers = self._tracker.update(scan)
+        robot, points = compose(scan.sensor_pose, self._laser), [np.empty((0, 3), np.float32)]
+        for time in np.arange(STEP, HORIZON + 1e-9, STEP) if len(self.movers.x) else ():
+            points.append(project(replace(scan, ranges=self._seen(scan, robot, time))).points)
+        self.marks = np.concatenate(points)
+        if len(self.movers.x):
+            self._until = scan.stamp + CLEARED
+        points = [self.marks]
+        if scan.stamp < self._until:
+            beams = np.where(scan.ranges >= scan.range_max, np.float32(FAR), np.float32(np.inf))
+            points.append(project(replace(scan, ranges=beams, range_max=2.0 * FAR)).points)
+        x, y, _ = scan.sensor_pose
+        origin = (x, y, scan.sensor_height) if scan.origin is None else scan.origin
+        return SensorCloud(scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin)
+
+    def _seen(self, scan, robot, time) -> np.ndarray:
+        """The ranges (beams,) float32 [m] at which beams meet a disc `time` [s] from now before what they meet now."""
+        movers, (x, y, yaw) = self.movers, scan.sensor_pose
+        places = np.stack([movers.x + time * movers.vx, movers.y + time * movers.vy])
+        far = np.hypot(*(places - np.array(robot[:2])[:, None])) > movers.radius + self.room
+        (dx, dy), radius = places[:, far] - np.array([[x], [y]]), movers.radius[far]
+        angles = yaw + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+        along = np.outer(np.cos(angles), dx) + np.outer(np.sin(angles), dy)
+        chord = radius**2 - (dx**2 + dy**2 - along**2)
+        entry = along - np.sqrt(np.maximum(chord, 0.0))
+        nearest = np.where((chord > 0.0) & (along > 0.0), entry, np.inf).min(axis=1, initial=np.inf)
+        return np.where(nearest < scan.ranges, nearest, np.inf).astype(np.float32)

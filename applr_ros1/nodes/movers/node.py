@@ -1,0 +1,99 @@
+"""The ROS node movers: tells the costmaps where moving obstacles will be, as one more observation source.
+
+With each scan it publishes what movers/prediction.py says on applr/predicted (sensor_msgs/PointCloud2), no point where
+nothing moves, and for display its marks and an arrow for each mover on applr/movers. Both are in the frame of the
+odometry and have the scan's stamp.
+
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map) and ~tf_prefix.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import List
+
+import rospy
+from geometry_msgs.msg import Point, Vector3
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from applr_ros1.common.arguments import frame_prefix
+from applr_ros1.common.errors import run_script
+from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.movers.prediction import Prediction
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.sensors import Sensors, jumped_back
+from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots.check import usable
+
+LOOK = 0.2  # s of wall time after which the clock is looked at where no scan comes
+SHOWN = 0.3  # s for which it stays
+HEIGHT = 0.3  # m of the arrows above the ground
+COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)
+
+
+class MoversNode:
+    """Hands the scans of a robot to a Prediction and publishes what it says. The frames' names begin with prefix."""
+
+    def __init__(self, robot: Robot, prefix: str):
+        self._prediction, self._news = Prediction(robot), threading.Event()
+        self._frame, self._scan, self._now = prefix + robot.frames.odom, robot.topics.scan, rospy.get_rostime()
+        self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
+        self._display = rospy.Publisher("applr/movers", MarkerArray, queue_size=1)
+        self._sensors = Sensors(
+            (self._frame, self._frame, prefix + robot.frames.base),
+            {self._scan: "LaserScan"},
+            {},
+            robot.topics.odometry,
+            self._news.set,
+            robot.laser.no_return,
+        )
+
+    def spin(self) -> None:
+        """Until shutdown: takes scans as they come."""
+        while not rospy.is_shutdown():
+            self._news.wait(LOOK)
+            self._news.clear()
+            now = rospy.get_rostime()
+            if jumped_back(self._now, now):
+                self._prediction.reset()
+            self._now = now
+            scan = self._sensors.observations().get(self._scan)
+            if scan is not None:
+                stamp = rospy.Time.from_sec(scan.stamp)
+                points = self._prediction.see(scan).points
+                self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))
+                if self._display.get_num_connections():
+                    self._display.publish(shown(self._prediction, self._frame, stamp))
+
+
+def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]:
+    """The marks as points, and an arrow for each mover, from its middle to where that is a second later."""
+    head, movers = conversions.header(frame, stamp), prediction.movers
+    marks = Marker(header=head, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
+    marks.points = [Point(*point) for point in prediction.marks.tolist()]
+    made = [marks]
+    for name, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
+        arrow = Marker(header=head, ns="movers", id=int(name), type=Marker.ARROW, scale=Vector3(0.05, 0.12, 0.0))
+        arrow.points = [Point(x, y, HEIGHT), Point(x + vx, y + vy, HEIGHT)]
+        made.append(arrow)
+    for marker in made:
+        marker.pose.orientation.w, marker.color, marker.lifetime = 1.0, COLOUR, rospy.Duration(SHOWN)
+    return made
+
+
+def main() -> int:
+    """The command. Raises ApplrError, one line, for parameters that cannot be used."""
+    init_node("movers")
+    parameters = rospy.get_param("~", {})
+    robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
+    node = MoversNode(robot, frame_prefix(str(parameters.get("tf_prefix", ""))))
+    with until_shutdown():
+        node.spin()
+    return 0
+
+
+if __name__ == "__main__":
+    run_script("applr_ros1.nodes.movers.node", node=True)

@@ -1,0 +1,168 @@
+"""Which points are marked where moving obstacles will be, that they go again, and that without any nothing changes."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.movers.prediction import HORIZON, STEP, Prediction
+from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import check, complete
+from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.robots import JACKAL
+from tests.support.toy_robot import ToyRobot, quick, ring, run
+
+WALL = ring(0.0, 0.0, 4.0, posts=300, size=0.06)  # a beam hits it wherever it looks
+LETHAL = 254
+
+
+class Perfect:
+    """A tracker that is told: rows of x, y, vx, vy, radius."""
+
+    def __init__(self):
+        self.rows = np.zeros((0, 5))
+
+    def reset(self):
+        self.rows = np.zeros((0, 5))
+
+    def update(self, scan):
+        x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
+        return Movers(np.arange(len(x)), x, y, vx, vy, radius, np.zeros(len(x)))
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """A Prediction for the Jackal, and the tracker that it asks."""
+    tracker = Perfect()
+    monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
+    return Prediction(JACKAL), tracker
+
+
+def test_marks_lie_on_discs_carried_on_step_by_step_where_the_laser_sees(told):
+    prediction, tracker = told
+    robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
+    tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
+    cloud = prediction.see(robot.scan())
+    points, times = prediction.marks.astype(float), STEP * np.arange(1, 1 + HORIZON // STEP)
+    off = np.array([np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times])
+    assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
+    assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
+    assert times[-1] == pytest.approx(0.9)
+    place = np.array(robot.sensor_pose()[:2])
+    assert cloud.origin[:2] == tuple(place)
+    assert np.array_equal(cloud.points, prediction.marks), "no beam is without return"
+    towards, far = points[:, :2] - place, np.hypot(*(points[:, :2] - place).T)
+    bearings = np.arctan2(towards[:, 1], towards[:, 0]) - robot.pose[2]
+    beams = robot.scan().angle_min + robot.scan().angle_increment * np.arange(720)
+    for bearing, distance in zip(bearings, far):
+        assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], "before what the laser sees now"
+
+
+def test_nothing_is_marked_that_the_laser_does_not_see(told):
+    prediction, tracker = told
+    tracker.rows = [(2.0, 0.0, 0.0, 0.4, 0.3)]
+    scan = ToyRobot(circles=WALL).scan()
+    for ranges, marked in ((np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)):
+        prediction.see(replace(scan, ranges=np.full(720, ranges, np.float32)))
+        assert (len(prediction.marks) > 50) == marked, ranges
+
+
+@pytest.mark.parametrize("name", ["jackal", "husky", "turtlebot3_burger"])
+def test_no_disc_is_marked_at_the_robot_itself(name, monkeypatch):
+    tracker, robot = Perfect(), robots.load(name)
+    monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
+    prediction = Prediction(robot)
+    half = np.hypot(*robot.body.size[:2]) / 2
+    assert half + 0.05 < prediction.room < half + 0.3
+    if name == "jackal":
+        assert prediction.room == pytest.approx(0.45, abs=0.005)  # as measured, docs/explanation/movers.md
+    scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
+    tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # through the robot, and on
+    prediction.see(scan)
+    assert len(prediction.marks) > 10
+    assert np.hypot(*prediction.marks[:, :2].T).min() >= prediction.room
+
+
+@pytest.mark.parametrize("walls", [WALL, []], ids=["walls", "beams without return"])
+def test_marks_go_when_they_are_no_longer_said(told, walls):
+    prediction, tracker = told
+    with_marks, without = MoveBase(quick(applr={"movers": True})), MoveBase(quick())
+    robot, lethal = ToyRobot(), []
+    for k in range(60):  # somebody crosses from right to left, 1.6 m ahead, and is gone
+        y, there = -2.0 + 0.08 * k, k < 50
+        robot.circles = np.array([*walls, (1.6, y, 0.25)] if there else walls).reshape(-1, 3)
+        tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)] if there else []
+        scan = robot.scan()
+        for made, sensed in ((with_marks, {"front/scan": scan, PREDICTED: prediction.see(scan)}), (without, scan)):
+            made.step(robot.time, robot.pose, robot.twist, sensed)
+        robot.time += 0.05
+        lethal.append([(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)])
+        if k == 25:
+            x, y = with_marks.local_costmap.world_to_map(1.6 - 0.25, 0.9)  # .9 s on
+            ahead = slice(y - 2, y + 3), slice(x - 1, x + 2)
+            assert with_marks.local_costmap.cells[ahead].max() == LETHAL > without.local_costmap.cells[ahead].max()
+    assert lethal[25][0] > lethal[25][1] + 20 or not walls, "else what walked by is left behind without them"
+    for name in ("local_costmap", "global_costmap"):
+        here, there = (made.costmaps[name].cells for made in (with_marks, without))
+        assert np.array_equal(here, there) if walls else not here.any(), name
+
+
+def test_where_nothing_moves_planners_are_equal_bit_for_bit(told):
+    prediction, _ = told
+    drives = []
+    for movers in (False, True):
+        made, robot = MoveBase(quick(applr={"movers": movers})), ToyRobot(circles=[(1.5, 0.5, 0.15)])
+        step = made.step
+
+        def told_of_marks(now, pose, twist, scan, step=step):
+            return step(now, pose, twist, {"front/scan": scan, PREDICTED: prediction.see(scan)})
+
+        made.step = told_of_marks if movers else step
+        run(made, robot, 0.1)
+        made.set_goal((3.0, 0.0, 0.0), robot.time)
+        cycles = []
+        run(made, robot, 6.0, cycles=cycles)
+        assert robot.pose[0] > 1.5
+        drives.append(([c.command for _, c in cycles], made.local_costmap.cells.tobytes()))
+    assert drives[0] == drives[1]
+
+
+# -- the source of the costmaps ----------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name):
+    tree = robots.load(name).parameters()
+    assert PREDICTED not in MoveBase(tree).sources
+    made = MoveBase(dict(tree, applr={"movers": True}))
+    assert made.sources[PREDICTED] == "PointCloud2"
+    for costmap in made.costmaps.values():
+        (layer,) = costmap.obstacle_layers
+        laser, marks = (buffer.source for buffer in layer.buffers)
+        assert (marks.marking, marks.clearing, marks.observation_persistence) == (True, True, 0.0)
+        assert marks.obstacle_range == laser.obstacle_range < laser.raytrace_range
+        assert marks.sensor_frame  # else its range would count from the origin of the odometry
+
+
+def test_the_lines_that_a_cpp_costmap_gets_mean_the_same_here():
+    tree = copy.deepcopy(robots.load("jackal").parameters())
+    for costmap in ("local_costmap", "global_costmap"):
+        tree[costmap]["obstacles_layer"].update(
+            observation_sources="scan predicted",
+            predicted={
+                "data_type": "PointCloud2",
+                "topic": "/applr/predicted",
+                "sensor_frame": "front_laser",
+                "marking": True,
+                "clearing": True,
+            },
+        )
+    assert check(tree) == []
+    for movers in (False, True):
+        assert [topic.lstrip("/") for topic in MoveBase(dict(tree, applr={"movers": movers})).sources] == [
+            "front/scan",
+            PREDICTED,
+        ]
+    twice = complete(complete(dict(robots.load("jackal").parameters(), applr={"movers": True})))
+    assert twice["local_costmap"]["obstacles_layer"]["observation_sources"] == "scan applr_predicted"
