@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.movers.tracker import Movers, MoverTracker
-from applr_ros1.planner.costmap.scan import LaserScan, SensorCloud, project
+from applr_ros1.planner.costmap.scan import LaserScan, SensorCloud, beam_directions, project
 from applr_ros1.robots import Robot
 
 STEP = 0.15  # s between two places of a disc
@@ -69,13 +69,12 @@ class Prediction:
 
     def _seen(self, scan, robot, time) -> np.ndarray:
         """The ranges (beams,) float32 [m] at which beams meet a disc `time` [s] from now before what they meet now."""
-        movers, (x, y, yaw) = self.movers, scan.sensor_pose
-        places = np.stack([movers.x + time * movers.vx, movers.y + time * movers.vy])
-        far = np.hypot(*(places - np.array(robot[:2])[:, None])) > movers.radius + self.room
-        (dx, dy), radius = places[:, far] - np.array([[x], [y]]), movers.radius[far]
-        angles = yaw + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
-        along = np.outer(np.cos(angles), dx) + np.outer(np.sin(angles), dy)
-        chord = radius**2 - (dx**2 + dy**2 - along**2)
+        movers, beams = self.movers, beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
+        x, y = movers.x + time * movers.vx, movers.y + time * movers.vy
+        clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room
+        places = np.stack(transform_point(inverse(scan.sensor_pose), x[clear], y[clear]))
+        along = beams @ places
+        chord = movers.radius[clear] ** 2 - (places**2).sum(axis=0) + along**2
         entry = along - np.sqrt(np.maximum(chord, 0.0))
         nearest = np.where((chord > 0.0) & (along > 0.0), entry, np.inf).min(axis=1, initial=np.inf)
         return np.where(nearest < scan.ranges, nearest, np.inf).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The movers node beside a fake Jackal: what it publishes while somebody walks by, and that it falls silent after it."""
+"""The movers node beside a fake Jackal: what it publishes while somebody walks by, and that it is silent after that."""
 
 import numpy as np
 import pytest

@@ -22,6 +22,7 @@ from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.movers.prediction import Prediction
+from applr_ros1.movers.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors, jumped_back
 from applr_ros1.planner.parameters.layers import PREDICTED
@@ -89,6 +90,7 @@ def main() -> int:
     init_node("movers")
     parameters = rospy.get_param("~", {})
     robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
+    warm_up()
     node = MoversNode(robot, frame_prefix(str(parameters.get("tf_prefix", ""))))
     with until_shutdown():
         node.spin()
