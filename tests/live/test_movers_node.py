@@ -31,9 +31,9 @@ class Walker(FakeJackal):
 def test_says_where_a_walker_will_be_and_nothing_once_all_stand():
     ros, jackal = session(), Walker(WALL)
     node = ros.node("movers")
-    clouds, arrows = [], []
+    clouds, shown = [], []
     rospy.Subscriber("/applr/predicted", PointCloud2, clouds.append)
-    rospy.Subscriber("/applr/movers", MarkerArray, lambda message: arrows.extend(message.markers))
+    rospy.Subscriber("/applr/movers", MarkerArray, lambda message: shown.append(message.markers))
     try:
         wait_for(lambda: len(clouds) > 5 or not node.alive(), 60.0, "clouds")
         assert node.alive(), node.text
@@ -43,9 +43,10 @@ def test_says_where_a_walker_will_be_and_nothing_once_all_stand():
 
         def met():
             """Marks ahead of one who walks to the left, and an arrow that points there."""
-            marked = points_of(clouds[-1])
-            there = [m for m in arrows[-3:] if m.points[1].y - m.points[0].y > 0.6]
-            return len(marked) and marked[:, 1].max() > jackal.y + 0.5 and there
+            marked, (points, *arrows) = points_of(clouds[-1]), shown[-1]
+            ways = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
+            ahead = [point for point in points.points if point.y > jackal.y + 0.5]
+            return len(marked) and marked[:, 1].max() > jackal.y + 0.5 and ahead and 0.6 < max(ways, default=0.0) < 1.4
 
         wait_for(met, 20.0, "marks")
         jackal.walks = False
