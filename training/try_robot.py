@@ -89,9 +89,15 @@ def run(options: TryOptions) -> int:
     names = [OWN, POLICY, *([SET] if os.path.exists(methods.shipped("static.json", robot)) else [])]
     how = {name: getattr(options, name) for name in ("robot", "worlds", "simulator", "workers", "seed", "runner")}
     out = options.out or os.path.join("try", robot.name)
-    stack = {"planner": "ours", "monitor": True, "movers": True}
     evaluation = EvaluationOptions.model_construct(
-        **how, **stack, methods=",".join(names), trials=TRIALS, protocol="paper", out=out
+        **how,
+        methods=",".join(names),
+        trials=TRIALS,
+        protocol="paper",
+        planner="ours",
+        monitor=True,
+        movers=True,
+        out=out,
     )
     worlds = world_list(options.worlds, evaluation.protocol, robot)
     chosen = methods.parse(evaluation.methods, robot)
