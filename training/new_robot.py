@@ -27,7 +27,6 @@ from applr_ros1.robots import from_parameters, from_urdf, robot_file
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.description import Monitoring, find
 from applr_ros1.robots.from_parameters import Parameters
-from applr_ros1.robots.parameter_files import read_parameters
 from applr_ros1.robots.reader import FILE
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
@@ -104,11 +103,10 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(parameters))
     for path, name in copies.items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
-        values = read_parameters(path)
-        if from_parameters.inserted(values, arguments) == values:
-            shutil.copyfile(path, options.out / name)
+        if path in parameters.changed:
+            (options.out / name).write_text(yaml.safe_dump(parameters.changed[path]))
         else:
-            (options.out / name).write_text(yaml.safe_dump(from_parameters.inserted(values, arguments)))
+            shutil.copyfile(path, options.out / name)
     file.write_text(text, encoding="utf-8")
     lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
     lines += ["remark: " + line for line in found.notes + parameters.notes + problems]

@@ -355,7 +355,9 @@ def _size_of_the_robot(setup: _Setup, outline: np.ndarray) -> Iterator[Finding]:
 
 def _space(setup: _Setup) -> Iterator[Finding]:
     """What no parameter space can be made of; nothing where it is for another planner than the files."""
-    for parameter in setup.robot.space if setup.planner == setup.robot.local_planner else ():
+    if setup.planner != setup.robot.local_planner or setup.planner not in setup.full:
+        return
+    for parameter in setup.robot.space:
         for names, limit, _ in LIMITED:
             first = parameter.sets[0]  # the range includes what the files start with
             start = find(setup.tree, first.server, first.names) or 0.0
@@ -365,8 +367,7 @@ def _space(setup: _Setup) -> Iterator[Finding]:
                 value = f"is [{parameter.low:g}, {parameter.high:g}]"
                 advice = f"base.{limit} of this base is {most:g}, stay within it"
                 yield Finding(f"parameter_space.{parameter.name}.range", value, advice, file=setup.own)
-    if setup.full and setup.planner == setup.robot.local_planner:
-        yield from (finding._replace(file=setup.own) for finding in space_findings(setup.robot, setup.full))
+    yield from (finding._replace(file=setup.own) for finding in space_findings(setup.robot, setup.full))
 
 
 def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:

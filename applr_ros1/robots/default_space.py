@@ -91,8 +91,8 @@ def _with_start(
     start = find(tree, settings[0].server, settings[0].names)
     start = _DEFAULTS.get(name) if start is None else start
     if start is not None:
-        declared = next(p for p in SERVERS.get(settings[0].server, INFLATION) if name in p.names)
-        start = min(max(start, declared.min), declared.max)  # as move_base has it
+        for p in SERVERS.get(settings[0].server, INFLATION):
+            start = min(max(start, p.min), p.max) if name in p.names else start  # as move_base has it
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings, paper=paper)
 

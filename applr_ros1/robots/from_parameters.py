@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Set, Tuple
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 import yaml
 
@@ -16,6 +17,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.layers import replaced
 from applr_ros1.robots.parameter_files import read_parameters
+from applr_ros1.robots.urdf_file import Packages
 
 _COSTMAPS = ("local_costmap", "global_costmap")
 _SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
@@ -35,7 +37,8 @@ class Parameters:
 
     files: (path, namespace below move_base), in their order. tree: their values, nested, as move_base has them.
     added: what robot.yaml has to say beside them. limits: of a diff_drive_controller, by field of robot.yaml's section
-    base. driven: joints of wheels that a controller names. notes: sentences for people.
+    base. driven: joints of wheels that a controller names. changed: values by path of the files with something put in
+    place of $(...). notes: sentences for people.
     """
 
     files: List[Tuple[str, str]] = field(default_factory=list)
@@ -43,6 +46,7 @@ class Parameters:
     added: Dict[str, Any] = field(default_factory=dict)
     limits: Dict[str, float] = field(default_factory=dict)
     driven: Set[str] = field(default_factory=set)
+    changed: Dict[str, Dict[str, Any]] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
 
     def frame(self, costmap: str, default: str = "") -> str:
@@ -65,28 +69,51 @@ class Parameters:
         return branch(self.tree, str(self.tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2])
 
 
-def inserted(value: Any, arguments: Mapping[str, str]) -> Any:
-    """Values in which $(arg NAME) is replaced as roslaunch does it, as far as the arguments are given."""
+def _inserted(value: Any, path: str, arguments: Mapping[str, str]) -> Any:
+    """Values of a file in which $(...) is replaced as roslaunch does it, as far as that can be known."""
     if isinstance(value, dict):
-        return {str(inserted(name, arguments)): inserted(below, arguments) for name, below in value.items()}
+        pairs = ((_inserted(name, path, arguments), below) for name, below in value.items())
+        return {str(name): _inserted(below, path, arguments) for name, below in pairs}
     if isinstance(value, list):
-        return [inserted(below, arguments) for below in value]
+        return [_inserted(below, path, arguments) for below in value]
     if not isinstance(value, str) or "$(" not in value:
         return value
-    text = re.sub(r"\$\(arg\s+(\w+)\s*\)", lambda match: arguments.get(match[1], match[0]), value)
+
+    def instead(match: Any) -> str:
+        kind, name, otherwise = match[1], match[2], match[3].strip()
+        found: Optional[str] = None
+        if kind in ("arg", "optenv"):
+            found = arguments.get(name) if kind == "arg" else os.environ.get(name, otherwise)
+        elif kind == "env":
+            found = os.environ.get(name)
+        elif kind == "find":
+            found = Packages(Path(path)).found.get(name)
+        return str(match[0]) if found is None else found
+
+    text = re.sub(r"\$\((\w+)\s+(\w+)([^()]*)\)", instead, value.replace("$(dirname)", os.path.dirname(path)))
     return yaml.safe_load(text) if "$(" not in text else text
 
 
 def _insertions(files: Mapping[str, Dict[str, Any]]) -> None:
-    """ApplrError for all that roslaunch would still replace."""
-    missing = {path: re.findall(r"\$\([^)]*\)", str(values)) for path, values in files.items()}
-    names = sorted({word[5:-1].strip() for words in missing.values() for word in words if word.startswith("$(arg")})
-    others = [(path, word) for path, words in missing.items() for word in words if not word.startswith("$(arg")]
-    if names:
-        held = ", ".join(path for path, words in missing.items() if words)
-        raise ApplrError(f"{held}: the launch file gives arguments: add {' '.join(f'{n}:=VALUE' for n in names)}")
-    for path, word in others:
-        raise ApplrError(f"{path} holds {word}, which roslaunch replaces: write the value in a copy of the file")
+    """ApplrError, one line, for all that roslaunch would still replace."""
+    words = {path: re.findall(r"\$\((\w*)\s*([^)]*)\)", str(values)) for path, values in files.items()}
+    found = {
+        kind: sorted({word.strip() for held in words.values() for one, word in held if one == kind})
+        for kind in ("arg", "env", "find")
+    }
+    held = ", ".join(path for path, inside in words.items() if inside)
+    missing = []
+    if found["arg"]:
+        missing.append(f"the launch file gives arguments: add {' '.join(f'{name}:=VALUE' for name in found['arg'])}")
+    if found["env"]:
+        missing.append(f"not set in the environment: {', '.join(found['env'])}; export each")
+    if found["find"]:
+        missing.append(f"packages that are not there: {', '.join(found['find'])}; source the workspace that has them")
+    others = [f"$({one} {word})" for inside in words.values() for one, word in inside if one not in found]
+    if others:
+        missing.append(f"{others[0]} is for roslaunch alone: write the value in a copy of the file")
+    if missing:
+        raise ApplrError(f"{held}: {'; '.join(missing)}")
 
 
 def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> Parameters:
@@ -100,10 +127,11 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         ApplrError: A file cannot be read or lacks what roslaunch would put into it, or none is for move_base.
     """
     found = Parameters()
-    read = {path: inserted(read_parameters(path), arguments) for path in paths}
+    plain = {path: read_parameters(path) for path in paths}
+    read = {path: _inserted(values, path, arguments) for path, values in plain.items()}
     _insertions(read)
-    for path in paths:
-        given = read[path]
+    found.changed = {path: values for path, values in read.items() if values != plain[path]}
+    for path, given in read.items():
         namespaces = _namespaces(os.path.basename(path), given)
         limits = _limits(given)
         found.limits.update(limits)
@@ -123,6 +151,13 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
                 "of TrajectoryPlannerROS and DWAPlannerROS in the files move_base takes the first: where your launch "
                 "file sets base_local_planner, give it in move_base.parameters"
             )
+    local = str(found.tree.get("base_local_planner", _PLANNERS[0]))
+    if local.rpartition("/")[2] not in _PLANNERS:
+        found.added.update(_instead(found.tree, local))
+        found.notes.append(
+            f"DWAPlannerROS drives here, not {local}: with the speeds, accelerations and tolerances of that one's "
+            "section, and else its own defaults; move_base.parameters has them"
+        )
     planner = found.tree.get("base_global_planner", _NAVFN)
     if planner != _NAVFN:
         found.added["base_global_planner"] = _NAVFN
@@ -136,6 +171,23 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
     found.tree = merged(found.tree, found.added)
     found.notes += map(str, replaced(found.tree))
     return found
+
+
+def _instead(tree: Dict[str, Any], planner: str) -> Dict[str, Any]:
+    """DWAPlannerROS where the files are for a local planner that is not here, with what they say of both."""
+    sections = [
+        branch(tree, planner.rpartition("/")[2]),
+        *(value for value in tree.values() if isinstance(value, dict)),
+    ]
+    theirs = next((section for section in sections if "max_vel_x" in section), {})
+    shared = ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta", "xy_goal_tolerance", "yaw_goal_tolerance")
+    limits = {name: theirs[name] for name in shared if isinstance(theirs.get(name), (int, float))}
+    limits.update({"max_vel_trans": limits["max_vel_x"]} if "max_vel_x" in limits else {})
+    own = {"min_vel_y": 0.0, "max_vel_y": 0.0, "min_vel_trans": 0.0, "min_vel_theta": 0.0, **limits}
+    return {
+        "base_local_planner": "dwa_local_planner/DWAPlannerROS",
+        "DWAPlannerROS": branch(tree, "DWAPlannerROS") or own,
+    }
 
 
 def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:

@@ -47,7 +47,8 @@ class RobotFile(sections.Section):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, content: Any) -> Any:
-        """Gives each parameter of the space the name that is its key, and its values that name where they have none."""
+        """Takes empty sections out, and gives each parameter of the space the name that is its key, its values too."""
+        content = {name: value for name, value in content.items() if value is not None}
         space = content.get("parameter_space")
         if not isinstance(space, dict):
             return content
@@ -105,7 +106,7 @@ def _read(folder: str) -> Tuple[Robot, List[Finding]]:
         given = dict(RobotFile.model_validate(content))
     except ValidationError as error:
         found = mistakes.of_schema(RobotFile, error)
-        given = _as_far_as_right(RobotFile, content)
+        given = _as_far_as_right(RobotFile, {name: value for name, value in content.items() if value is not None})
         given["move_base"] = given["move_base"] or MoveBaseSection()
     setup = given["move_base"].setup(folder)
     values = dict(given, name=os.path.basename(folder), folder=folder, move_base=setup)

@@ -22,7 +22,7 @@ MAX_DEPTH = 100  # levels of tags
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
-class _Packages:
+class Packages:
     """Folders of ROS packages by name: those around a file, then those in ROS_PACKAGE_PATH."""
 
     def __init__(self, path: Path):
@@ -44,7 +44,7 @@ class _Packages:
         return self.found.get(name, f"/there is no package {name}")
 
 
-def _text(path: str, arguments: Mapping[str, str], packages: _Packages) -> str:
+def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     """The URDF in a file, which xacro has gone over where it is for xacro."""
     try:
         text = read_bytes(path, MAX_TEXT).decode("utf-8-sig").lstrip()  # as TinyXML, which passes over both
@@ -82,7 +82,7 @@ def _check_tree(path: str, root: Element) -> None:
                 raise ApplrError(f"{path}: the joints above the link {at} lead back to it; take one of them out")
 
 
-def _choices(path: str, packages: _Packages) -> str:
+def _choices(path: str, packages: Packages) -> str:
     """What to say where a part may be switched off: arguments and environment variables that a xacro file reads.
 
     Files that it includes are looked through, too, as far as they are there.
@@ -139,7 +139,7 @@ class UrdfFile:
                 f"Python's {missing.name} is not installed: run ./applr robot, or "
                 "pip install --no-deps -r requirements/urdf.txt"
             ) from None
-        self.path, self.packages = path, _Packages(Path(path))
+        self.path, self.packages = path, Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
         text = _text(path, arguments, self.packages)
         self.choices = _choices(path, self.packages)

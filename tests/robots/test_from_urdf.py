@@ -8,6 +8,7 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.robots import xacro_file
+from applr_ros1.robots.default_space import default_space
 from training import check_robot, new_robot
 
 pytest.importorskip("yourdfpy")
@@ -268,7 +269,9 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
         (TWO + joint("base_footprint", "0 0 0", "scanner"), {}, "joints above the link scanner lead back"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, "dwa.yaml: .*add fast:=VALUE"),
-        (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml holds \$\(eval 1\+1\)"),
+        (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml: \$\(eval 1\+1\) is for roslaunch alone"),
+        (TWO, {"dwa.yaml": "max_vel_x: $(env UNSET_SPEED)\n"}, "dwa.yaml: not set .*: UNSET_SPEED; export each"),
+        (TWO, {"dwa.yaml": "map: $(find no_such)/a\n"}, "dwa.yaml: packages that are not there: no_such; source"),
     ],
 )
 def test_what_is_wrong_is_one_line(make, urdf, more, line):
@@ -364,10 +367,16 @@ def test_what_cannot_be_is_remarked_and_a_base_frame_of_tf_is_taken(make):
     assert yaml.safe_load(file.read_text())["frames"]["base"] == "hull"
 
 
-def test_parameters_as_roslaunch_and_rosparam_read_them(make):
-    angles = PLANNER.replace("max_vel_theta: 1.5", "max_vel_theta: rad(pi/2)").replace("0.1}", "!degrees 9.0}")
+def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_path):
+    (tmp_path / "package.xml").write_text("<package><name>crate_nav</name></package>")
+    monkeypatch.setenv("TURN", "0.7")
+    angles = PLANNER.replace("max_vel_theta: 1.5", "max_vel_theta: rad(pi/2)").replace("0.1}", "!degrees 9.0, %s}")
     nested = "robot: {move_base: {NavfnROS: {allow_unknown: $(arg unknown)}}}\nmove_base/planner_frequency: 2.0\n"
     local = LOCAL.replace("odom_comb", "$(arg prefix)odom").replace("width: 5", "width: 5, map_type: voxel")
+    angles = angles.replace("x: 0.4", "x: $(optenv SLOW 0.3)").replace(
+        "acc_lim_theta: 3.0", "acc_lim_theta: $(env TURN)"
+    )
+    angles %= 'global_frame_id: "$(find crate_nav)/a"'
     files = {"dwa.yaml": angles, "navfn.yaml": nested.partition("\n")[0], "costmap_local.yaml": local}
     files["rate.yaml"] = nested.partition("\n")[2]
     _, said, file = make(PLAIN, "prefix:=my_", "unknown:=false", **files)
@@ -376,8 +385,25 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make):
     tree = robots.load(str(file.parent)).parameters(with_map=True)
     assert tree["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(1.5707963)
     assert tree["DWAPlannerROS"]["min_vel_theta"] == pytest.approx(0.1570796)
+    assert [tree["DWAPlannerROS"][name] for name in ("max_vel_x", "acc_lim_theta")] == [0.3, 0.7]
+    assert tree["DWAPlannerROS"]["global_frame_id"] == f"{tmp_path}/a"
     assert (tree["NavfnROS"]["allow_unknown"], tree["planner_frequency"]) == (False, 2.0)
     assert tree["local_costmap"]["global_frame"] == "my_odom"
+
+
+def test_a_local_planner_that_is_not_here_gives_its_limits_to_one_that_is(make, capsys):
+    teb = "Other: {max_vel_x: 0.35, max_vel_theta: 0.9, acc_lim_x: 0.5, acc_lim_theta: 0.6, dt_ref: 0.3}\n"
+    for planner in ("teb_local_planner/Other", "nav_core_adapter::LocalPlannerAdapter"):
+        _, said, file = make(PLAIN, **{"dwa.yaml": f"base_local_planner: {planner}\n{teb}"})
+        assert f"remark: DWAPlannerROS drives here, not {planner}: with the speeds" in said
+        fill(file)
+        robots.reader._read.cache_clear()
+        assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
+        robot = robots.load(str(file.parent))
+        own = robot.parameters()["DWAPlannerROS"]
+        assert [own[name] for name in ("max_vel_x", "max_vel_trans", "max_vel_theta")] == [0.35, 0.35, 0.9]
+        assert len(default_space(robot.base, robot.body, {"base_local_planner": planner})) > 5
+        file.unlink()
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,8 @@ from applr_ros1.planner.parameters.declarations import (
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
     OLDER,
+    SERVERS,
+    STATIC,
     namespace,
     tables,
 )
@@ -38,6 +40,7 @@ from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAUL
 from applr_ros1.planner.parameters.parameter import ParameterError, too_many_points
 
 UNREAD_NAME = "is not read"
+ELSEWHERE = {name for declared in (*SERVERS.values(), *STATIC.values()) for p in declared for name in p.names}
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
@@ -101,7 +104,7 @@ def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
             yield Finding(label, f"is {value!r}", "give a mapping of names and values")
         elif value is not None:
             other = misspelt(str(key), below if isinstance(value, dict) else mine)
-            if other:
+            if other and key not in ELSEWHERE:
                 yield Finding(label, UNREAD_NAME, f"{MEANT} {other}?", "warning")
             else:
                 yield Finding(label, UNREAD_NAME, severity="remark")
@@ -168,7 +171,7 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
         for p in parameters:
             if f"{path}/{p.name}" in known:
                 continue  # a layer has this name, and nothing reads the parameter
-            named = [have[name] for name in p.names if name in have]
+            named = [have[name] for name in p.names if not isinstance(have.get(name, {}), dict)]
             if not named and p.name == "controller_frequency" and p.name in tree:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
             if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):

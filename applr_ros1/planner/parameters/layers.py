@@ -59,7 +59,7 @@ TYPES: Dict[str, LayerType] = {
 INHERITED: Dict[str, Parameter] = {
     p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
 }
-STANDS_FOR = {"costmap_2d::VoxelLayer": OBSTACLE_LAYER}  # what drives in place of a type of C++ that is not here
+VOXEL_LAYER = "costmap_2d::VoxelLayer"
 PREDICTED = "applr/predicted"  # topic of the points where moving obstacles will be
 UNREAD = ("static_map", "map_type")  # at a costmap with `plugins`
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
@@ -96,8 +96,8 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
                 Finding(f"{name}/plugins", f"has two layers named {entry['name']}", "give each its own")
             )
         _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
-        kind = STANDS_FOR.get(entry["type"], entry["type"])
-        if kind in TYPES:
+        kind = _kind(entry, costmap)
+        if kind:
             found.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
     return found
 
@@ -110,12 +110,21 @@ def replaced(tree: Dict[str, Any]) -> Iterator[Finding]:
             yield Finding(f"{name}/map_type", "is voxel", "an obstacle layer stands for the voxel layer", "remark")
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
-            kind = str(entry.get("type")) if isinstance(entry, dict) else OBSTACLE_LAYER
-            if kind in STANDS_FOR:
-                yield Finding(f"{name}/plugins", f"has {kind}", "an obstacle layer stands for it", "remark")
-            elif kind not in TYPES:
-                advice = "that layer is not here, the costmap is without it and what it sees"
-                yield Finding(f"{name}/plugins", f"has {kind}", advice, "warning")
+            given = entry.get("type") if isinstance(entry, dict) else OBSTACLE_LAYER
+            if given == VOXEL_LAYER:
+                yield Finding(f"{name}/plugins", f"has {given}", "an obstacle layer stands for it", "remark")
+            elif given not in TYPES:
+                instead = "an obstacle layer stands for it" if _kind(entry, costmap) else "the costmap is without it"
+                yield Finding(f"{name}/plugins", f"has {given}", f"that layer is not here, {instead}", "warning")
+
+
+def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
+    """The type of layer that a costmap has for an entry of its plugins, "" for none.
+
+    An obstacle layer stands for those that are not here and have observation sources.
+    """
+    sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(costmap, str(entry.get("name")))
+    return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
 
 
 def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:

@@ -115,6 +115,7 @@ SEEN = "local_costmap/obstacles_layer/"
         ("GlobalPlanner", {"use_dijkstra": True}, None, "is not read"),
         ("NavfnROS/planner_window_x", 0.0, None, "is not read"),
         (PLANNER + "/point_grid", {"grid_resolution": 0.2}, None, "is not read"),
+        (PLANNER + "/max_vel_y", 0.0, None, "is not read"),
         ("local_costmap/inscribed_radius", 0.2, None, "is not read"),
     ],
 )
@@ -243,19 +244,22 @@ def test_what_lies_beyond_the_bounds_is_moved_to_them_as_cpp_does():
 def test_layers_that_are_not_here_are_named_and_the_rest_drives():
     tree = copy.deepcopy(JACKAL)
     local = tree["local_costmap"]
-    local["plugins"][:0] = [{"name": "a", "type": "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer"}]
+    local["plugins"][:0] = [{"name": "a", "type": "lab::SonarLayer"}, {"name": "c", "type": "stvl/TemporalVoxelLayer"}]
+    local["c"] = {"observation_sources": "scan", "voxel_decay": 15.0}
     local["plugins"].append({"name": "b", "type": "costmap_2d::VoxelLayer"})
     local["b"] = {"z_voxels": 8, "observation_sources": "scan", "scan": {"topic": "low", "data_type": "LaserScan"}}
     tree["global_costmap"] = {"map_type": "voxel", "robot_base_frame": "base_link"}
     assert check(tree) == []
-    found = [finding for finding in warnings(tree) if "z_voxels" not in finding.key]
+    found = [finding for finding in warnings(tree) if finding.value != "is not read"]
     assert [(finding.key, finding.severity) for finding in found] == [
         ("global_costmap/map_type", "remark"),
         ("local_costmap/plugins", "warning"),
+        ("local_costmap/plugins", "warning"),
         ("local_costmap/plugins", "remark"),
     ]
-    assert "spatio_temporal_voxel_layer/Spatio" in str(found[1])
-    assert "local_costmap/a" not in servers(complete(tree))
+    assert "has lab::SonarLayer: that layer is not here, the costmap is without it" in str(found[1])
+    assert "has stvl/TemporalVoxelLayer: that layer is not here, an obstacle layer stands for it" in str(found[2])
+    assert [f"local_costmap/{name}" in servers(complete(tree)) for name in "ac"] == [False, True]
     assert complete(tree)["local_costmap"]["b"]["scan"]["topic"] == "low"
     assert "obstacle_layer" in complete(tree)["global_costmap"]
 
@@ -275,6 +279,8 @@ def test_a_layer_may_be_called_as_what_a_list_of_layers_replaces():
     tree = {name: {"plugins": plugins, "static_map": {"first_map_only": True}} for name in ("global_costmap",)}
     assert check(tree) == []
     assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
+    tree["global_costmap"]["plugins"] = []  # a section where C++ looks for true or false is neither
+    assert complete(tree)["global_costmap"]["static_map"] is False
 
 
 def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
