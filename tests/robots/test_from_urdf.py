@@ -367,6 +367,15 @@ def test_what_cannot_be_is_remarked_and_a_base_frame_of_tf_is_taken(make):
     assert yaml.safe_load(file.read_text())["frames"]["base"] == "hull"
 
 
+def test_a_laser_below_the_base_frame_has_its_place_in_the_root(make):
+    low = PLAIN.replace('".05 0 .15"', '".05 0 -.02"')
+    _, said, file = make(low, **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link")})
+    found = yaml.safe_load(file.read_text())
+    assert (found["frames"]["base"], found["laser"]["height"]) == ("base_footprint", 0.03)
+    assert "remark: the laser lies below base_link: places are in base_footprint\n" in said
+    assert found["move_base"]["parameters"]["local_costmap"]["robot_base_frame"] == "base_footprint"
+
+
 def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_path):
     (tmp_path / "package.xml").write_text("<package><name>crate_nav</name></package>")
     monkeypatch.setenv("TURN", "0.7")
@@ -378,7 +387,7 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     )
     angles %= 'global_frame_id: "$(find crate_nav)/a"'
     files = {"dwa.yaml": angles, "navfn.yaml": nested.partition("\n")[0], "costmap_local.yaml": local}
-    files["rate.yaml"] = nested.partition("\n")[2]
+    files.update({"rate.yaml": nested.partition("\n")[2], "costmap_global.yaml": "{global_frame: site_map}\n"})
     _, said, file = make(PLAIN, "prefix:=my_", "unknown:=false", **files)
     fill(file)
     robots.reader._read.cache_clear()
@@ -389,6 +398,7 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     assert tree["DWAPlannerROS"]["global_frame_id"] == f"{tmp_path}/a"
     assert (tree["NavfnROS"]["allow_unknown"], tree["planner_frequency"]) == (False, 2.0)
     assert tree["local_costmap"]["global_frame"] == "my_odom"
+    assert robots.load(str(file.parent)).frames.map == "site_map"
 
 
 def test_a_local_planner_that_is_not_here_gives_its_limits_to_one_that_is(make, capsys):
