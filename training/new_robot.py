@@ -71,7 +71,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     values["base"].update(parameters.limits)
     if parameters.frame("local_costmap") not in ("", parameters.frame("global_costmap")):
         values["frames"]["odom"] = parameters.frame("local_costmap")
-        values["frames"].update({"map": parameters.frame("global_costmap")} if parameters.frame("global_costmap") else {})
+        if parameters.frame("global_costmap"):
+            values["frames"]["map"] = parameters.frame("global_costmap")
     topics = [str(source["topic"]) for source in parameters.scans() if "topic" in source]
     named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
     names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}

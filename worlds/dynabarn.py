@@ -51,7 +51,7 @@ def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: 
 
 def read_table(path: str) -> Dict[str, Animation]:
     """{plugin: Animation} of a table. Raises WorldError with one line that names the row."""
-    text = files.read_bytes(path, MAX_BYTES).decode("utf-8", "replace")
+    text = files.read_bytes(path, MAX_BYTES).decode("utf-8-sig", "replace")
     rows = csv.reader(io.StringIO(text))
     groups: Dict[str, List[Tuple[float, ...]]] = {}
     heads: Dict[str, Tuple[float, bool]] = {}
@@ -104,8 +104,9 @@ class Animations:
             self._table = read_table(table) if os.path.lexists(table) else {}
         if name not in self._table:
             raise WorldError(
-                f"plugin {name!r} of model {model.get('name')!r} in {self.path} has no rows in {NAME} "
-                "beside the world; make that table once, as docs/reference/worlds.md says"
+                f"model {model.get('name')!r} in {self.path} has the Gazebo plugin {plugin.get('filename')!r}, which "
+                f"has no rows in {NAME} beside the world: if it moves nothing, take it out of a copy of the world; "
+                "else make that table once, as docs/reference/worlds.md says"
             )
         return self._table[name]
 

@@ -32,7 +32,7 @@ Shape = Tuple[float, ...]  # a circle (x, y, radius) or a rectangle (x, y, yaw, 
 
 def parse(path: str) -> Element:
     """The root element of an SDF file. Anything wrong with it is a WorldError of one line."""
-    data = files.read_bytes(path, MAX_BYTES)
+    data = re.sub(rb"^(\xef\xbb\xbf)?\s*", b"", files.read_bytes(path, MAX_BYTES))  # TinyXML passes over both
     # DynaBARN's boilerplate says <pose frame=>, which Gazebo's parser forgives
     text = io.BytesIO(re.sub(rb"<(\w+) frame=>", rb"<\1>", data))
     tags = depth = 0

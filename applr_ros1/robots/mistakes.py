@@ -30,6 +30,9 @@ _GIVE = {  # by pydantic's kind of mistake; otherwise its own words count
 }
 
 
+INSIDE = 0.3  # share of the body's width; lasers in a slit are nearer to its side
+
+
 class RobotError(ApplrError):
     """One or more mistakes in a robot's description: `findings`. The error's own text is the first of them."""
 
@@ -188,8 +191,8 @@ RULES = (
     ),
     Rule(
         "laser.height",
-        lambda v, m: v.body.bottom < v.laser.height < v.body.top and m.laser_above_body,
-        "the laser is then inside the body, up to {v.body.top:.3g} m; compare laser.pose, laser.height and body",
+        lambda v, m: v.body.bottom < v.laser.height < v.body.top and m.laser_depth > INSIDE * v.body.size[1],
+        "the laser is then deep inside the body, up to {v.body.top:.3g} m; compare laser.pose, laser.height and body",
         "remark",
     ),
     Rule(
@@ -213,7 +216,7 @@ def contradictions(robot: Robot) -> List[Finding]:
     m.ground = base.axle_height - base.wheel_radius
     m.back, m.front, m.right, m.left = geometry.bounding_box(robot)
     m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)
-    m.laser_above_body = abs(x - body.centre[0]) < body.size[0] / 2 and abs(y - body.centre[1]) < body.size[1] / 2
+    m.laser_depth = min(size / 2 - abs(at - middle) for at, middle, size in zip((x, y), body.centre, body.size))
     stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
     m.tips = stands and geometry.balance(robot)[2].min() <= 0.0
     return list(apply(RULES, robot, m))
