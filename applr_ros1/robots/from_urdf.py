@@ -96,11 +96,12 @@ def read_urdf(
     if urdf.lost:
         lost = ", ".join(sorted(urdf.lost))
         description.notes.append(f"meshes that are not there, and are left out of the outline: {lost}")
-    below = urdf.urdf.get_transform(urdf.base, urdf.urdf.base_link)
-    if description.values["laser"].get("height", 0.0) < 0.0 and np.allclose(below[:2], np.eye(4)[:2], atol=1e-3):
-        if below[2, 3] > 0.0:  # as C++ counts heights: the odometry moves the root
-            description = read_urdf(path, arguments, urdf.urdf.base_link, laser_frame, driven)
-            description.notes.append(f"the laser lies below {urdf.base}: places are in {urdf.urdf.base_link}")
+    above = urdf.urdf.get_transform(urdf.base, urdf.urdf.base_link)
+    is_above = above[2, 3] > 0.0 and np.allclose(above[:2], np.eye(4)[:2], atol=1e-3)
+    if is_above and description.values["laser"].get("height", 0.0) < 0.0:
+        # as C++ counts heights, for the odometry moves the root
+        description = read_urdf(path, arguments, urdf.urdf.base_link, laser_frame, driven)
+        description.notes.append(f"the laser lies below {urdf.base}: places are in {urdf.urdf.base_link}")
     return description
 
 

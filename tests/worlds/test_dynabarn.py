@@ -21,9 +21,8 @@ def table(folder, *rows):
 def test_places_over_time_are_gazebos(tmp_path):
     """By hand: Catmull-Rom tangents, tension 0, between key frames; repeated every 10 s."""
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
-    file = table(tmp_path, *rows)
-    text = open(file, "rb").read()  # as Windows writes it
-    open(file, "wb").write(b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"))
+    file = Path(table(tmp_path, *rows))
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))  # as Windows writes it
     (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
     assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
     # half way: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the start and (2, 2) after it
