@@ -49,30 +49,49 @@ class Verdict:
         return self.action != PASS and abs(v) < HELD_V and abs(w) < HELD_W
 
 
+class _Laser:
+    """What is kept of one laser: its obstacles, whether it can be believed, and the stamp of its newest scan."""
+
+    def __init__(self, settings):
+        self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
+        self.check = ScannerCheck()
+        self.clear()
+
+    def clear(self):
+        self.memory.clear()
+        self.check.clear()
+        self.stamp, self.fault = None, "no scan has come yet"
+
+
 class CollisionMonitor:
     """Lets through the fastest command after which the base can still stop before it touches anything.
 
     see() takes the scans, filter() the commands. Time is an argument [s]; nothing here reads a clock. Without a scan
     yet, with an old one, or with one that cannot be believed (ScannerCheck), every command becomes a stop. Into space
-    that no scan has shown the robot may creep; into what is remembered it never may.
+    that no scan has shown the robot may creep; into what is remembered it never may. Each laser remembers what it has
+    seen itself, since others at another height see through it; space counts as seen that any of them has shown.
 
     What the base is given falls no faster than at `deceleration`, stops included: its wheels give that much without
     locking. Locked wheels slide farther than that, and farther than odometry sees. A stop keeps the arc of the
     command before it, which was found free: straight on out of a turn is another way.
+
+    Args:
+        settings: of the base; None: the Jackal's.
+        more_scans: names of further lasers. The first one alone tells where the robot is (ScanMatcher).
 
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
         ages: of the newest scan, pose and twist at the last command [s].
     """
 
-    def __init__(self, settings=None):
+    def __init__(self, settings=None, more_scans=()):
         self.settings = settings or MonitorSettings.of(JACKAL)
         self._planes, self._edge = half_planes(self.settings.body), edge_points(self.settings.body)
         self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self.memory = ObstacleMemory(self.settings.memory_radius, self.settings.memory_seconds)
+        self._lasers = {name: _Laser(self.settings) for name in ("", *more_scans)}
+        self.memory = self._lasers[""].memory
         self.seen = SeenSpace(self.settings.memory_radius)
-        self.scanner = ScannerCheck()
         self.matcher = ScanMatcher()
         self.motion = PoseMotion()
         self.reset()
@@ -84,32 +103,36 @@ class CollisionMonitor:
 
     def reset(self):
         """As a new object: no scan, no memory, nothing seen. To be called when time or odometry jumps."""
-        self.memory.clear()
+        for laser in self._lasers.values():
+            laser.clear()
         self.seen.clear()
-        self.scanner.clear()
         self.matcher.clear()
         self.motion.clear()
-        self._stamp = None
-        self._fault = "no scan has come yet"
         self.ages = (0.0, 0.0, 0.0)
         self._given = -math.inf, 0.0, 0.0  # when the base was last given a command [s], and that (v, w)
 
-    def see(self, scan):
-        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or ""."""
-        if self._stamp is not None and scan.stamp < self._stamp:
+    def see(self, scan, name=""):
+        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
+
+        name: of the laser, one of more_scans; "" for the first.
+        """
+        laser = self._lasers[name]
+        if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # out of order: a newer one is known
-        self._fault = self.scanner.fault(scan)
-        if self._fault or self.scanner.repeats:  # an old image stays as old as it is, and at its old place
-            return self._fault
-        self._stamp = scan.stamp
-        scan = replace(scan, ranges=self.scanner.believed(scan.ranges))
-        self.matcher.see(scan)
-        if self.matcher.lost:
-            self.memory.clear()
-            self.seen.clear()
-            self.motion.clear()
+        laser.fault = laser.check.fault(scan)
+        if laser.fault or laser.check.repeats:  # an old image stays as old as it is, and at its old place
+            return laser.fault
+        laser.stamp = scan.stamp
+        scan = replace(scan, ranges=laser.check.believed(scan.ranges))
+        if not name:
+            self.matcher.see(scan)
+            if self.matcher.lost:
+                for each in self._lasers.values():
+                    each.memory.clear()
+                self.seen.clear()
+                self.motion.clear()
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
-        self.seen.forget(self.memory.update(scan))  # what is not remembered is not known to be free either
+        self.seen.forget(laser.memory.update(scan))  # what is not remembered is not known to be free either
         self.seen.update(scan)
         return ""
 
@@ -129,7 +152,8 @@ class CollisionMonitor:
         """
         pose, twist, command = (tuple(map(float, numbers)) for numbers in (pose, twist, command))
         command = tuple(0.0 if abs(value) < TINY else value for value in command)
-        self.ages = (0.0 if self._stamp is None else now - self._stamp, *ages)
+        stamps = [laser.stamp for laser in self._lasers.values()]
+        self.ages = (0.0 if None in stamps else now - min(stamps), *ages)
         problem = self._problem(pose, twist, command)
         if problem:
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
@@ -172,7 +196,8 @@ class CollisionMonitor:
         speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
         turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
         longest = since + reaction + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
-        points = self.memory.around(pose, self._radius + settings.margin + speed * longest + 0.05)
+        reach = self._radius + settings.margin + speed * longest + 0.05
+        points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
         seen = self.seen.cells, *map(int, self.seen.corner), self._edge, pose
         scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
         creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
@@ -212,8 +237,9 @@ class CollisionMonitor:
             return f"the pose is ({pose[0]:g} m, {pose[1]:g} m, {pose[2]:g} rad), which cannot be"
         if any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest)):
             return f"the odometry says {twist[0]:g} m/s and {twist[1]:g} rad/s, which cannot be"
-        if self._fault:
-            return self._fault
+        for name, laser in self._lasers.items():
+            if laser.fault:
+                return f"{name}: {laser.fault}" if name else laser.fault
         for what, age in zip(("scan", "pose", "odometry"), self.ages):
             if age > self.settings.scan_timeout:
                 return f"the newest {what} is {age:.2f} s old; the limit is {self.settings.scan_timeout:g} s"

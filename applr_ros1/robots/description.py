@@ -137,6 +137,7 @@ class Topics(Section):
     """Names that the robot publishes and listens on, relative to its namespace."""
 
     scan: Name = "scan"
+    more_scans: Tuple[Name, ...] = value("", "of further lasers, whose scans the collision monitor takes, too", ())
     odometry: Name = "odom"
     cmd_vel: Name = "cmd_vel"
     imu: Name = "imu"

@@ -10,6 +10,7 @@ import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from tests.support.fake_jackal import FakeJackal
@@ -123,9 +124,46 @@ def test_says_which_node_sends_commands_past_it(stack):
     subscriber.unregister()
 
 
+def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(stack):
+    """The fake Jackal's own scans once more, on another topic."""
+    child = session().node(
+        "collision_monitor",
+        "scan:=front/scan",
+        "odom:=odometry/filtered",
+        "_more_scans:=[rear/scan]",
+        "__name:=monitor_of_two",
+        "cmd_vel_in:=two_in",
+        "cmd_vel:=two_out",
+    )
+    commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
+    subscriber = rospy.Subscriber("/monitor_of_two/action", String, lambda m: actions.append(m.data))
+    wait_for(lambda: commands.get_num_connections() or not child.alive(), 60.0, "collision monitor")
+    assert child.alive(), child.text
+    stack[0].put((0.0, 0.0, 0.0))
+    message = Twist()
+    message.linear.x = 0.1
+
+    def says(words):
+        commands.publish(message)
+        time.sleep(0.05)
+        return actions and words in actions[-1]
+
+    wait_for(lambda: says("rear/scan: no scan has come yet"), 10.0, "a stop")
+    rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
+    relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
+    wait_for(lambda: says("pass"), 10.0, "a command that passes")
+    for one in (relay, rear, subscriber, commands):
+        one.unregister()
+    child.end()
+
+
 @pytest.mark.parametrize(
     ("argument", "words"),
-    [("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")],
+    [
+        ("_margins:=1", "no such parameter: margins"),
+        ("_deceleration:=0", "deceleration is 0"),
+        ("_more_scans:=[front/scan]", "more_scans"),
+    ],
 )
 def test_unknown_and_impossible_parameters_are_one_line(argument, words):
     child = session().node("collision_monitor", argument, "__name:=wrong_monitor")

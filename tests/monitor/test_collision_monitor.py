@@ -177,6 +177,14 @@ def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
         assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.1) == left
 
 
+def test_what_is_hidden_by_something_a_little_nearer_is_kept():
+    memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
+    for stamp, distance in ((0.0, 1.0), (0.1, 0.85)):
+        memory.update(scan_of([], pose, stamp, ranges=np.full(360, distance, np.float32), **TURN))
+    away = np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1])
+    assert (np.sum(away > 0.95), np.sum(away < 0.95)) == (360, 180)
+
+
 def test_a_full_memory_forgets_the_oldest(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1000)
     memory, newest = ObstacleMemory(), ObstacleMemory()

@@ -4,8 +4,8 @@ Started by guard.py beside it. Commands come on cmd_vel_in and leave on cmd_vel,
 them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
 zeros until one comes. Where anything in it raises, whatever message came, the base is stopped and /diagnostics says so.
 
-Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], and the fields of
-monitor/settings.py.
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
+of further lasers; the robot's own), and the fields of monitor/settings.py.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 import traceback
 from collections import deque
 from dataclasses import fields, replace
-from typing import Deque, Tuple
+from typing import Deque, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -54,10 +54,13 @@ class CollisionMonitorNode:
         robot: whose topics and frames these are.
         prefix: of the names of its frames.
         tolerance: age [s] up to which the pose of its base in the odometry's frame is used.
+        more_scans: topics of further lasers.
     """
 
-    def __init__(self, settings: MonitorSettings, robot: Robot, prefix: str, tolerance: float):
-        self.monitor = CollisionMonitor(settings)
+    def __init__(
+        self, settings: MonitorSettings, robot: Robot, prefix: str, tolerance: float, more_scans: Sequence[str] = ()
+    ):
+        self.monitor = CollisionMonitor(settings, more_scans)
         self._tolerance = tolerance
         self._lock = threading.Lock()
         self._now, self._moved = rospy.get_rostime(), time.monotonic()  # ROS time at the last look; when it last moved
@@ -72,7 +75,11 @@ class CollisionMonitorNode:
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
         self._scan = topics.scan
         self.sensors = Sensors(
-            (fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry, no_return=robot.laser.no_return
+            (fixed, fixed, base),
+            dict.fromkeys([self._scan, *more_scans], "LaserScan"),
+            {},
+            topics.odometry,
+            no_return=robot.laser.no_return,
         )
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
@@ -118,9 +125,8 @@ class CollisionMonitorNode:
             self._commanded = rospy.Time(0)
         if now != self._now:
             self._now, self._moved = now, time.monotonic()
-        scan = self.sensors.observations().get(self._scan)
-        if scan is not None:
-            self.monitor.see(scan)
+        for topic, scan in self.sensors.observations().items():
+            self.monitor.see(scan, "" if topic == self._scan else topic)
 
     @property
     def _stalled(self) -> str:
@@ -212,7 +218,8 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
         ApplrError: with one line, for an unknown parameter or a value that cannot be used.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    unknown = ", ".join(sorted(set(parameters) - known - {"robot", "map", "tf_prefix", "transform_tolerance"}))
+    others = {"robot", "map", "tf_prefix", "transform_tolerance", "more_scans"}
+    unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
     chosen = {name: parameters[name] for name in known & set(parameters)}
@@ -228,7 +235,10 @@ def main() -> int:
     robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
-    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance)
+    more = [str(topic) for topic in parameters.get("more_scans", robot.topics.more_scans)]
+    if robot.topics.scan in more:
+        raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic; leave it out")
+    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance, more)
     with until_shutdown():
         node.spin()
     return 0

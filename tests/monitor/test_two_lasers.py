@@ -1,0 +1,74 @@
+"""A second laser: what only it sees counts, what it cannot see is not forgotten, and without it the base stands."""
+
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
+from tests.monitor.test_collision_monitor import BEAMS, scan_of, wall
+
+HERE = (0.0, 0.0, 0.0)
+BACK = (-0.5, 0.0)
+
+
+def behind(points, stamp=0.0, **changes):
+    """What a laser that looks back sees."""
+    return scan_of(points, (0.0, 0.0, math.pi), stamp, **changes)
+
+
+def seen_both(ahead, back):
+    monitor = CollisionMonitor(more_scans=["rear"])
+    assert monitor.see(scan_of(ahead, HERE)) == ""
+    assert monitor.see(behind(back), "rear") == ""
+    return monitor
+
+
+def test_it_drives_back_as_far_as_the_second_laser_shows():
+    one = CollisionMonitor()
+    one.see(scan_of(wall(3.0), HERE))
+    assert "creeping" in one.filter(0.0, HERE, (0.0, 0.0), BACK).reason
+    free = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
+    assert free.filter(0.0, HERE, (0.0, 0.0), BACK).action == PASS
+    near = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
+    verdict = near.filter(0.0, HERE, (0.0, 0.0), BACK)
+    assert "obstacle" in verdict.reason
+    assert verdict.action in (SLOW, STOP)
+
+
+@pytest.mark.parametrize("name", ["", "rear"])
+def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
+    monitor = CollisionMonitor(more_scans=["rear"])
+    other = "rear" if not name else ""
+
+    def scan(of, stamp, **changes):
+        return behind(wall(-3.0), stamp, **changes) if of else scan_of(wall(3.0), HERE, stamp, **changes)
+
+    monitor.see(scan(other, 0.0), other)
+    assert "no scan has come yet" in monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    monitor.see(scan(name, 0.0), name)
+    assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).action == PASS
+    monitor.see(scan(other, 0.6), other)
+    assert "scan is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    monitor.see(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
+    verdict = monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0))
+    assert verdict.action == STOP
+    assert verdict.reason.startswith("rear: the scanner is blind" if name else "the scanner is blind")
+
+
+def test_what_one_laser_sees_through_stays_where_another_saw_it():
+    """A low step ahead is in the plane of the first one alone."""
+    monitor = CollisionMonitor(more_scans=["high"])
+    monitor.see(scan_of(wall(1.0), HERE))
+    for stamp in (0.0, 0.1):
+        monitor.see(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
+    monitor.see(scan_of(wall(1.0), HERE, 0.1))
+    assert monitor.filter(0.1, HERE, (0.0, 0.0), (2.0, 0.0)).action != PASS
+
+
+def test_another_place_clears_what_all_lasers_remember():
+    monitor = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
+    monitor.reset()
+    monitor.see(scan_of(wall(3.0), HERE, 1.0))
+    monitor.see(behind([(-3.0, 0.0), (-3.0, 0.1)], 1.0), "rear")
+    assert monitor.filter(1.0, HERE, (0.0, 0.0), BACK).action == PASS
