@@ -75,7 +75,7 @@ def run(options: DatasetOptions) -> None:
         try:
             recording = read_bag(bag, topics, options.robot)
             if recording.silent:
-                print(f"{bag}: no parameter_updates of {recording.silent}: values of the robot's files are taken")
+                print(f"{bag}: {recording.silent}")
             for trajectory in trajectories(recording, reward, layout, report, options.finish):
                 trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
                 trajectory.check(layout)

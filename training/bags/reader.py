@@ -135,9 +135,10 @@ class Recording:
 
     @property
     def silent(self) -> str:
-        """The servers whose parameters the bag does not say, so that the robot's files have to; "" for none."""
+        """A remark on servers whose parameters the bag does not say, so that the robot's files have to; "" for none."""
         servers = dict(self.space.places()) if not self.decisions else ()
-        return ", ".join(server or "move_base" for server in servers if server not in self.parameters)
+        silent = ", ".join(server or "move_base" for server in servers if server not in self.parameters)
+        return f"no parameter_updates of {silent}: values of the robot's files are taken" if silent else ""
 
     def scans(self, wanted: Iterable[int]) -> Dict[int, Any]:
         """{index: LaserScan} of those wanted. Reads the bag once more, since all scans may be larger than memory."""

@@ -10,7 +10,7 @@ import math
 import statistics
 import sys
 import time
-from typing import Callable, List, NamedTuple
+from typing import Callable, List
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -22,54 +22,13 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
+from applr_ros1.robots.measured import STANDING, STILL, Reading, Stop, deceleration, stop_of
 
 RATE = 20.0  # Hz of commands
-DRIVING, STANDING = 1.2, 0.3  # s of each run before it brakes; s without motion that count as standing
+DRIVING = 1.2  # s of each run before it brakes
 SHARES = 0.25, 0.5, 1.0  # of the largest speed, one run each; turns go up to half the largest turn rate
 BACK = 0.5  # m/s at most, on the way back
 LEAST_WAY, ROOM = 2.0, 0.5  # m of free way that is asked for; m of it that are never used
-STILL = 0.02, 0.05  # m/s, rad/s: less is no motion
-FELL = 0.9  # of its speed: when it is slower, the base has begun to brake
-
-
-class Reading(NamedTuple):
-    """A message of the odometry: stamp [s], pose, and twist ahead and about z."""
-
-    time: float
-    x: float
-    y: float
-    yaw: float
-    v: float
-    w: float
-
-
-class Stop(NamedTuple):
-    """How a base stopped: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
-
-    speed: float
-    gain: float
-    reaction: float
-    way: float
-
-
-def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
-    """What a run shows that was told at the time `braked` [s] to stop from `command` [m/s, or rad/s where turning]."""
-    motion = [abs(s.w if turning else s.v) for s in samples]
-    before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
-    after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
-    if not before or len(after) < 2:
-        raise ApplrError("hardly any odometry came while the robot drove: is its clock that of this machine?")
-    speed = sum(before) / len(before)
-    reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
-    steps = [(b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw)) for (_, a), (_, b) in zip(after, after[1:])]
-    return Stop(
-        speed, speed / abs(command), reaction, sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps)
-    )
-
-
-def deceleration(stops: List[Stop], reaction: float) -> float:
-    """The least a with which every way is at most speed * reaction + speed^2 / (2 a)."""
-    return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
 
 
 class Base:
@@ -82,7 +41,8 @@ class Base:
     """
 
     def __init__(self, command: str, odometry: str, free: float):
-        self.free, self.samples = free, []  # type: float, List[Reading]
+        self.free = free
+        self.samples: List[Reading] = []
         self._out = rospy.Publisher(command, Twist, queue_size=1)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._out.publish(Twist()))

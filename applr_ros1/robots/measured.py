@@ -1,0 +1,178 @@
+"""What drives say of a robot: how its base follows commands, brakes and turns, and what its scanner states.
+
+measure_braking.py drives for it, training/tune/bag.py reads it from bags. `written` puts values into robot.yaml.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
+
+import numpy as np
+from scipy.signal import lfilter
+
+from applr_ros1.common.angles import normalize_angle
+from applr_ros1.common.errors import ApplrError
+
+STANDING = 0.3  # s over which a speed is averaged before braking, and without motion that count as standing
+STILL = 0.02, 0.05  # m/s, rad/s: less is no motion
+FELL = 0.9  # of its speed: when it is slower, the base has begun to brake
+STEP = 0.01  # [s] of the grid on which a response is fitted
+DELAYS, LAGS = np.arange(0.0, 0.4, STEP), (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)  # [s]
+LIMITS = (math.inf, 5.0, 3.5, 2.5, 1.8, 1.3, 1.0, 0.7, 0.5, 0.35, 0.25)  # [m/s^2]
+CLEARLY = 0.8  # of the error without a limit that one with it may leave
+HELD, WITHIN = 0.25, 0.3  # s for which a command has to stay within this share to show what the base makes of it
+LEAST = 0.3  # rad/s or m/s; slower commands show mostly friction
+
+
+class Reading(NamedTuple):
+    """A message of the odometry: stamp [s], pose, and twist ahead and about z."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    v: float
+    w: float
+
+
+class Stop(NamedTuple):
+    """How a base stopped: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
+
+    speed: float
+    gain: float
+    reaction: float
+    way: float
+
+
+class Value(NamedTuple):
+    """A measured value of a field of robot.yaml with its unit, the spread between drives or parts of them, and how."""
+
+    value: float
+    unit: str
+    spread: float
+    how: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} {self.unit}".rstrip() + f" +- {self.spread:.2g} ({self.how})"
+
+
+Fields = Dict[Tuple[str, str], Value]  # by section and field
+
+
+def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
+    """What a run shows that was told at the time `braked` [s] to stop from `command` [m/s, or rad/s where turning]."""
+    motion = [abs(s.w if turning else s.v) for s in samples]
+    before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
+    after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
+    if not before or len(after) < 2:
+        raise ApplrError("hardly any odometry came while the robot drove: is its clock that of this machine?")
+    speed = sum(before) / len(before)
+    reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
+    steps = [(b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw)) for (_, a), (_, b) in zip(after, after[1:])]
+    return Stop(
+        speed, speed / abs(command), reaction, sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps)
+    )
+
+
+def deceleration(stops: List[Stop], reaction: float) -> float:
+    """The least a with which every way is at most speed * reaction + speed^2 / (2 a)."""
+    return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
+
+
+class Response(NamedTuple):
+    """How speeds follow commands: rms error [m/s], delay and time constant [s], limits up and down [m/s^2]."""
+
+    error: float
+    delay: float
+    lag: float
+    faster: float
+    slower: float
+
+
+def response(time: np.ndarray, command: np.ndarray, at: np.ndarray, speed: np.ndarray) -> Response:
+    """The delay, first-order lag and limits with which commands come nearest to the speeds that were driven.
+
+    Args:
+        time: (n,) of the commands [s], rising.
+        command: (n,) [m/s].
+        at: (m,) of the odometry [s], rising.
+        speed: (m,) [m/s].
+    """
+    grid = np.arange(max(time[0], at[0]), min(time[-1], at[-1]), STEP)
+    if len(grid) < 2.0 / STEP:
+        raise ApplrError("commands and odometry have less than two seconds in common")
+    told, driven = _told(time, command, grid), np.interp(grid, at, speed)
+    free, *limited = (_fits(told, driven, up, down) for up, down in itertools.product(LIMITS, LIMITS))
+    best = min(limited)
+    return best if best.error < CLEARLY * free.error else free
+
+
+def _fits(told, driven, faster, slower):
+    """The Response of the delay and lag that fit best with these limits."""
+    limited, skipped, found = _limited(told, driven[0], faster, slower) - driven[0], len(DELAYS), []
+    for lag in LAGS:
+        keep = math.exp(-STEP / lag) if lag else 0.0
+        follows = lfilter([1.0 - keep], [1.0, -keep], limited) + driven[0]
+        for n, delay in enumerate(DELAYS):
+            off = follows[skipped - n : len(follows) - n] - driven[skipped:]
+            found.append(Response(float(np.sqrt(np.mean(off * off))), float(delay), lag, faster, slower))
+    return min(found)
+
+
+def _limited(told, now, faster, slower):
+    """Commands (n,), followed from a speed now with a magnitude that rises and falls no faster than this [m/s^2]."""
+    if math.isinf(faster) and math.isinf(slower):
+        return told
+    limited = np.empty(len(told))
+    for i, wanted in enumerate(told.tolist()):
+        limit = STEP * (faster if abs(wanted) > abs(now) and wanted * now >= 0.0 else slower)
+        now += min(max(wanted - now, -limit), limit)
+        limited[i] = now
+    return limited
+
+
+def _told(time, command, at):
+    """The command in force (m,) at each time."""
+    return command[np.maximum(np.searchsorted(time, at, side="right") - 1, 0)]
+
+
+def followed(time: np.ndarray, command: np.ndarray, at: np.ndarray, speed: np.ndarray, late: float) -> np.ndarray:
+    """(k, 2): the command, and the speed over it, at each time (m,) at which a command had stayed nearly the same.
+
+    late: of the speeds behind the commands [s].
+    """
+    told = np.array([_told(time, command, at - late - back) for back in np.linspace(0.0, HELD, 6)])
+    middle = told.mean(axis=0)
+    steady = (
+        (np.abs(middle) >= LEAST) & (np.ptp(told, axis=0) <= WITHIN * np.abs(middle)) & (at - late - HELD > time[0])
+    )
+    return np.column_stack([told[0, steady], speed[steady] / told[0, steady]])
+
+
+def written(text: str, fields: Mapping[Tuple[str, str], Any]) -> str:
+    """The text of a robot.yaml with these values, each with a comment that says how it was measured."""
+    for (section, name), value in fields.items():
+        number, said = f"{value.value:.4g}", f"# measured: {section}.{name} {value}"
+        number += "" if re.search("[.e]", number) else ".0"
+        found = re.search(rf"^{section}:.*\n(?:[ \t#].*\n)*", text, re.M)
+        old = found.group() if found else f"{section}:\n"
+        old_said = re.compile(rf"^# measured: {section}\.{name} .*\n", re.M)
+        new, count = re.subn(rf"(?<=[{{\s,]){name}: *[^,}}\s#]+", f"{name}: {number}", old, count=1)
+        if not count and "{" in old:
+            new = old.replace("{", f"{{{name}: {number}, ", 1)
+        elif not count:
+            new = old.replace("\n", f"\n  {name}: {number}\n", 1)
+        text = text.replace(old, new) if found else text.rstrip("\n") + "\n" + new
+        text = old_said.sub("", text).replace(new, f"{said}\n{new}")
+    return text
+
+
+def combined(values: List[Value]) -> Value:
+    """One value of those of several drives: their median, with the larger of their spread and that within them."""
+    numbers = [value.value for value in values]
+    spread = max(float(np.std(numbers)), float(np.median([value.spread for value in values])))
+    how = values[0].how if len(values) == 1 else f"{len(values)} drives; {values[0].how}"
+    return Value(float(np.median(numbers)), values[0].unit, spread, how)

@@ -1,0 +1,308 @@
+"""What a bag says: its course, the robot, how far to believe the rest, and what is wrong with it. Own small drives."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import sim_bridge
+from applr_ros1.common.angles import compose, inverse
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import measured
+from applr_ros1.robots.reader import RobotFile, load
+from tests.support.recording import RecordingEpisode, StackWriter
+from training.bags.reader import BagError, TopicNames
+from training.env.episode import counting_cells
+from training.tune import bag
+from worlds import Course, World
+from worlds.seen import Scan, seen
+from worlds.world import clearance
+
+JACKAL = load("jackal")
+DELAY, NOISE = 0.15, 0.01  # s, m; the simulated robot's, which no file says
+START = (1.0, 2.0, 0.5)
+WALLS = [(x, y, 0.1) for x in np.arange(-1.0, 7.0, 0.15) for y in (0.4, 5.0)] + [(3.0, 2.6, 0.15), (4.2, 3.8, 0.15)]
+WORLD = World(
+    "lane",
+    np.array(WALLS),
+    np.empty((0, 5)),
+    Course(START, (5.5, 3.4, 0.0), None, 0.4, np.array([START[:2], (5.5, 3.4)])),
+)
+
+
+class Tape:
+    """Takes what a StackWriter takes, as a list of (method, time, ...) that can be changed and written."""
+
+    topics, robot = TopicNames.of(JACKAL), JACKAL
+
+    def __init__(self):
+        self.events = []
+
+    def __getattr__(self, name):
+        return lambda *args, **more: self.events.append((name, *args, more))
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """(events, outcome): 5 m through a lane by a Jackal that is late, whose scanner is noisy, and that stands then."""
+    robot = replace(
+        JACKAL,
+        laser=JACKAL.laser.model_copy(update={"noise": NOISE}),
+        simulation=JACKAL.simulation.model_copy(update={"command_delay": DELAY}),
+    )
+    simulator, tape = sim_bridge.make("kinematic", robot=robot), Tape()
+    planner = MoveBase(counting_cells(JACKAL.parameters()), planner="cpp-like")
+    episode = RecordingEpisode(simulator, planner, tape, period=2.0)
+    send = simulator.command
+
+    def command(v, w):
+        tape.command(episode._now, v, w)
+        send(v, w)
+
+    simulator.command = command
+    outcome = episode.reset(WORLD, 1)
+    while not outcome.over:
+        outcome = episode.decide(episode.space.theta0)
+    assert outcome.success
+    for _ in range(40):
+        command(0.0, 0.0)
+        state = simulator.advance(0.05)
+        tape.odometry(episode._now, state.odom_pose, state.odom_twist)
+        tape.scan(episode._now, simulator.scan())
+    return tape.events, outcome
+
+
+def written(path, events):
+    with StackWriter(path, Tape.topics) as writer:
+        for name, *args, more in sorted(events, key=lambda event: event[1]):
+            getattr(writer, name)(*args, **more)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recorded(driven, tmp_path_factory):
+    return bag.read([written(tmp_path_factory.mktemp("bags") / "lane.bag", driven[0])], JACKAL)
+
+
+def in_world(points):
+    """Points (n, 2) of the odometry's frame, which lies parallel to the world's, in the world's."""
+    return points + START[:2]
+
+
+def test_the_world_is_what_stood_there_and_the_course_what_was_driven(recorded, driven):
+    free, dark = recorded.courses[0].worlds
+    surfaces = in_world(free.cylinders[:, :2])
+    depth = -clearance(WORLD, surfaces)  # a surface is that of cylinders whose middles lie .04 m behind it
+    assert -0.03 < depth.min() < 0.02 < np.median(depth) < depth.max() < 0.08
+    seen_posts = np.hypot(*(surfaces[:, None] - WORLD.cylinders[-2:, :2]).transpose(2, 0, 1)).min(axis=0)
+    assert (seen_posts < 0.15).all()
+    away = in_world(dark.cylinders[len(free.cylinders) :, :2]) - START[:2]
+    behind = away[np.hypot(*away.T) < 1.5] @ (-np.cos(START[2]), -np.sin(START[2]))
+    assert len(behind) > 5
+    assert behind.min() > 0.3  # the laser looks over 270 degrees
+    course = free.course
+    np.testing.assert_allclose(in_world(np.array(course.start[:2])), START[:2], atol=0.03)
+    np.testing.assert_allclose(in_world(np.array(course.goal[:2])), WORLD.course.goal[:2], atol=0.01)
+    assert course.start[2] == pytest.approx(START[2], abs=0.03)
+    assert clearance(free, course.path).min() > 0.15
+
+
+def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven):
+    (course,) = recorded.courses
+    assert course.drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
+    check = recorded.check(drives=1)
+    assert check.agrees, check
+    assert "recorded time within" in check.sentence
+    fastest = np.array([parameter.name == "max_vel_x" for parameter in JACKAL.space])
+    slow = course._replace(theta=np.where(fastest, 0.25, course.theta))
+    check = replace(recorded, courses=[slow, course]).check(drives=1)
+    assert not check.agrees
+    assert "agree on 1 of 2 courses" in check.sentence
+
+
+def test_the_robot_is_measured(recorded):
+    fields = recorded.fields
+    assert fields["simulation", "command_delay"].value == pytest.approx(DELAY, abs=0.03)
+    assert fields["odometry", "lag"].value == pytest.approx(0.03, abs=0.021)
+    assert fields["laser", "noise"].value == pytest.approx(NOISE, rel=0.15)
+    assert recorded.robot.laser.noise == fields["laser", "noise"].value
+    assert ("laser", "no_return") not in fields
+    assert ("base", "max_speed") not in fields  # it was never told to drive faster than it can
+
+
+def test_copies_are_other_courses_of_the_same_room(recorded):
+    free = recorded.worlds[0]
+    copies = recorded.worlds[2:]
+    assert len({world.name for world in recorded.worlds}) == len(recorded.worlds) == 8
+    assert len({len(world.cylinders) for world in copies}) == 2  # with the unseen as free and as wall
+    back = inverse(free.course.start)
+    for copy in copies[::2]:
+        assert clearance(copy, copy.course.path).min() > clearance(free, free.course.path).min() - 0.06
+        goals = [np.array(compose(inverse(w.course.start), w.course.goal)[:2]) for w in (free, copy)]
+        assert 0.005 < abs(np.hypot(*goals[0]) - np.hypot(*goals[1])) + abs(abs(goals[0][1]) - abs(goals[1][1])) < 0.4
+    sides = {np.sign(compose(inverse(c.course.start), c.course.goal)[1]) for c in copies}
+    assert compose(back, free.course.goal)[1] < 0.0
+    assert sides == {-1.0, 1.0}  # some are mirrored
+    assert np.ptp([c.course.start[2] for c in copies]) > 1.0
+
+
+def without(*names):
+    return lambda events: [event for event in events if event[0] not in names]
+
+
+def standing(events):
+    return [event for event in events if event[1] > max(event[1] for event in events) - 1.5]
+
+
+def jump(events):
+    """The odometry is set elsewhere in the last second."""
+    end = max(event[1] for event in events) - 1.0
+    return [
+        (name, at, (args[0][0] + 9.0, *args[0][1:]), *args[1:])
+        if name == "odometry" and at > end
+        else (name, at, *args)
+        for name, at, *args in events
+    ]
+
+
+def in_a_map(*steps):
+    """tf has a map in which the odometry's frame is turned; it is moved by these steps [m], a second after another."""
+
+    def change(events):
+        poses = [(float(np.sum(steps[:n])), 0.0, 0.3) for n in range(len(steps) + 1)]
+        placed = [("transform", 0.5 + n, "map", "odom", pose, {}) for n, pose in enumerate(poses)]
+        return [*events, *placed]
+
+    return change
+
+
+def person(events):
+    """Somebody stands 1.5 m ahead for the first two seconds."""
+    first = min(event[1] for event in events if event[0] == "scan")
+
+    def seen(ranges):
+        return np.where(np.abs(np.arange(720) - 360) < 25, np.minimum(ranges, 1.5), ranges)
+
+    return [
+        (name, at, seen(args[0]), *args[1:]) if name == "scan" and at < first + 2.0 else (name, at, *args)
+        for name, at, *args in events
+    ]
+
+
+def zeros(events):
+    return [
+        (name, at, np.where(np.asarray(args[0]) < 4.0, args[0], 0.0), *args[1:])
+        if name == "scan"
+        else (name, at, *args)
+        for name, at, *args in events
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "remark"),
+    [
+        (without("goal"), "no goal: it is where the drive ends"),
+        (without("command"), "nothing of the base is measured"),
+        (without("parameters"), "values of the robot's files are taken"),
+        (jump, "the odometry jumps 1 times"),
+        (in_a_map(0.0, 1.0), "the localisation in map jumps 1 times"),
+        (person, "something moved"),
+    ],
+    ids=["goal", "command", "parameters", "jump", "map", "person"],
+)
+def test_what_is_wrong_is_one_line_and_the_course_is_found(driven, tmp_path, change, remark):
+    found = bag.read([written(tmp_path / "a.bag", change(driven[0]))], JACKAL, copies=0)
+    assert [remark in line for line in found.remarks].count(True) == 1, found.remarks
+    assert found.courses[0].drive.path_m > 4.0
+    assert clearance(found.worlds[0], found.worlds[0].course.path).min() > 0.15
+    if change is not jump and change.__name__ != "change":  # nothing where nothing stands
+        assert clearance(WORLD, in_world(found.worlds[0].cylinders[:, :2])).max() < 0.2
+    lacking = [line for line in found.remarks if "rosbag record" in line]
+    assert len(lacking) == (remark.startswith(("no goal", "nothing of", "values")))
+
+
+def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):
+    mapped = bag.read([written(tmp_path / "map.bag", in_a_map(0.1, 0.0)(driven[0]))], JACKAL, copies=0)
+    assert mapped.worlds[0].course.start[2] == pytest.approx(START[2] + 0.3, abs=0.04)
+    assert 0.0 < mapped.fields["odometry", "scale_error"].value < 0.05
+    poses = [
+        ("transform", at, "odom", "base_link", *args[:1], {}) for name, at, *args in driven[0] if name == "odometry"
+    ]
+    by_tf = bag.read([written(tmp_path / "tf.bag", [*without("odometry")(driven[0]), *poses])], JACKAL, copies=0)
+    assert by_tf.courses[0].drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
+    assert by_tf.fields["simulation", "command_delay"].value == pytest.approx(DELAY, abs=0.05)
+
+
+def test_bags_that_cannot_be_used_are_remarks_beside_one_that_can(driven, tmp_path):
+    written(tmp_path / "good.bag", zeros(driven[0]))
+    for name, change in {"stands": standing, "blind": without("scan"), "lost": without("odometry")}.items():
+        written(tmp_path / f"{name}.bag", change(driven[0]))
+    (tmp_path / "cut.bag").write_bytes((tmp_path / "good.bag").read_bytes()[:9000])
+    found = bag.read([tmp_path], JACKAL, copies=0)
+    assert [course.name for course in found.courses] == ["good"]
+    assert found.robot.laser.no_return == 0.0
+    for name, remark in (
+        ("stands", "the robot stands"),
+        ("blind", "nothing on /front/scan"),
+        ("lost", "nothing on /odometry/filtered nor /tf"),
+        ("cut", "damaged"),
+    ):
+        assert any(line.startswith(f"{name}.bag: ") and remark in line for line in found.remarks), found.remarks
+    with pytest.raises(BagError, match="blind.bag: nothing on .* rosbag record"):
+        bag.read([tmp_path / "blind.bag"], JACKAL)
+
+
+def test_a_base_is_known_by_how_it_follows():
+    rng, step = np.random.default_rng(0), 0.05
+    time = np.arange(0.0, 40.0, step)
+    told = np.repeat(rng.uniform(0.0, 1.0, 20), 40)
+    at, now, lagged, speeds = np.arange(0.0, 40.0, 0.01), 0.0, 0.0, []
+    for t in at:
+        wanted = told[max(0, int((t - 0.12) / step + 1e-6))] if t >= 0.12 else 0.0
+        now += min(max(wanted - now, -0.01 * 1.3), 0.01 * 0.7)
+        lagged += 0.01 / 0.08 * (now - lagged)
+        speeds.append(lagged + rng.normal(0.0, 0.003))
+    how = measured.response(time, told, at, np.array(speeds))
+    assert (how.faster, how.slower) == (0.7, 1.3)
+    assert (how.delay, how.lag) == (pytest.approx(0.12, abs=0.02), pytest.approx(0.08, abs=0.03))
+    turns = measured.followed(time, told, at, 1.35 * np.array(speeds), 1.0)
+    assert np.median(turns[:, 1]) == pytest.approx(1.35, abs=0.03)
+    assert np.abs(turns[:, 0]).min() >= measured.LEAST
+
+
+def test_measured_values_stand_in_robot_yaml_with_how_they_were_measured(tmp_path):
+    text = (Path(JACKAL.folder) / "robot.yaml").read_text()
+    fields = {
+        ("monitor", "turn_gain"): measured.Value(1.234, "", 0.05, "40 moments"),
+        ("laser", "noise"): measured.Value(0.02, "m", 0.001, "50 scans standing"),
+        ("laser", "no_return"): measured.Value(0.0, "m", 0.0, "most"),
+    }
+    new = measured.written(text, fields)
+    assert measured.written(new, fields) == new
+    assert "# measured: monitor.turn_gain 1.23 +- 0.05 (40 moments)\n" in new
+    read = RobotFile.model_validate(yaml.safe_load(new))
+    assert read.monitor == JACKAL.monitor.model_copy(update={"turn_gain": 1.234})
+    assert read.laser == JACKAL.laser.model_copy(update={"noise": 0.02, "no_return": 0.0})
+    assert (read.base, read.simulation, read.odometry) == (JACKAL.base, JACKAL.simulation, JACKAL.odometry)
+
+
+def test_what_moves_and_what_is_not_seen_is_told_from_what_stands():
+    """A wall 2 m ahead over 90 degrees; for the first 20 of 60 scans a post stands in front of it."""
+    angles = np.linspace(-np.pi / 4, np.pi / 4, 181)
+    wall = 2.0 / np.cos(angles)
+    post = np.where(np.abs(angles) < 0.1, 1.0, wall)
+    scans = [Scan((0.0, 0.0, 0.0), angles[0], angles[1] - angles[0], post if n < 20 else wall) for n in range(60)]
+    driven = np.zeros((1, 2))
+    place = seen(scans, driven, 0.2, 0.3)
+    assert place.gone > 0.0
+    np.testing.assert_allclose(place.surfaces[:, 0], 2.04, atol=0.03)
+    assert place.surfaces[:, 1].min() < -1.9
+    assert place.surfaces[:, 1].max() > 1.9
+    sides = np.abs(np.arctan2(place.unseen[:, 1], place.unseen[:, 0]))
+    assert len(place.unseen) > 20
+    assert sides.min() > np.pi / 4 - 0.15
+    still = seen(scans[:20], driven, 0.2, 0.3)  # nothing has been seen behind it yet
+    assert (np.abs(still.surfaces[:, 0] - 1.04) < 0.05).any()
+    assert still.gone == 0.0
