@@ -293,6 +293,7 @@ def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
         "reached_turn": min(v.acc_lim_theta * seconds, v.max_vel_theta),
         "enough": v.min_vel_theta / seconds if seconds else 0.0,
         "change": v.acc_lim_x * period,
+        "braking": 2.0 * v.min_vel_trans / period,
         "progress": 2.0 * v.goal_distance_bias * v.max_vel_trans * v.sim_time,  # goal and nose to goal
         "obstacle": v.occdist_scale * INSCRIBED,
     }
@@ -411,7 +412,7 @@ START = (
     "rolling_window: true"
 )
 WIDE = "the robot is {m.s.width:.3g} m wide, give metres"
-DROPPED = "laser.height in robot.yaml is {m.laser.height:g}, so that all points are dropped"
+DROPPED = "laser.height in robot.yaml is {{m.laser.height:g}}, so that all points are dropped, give at {} that"
 PLANNER = (
     same_name("odom_topic", "topics.odometry", severity="remark"),
     at_most("min_vel_x", "max_vel_x", severity="warning"),
@@ -437,7 +438,8 @@ DWA_PLANNER = (
         "min_vel_x",
         lambda v, m: v.min_vel_x <= -v.min_vel_trans and v.change < 2.0 * v.min_vel_trans,
         "a robot that backs can neither stop nor drive ahead until a cycle fails, for acc_lim_x / controller_frequency "
-        "is {v.change:.3g} m/s, and speeds below min_vel_trans {v.min_vel_trans:g} are refused",
+        "is {v.change:.3g} m/s, and speeds below min_vel_trans {v.min_vel_trans:g} are refused: give acc_lim_x "
+        "{v.braking:.3g}",
         "remark",
     ),
     at_most("max_vel_x", "max_vel_trans", lambda v, m: v.max_vel_x > v.max_vel_trans + SLACK, "remark"),
@@ -467,8 +469,8 @@ BLIND = (  # why a source does not show what the laser sees
     same_name("topic", "topics.scan"),
     Rule("data_type", lambda v, m: v.data_type != "LaserScan", "the robot's laser publishes LaserScan, give that"),
     Rule("marking", lambda v, m: not v.marking, "nothing would mark obstacles, give true"),
-    Rule("min_obstacle_height", lambda v, m: v.min_obstacle_height > m.laser.height, DROPPED),
-    Rule("max_obstacle_height", lambda v, m: v.max_obstacle_height < m.laser.height, DROPPED),
+    Rule("min_obstacle_height", lambda v, m: v.min_obstacle_height > m.laser.height, DROPPED.format("most")),
+    Rule("max_obstacle_height", lambda v, m: v.max_obstacle_height < m.laser.height, DROPPED.format("least")),
 )
 SOURCE = (
     same_name("sensor_frame", "laser.frame", lambda v, m: v.sensor_frame and not any(apply(BLIND[:1], v, m)), "remark"),

@@ -14,13 +14,14 @@ from training import check_robot, evaluate, static_search, train
 
 
 def mistakes():
-    """(robot, file, what stands there, what is written instead, all lines) of each row of the table."""
+    """(robot, file, what stands there, what is written instead, its remedy, all lines) of each row of the table."""
     for block in Path(DATA, "robot_mistakes.txt").read_text().split("\n\n"):
         head, *lines = block.splitlines()
         if lines and " | " in head and lines[0].startswith("    "):
-            place, old, new = (part.replace("\\n", "\n").replace("\\t", "\t") for part in f"{head} ".split(" | "))
+            parts = [part.replace("\\n", "\n").replace("\\t", "\t") for part in f"{head} ".split(" | ")]
+            place, old, new, remedy = [*parts[:-1], parts[-1].rstrip(" "), parts[1]][:4]
             robot, _, file = place.partition("/")
-            yield robot, file, old, new.rstrip(" "), [line.strip() for line in lines]
+            yield robot, file, old, new, remedy, [line.strip() for line in lines]
 
 
 def changed(folder, robot, file, old, new):
@@ -32,16 +33,31 @@ def changed(folder, robot, file, old, new):
     return str(folder)
 
 
-@pytest.mark.parametrize(("robot", "file", "old", "new", "lines"), mistakes())
-def test_a_mistake_is_named_with_file_key_value_and_remedy(tmp_path, capsys, robot, file, old, new, lines):
-    folder = changed(tmp_path / "mine", robot, file, old, new)
+def checked(folder, capsys):
+    """Exit status of the check, and its findings."""
+    load.__globals__["_read"].cache_clear()
     status = check_robot.main([folder])
     printed = "".join(capsys.readouterr()).replace("check_robot.py: ", "error: ").replace(folder + "/", "")
-    printed = [line for line in printed.splitlines() if re.match("error|warning|remark", line)]
+    return status, [line for line in printed.splitlines() if re.match("error|warning|remark", line)]
+
+
+@pytest.mark.parametrize(("robot", "file", "old", "new", "remedy", "lines"), mistakes())
+def test_a_mistake_is_named_and_the_remedy_in_its_line_works(tmp_path, capsys, robot, file, old, new, remedy, lines):
+    folder = changed(tmp_path / "mine", robot, file, old, new)
+    status, printed = checked(folder, capsys)
     wanted = [".*".join(map(re.escape, line.split(" ... "))) for line in lines]
     assert len(printed) == len(wanted), printed
     assert all(map(re.match, wanted, printed)), printed
     assert status == lines[0].startswith("error")
+    if " => " in remedy:
+        file, _, texts = remedy.partition(": ")
+        old, remedy = texts.split(" => ")
+    path = Path(folder, file)
+    text = (Path(load(robot).folder, file)).read_text()
+    path.write_text(text.replace(old, remedy))
+    status, left = checked(folder, capsys)
+    assert status == 0, left
+    assert not [line for line in left for begin in lines if line.startswith(begin.split(" ... ")[0])]
 
 
 def test_all_findings_of_all_files_come_at_once(tmp_path, capsys):
