@@ -370,3 +370,21 @@ def test_decision_period_changes_the_steps_not_what_a_second_costs():
         assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
     with pytest.raises(ValueError, match="multiple of 0.05"):
         ApplrEnv(worlds="generated:0", period=0.07)
+
+
+@pytest.mark.parametrize("movers", [False, True])
+def test_the_costmaps_get_where_moving_obstacles_will_be_if_the_settings_say_so(movers):
+    from training.env.env import ApplrEnv
+
+    def marked():
+        (layer,) = env.episode.move_base.local_costmap.obstacle_layers
+        return sum(len(cloud.points) for buffer in layer.buffers[1:] for cloud in buffer.clouds)
+
+    env = ApplrEnv("dynamic:401", period=1.0, movers=movers)
+    for _ in range(2):
+        env.reset(seed=0)
+        assert marked() == 0, "the tracker has seen nothing yet"
+        for _ in range(3):
+            env.step(np.zeros(env.action_space.shape, np.float32))
+        assert (marked() > 20) == movers
+    env.close()
