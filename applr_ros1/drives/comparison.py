@@ -49,8 +49,8 @@ class Comparison(NamedTuple):
         if not math.isfinite(low):
             return text
         if low <= 0.0 <= high:
-            interval = f"95 % interval {-high:+.1f} to {-low:+.1f} %"
-            return f"{method} cannot be told from {other} in time ({-gain:+.1f} %, {interval})"
+            interval = f"95 % interval: {high:.1f} % less to {-low:.1f} % more"
+            return f"{method} cannot be told from {other} in time ({interval})"
         near, far = sorted((abs(low), abs(high)))
         return f"{text} (95 % interval {near:.1f} to {far:.1f} %)"
 

@@ -188,6 +188,14 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     assert there == ["the page", "move_base"]
 
 
+@pytest.mark.parametrize(("word", "line"), [("world:=generated:999", "no worlds"), ("robot:=foo", "robot foo: give")])
+def test_play_refuses_a_wrong_world_or_robot_before_anything_starts(word, line, monkeypatch):
+    monkeypatch.setattr(play, "own_stack", lambda _: pytest.fail("the stack starts"))
+    monkeypatch.setattr("sys.argv", ["play.py", word])
+    with pytest.raises(ApplrError, match=line):
+        play.main()
+
+
 def test_a_recording_loses_nothing(tmp_path, monkeypatch):
     """No bag is written over, and none is written where nobody looks for it."""
     monkeypatch.setattr(record, "become", lambda *_: pytest.fail("rosbag starts"))

@@ -20,6 +20,7 @@ from applr_ros1.nodes.viewer.race import RaceTab, TimedDrive, verdict
 from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import free_port, session, wait_for
+from worlds import Course
 
 viser = pytest.importorskip("viser")
 pytestmark = pytest.mark.ros
@@ -101,7 +102,7 @@ def state(viewer):
 
 def drive(who, seconds, touched=False):
     """In generated:0; seconds: nan where it did not arrive."""
-    ended = "gave up" if np.isnan(seconds) else "finished"
+    ended = "gave up" if np.isnan(seconds) else "arrived"
     return TimedDrive(who, "generated:0", 0.0, True, ended=ended, seconds=seconds, touched=touched)
 
 
@@ -120,7 +121,7 @@ def test_a_race_ends_with_who_was_best_by_how_much(of_policy, of_default, says):
     assert verdict([drive("policy", *of_policy)]) == ""
 
 
-class Course:
+class Track:
     """What a RaceTab needs of world, robot and pilot; each method has a speed [m/s] and drives to x = 3 m."""
 
     SPEEDS = {"dwa": 0.5, "applr": 1.0}
@@ -166,15 +167,36 @@ class Course:
 
 
 def test_a_race_times_the_methods_one_after_the_other(viewer, monkeypatch):
-    course = Course(monkeypatch)
+    course = Track(monkeypatch)
     tab = RaceTab(viewer.server, course, course, {METHODS[name]: name for name in ("dwa", "applr", "hand")})
     tab._begin()
     while not course.said:
         course.step(tab)
         time.sleep(0.01)
     assert re.fullmatch(r"policy took \d+.\d % less time than default parameters", *course.said)
-    assert [(one.who, one.ended) for one in tab.drives] == [("default parameters", "finished"), ("policy", "finished")]
+    assert [(one.who, one.ended) for one in tab.drives] == [("default parameters", "arrived"), ("policy", "arrived")]
     assert set(tab._ghosts) == {"default parameters", "policy"}
+    assert tab.result == f"arrived after {tab.drives[-1].seconds:.1f} s"
+    monkeypatch.setattr("applr_ros1.nodes.viewer.race.SETTLING", 0.0)
+    for x, start in ((3.1, 0.0), (2.0, 2.0)):  # from the start where it stands at the end, else from where it stands
+        course.x = x
+        tab.go((x, 0.0, 0.0))
+        assert (course.x, course.under_way) == (start, True)
+    course.step(tab)
+    assert tab.result == ""
+
+
+@pytest.mark.parametrize("finish", [5.0, None])
+def test_the_end_of_the_course_is_drawn(viewer, finish):
+    viewer.scene.show_end(Course((1.0, 0.0, 0.0), (3.0, 4.0, 0.0), finish, 0.5, np.zeros((0, 2))))
+    x, y = viewer.scene._finish.handle.points[..., 0], viewer.scene._finish.handle.points[..., 1]
+    if finish:
+        assert (y == finish).all()
+        assert (x.min(), x.max()) == (1.0 - 2.25, 1.0 + 2.25)
+    else:
+        assert np.hypot(x - 3.0, y - 4.0) == pytest.approx(0.5)
+    viewer.scene.show_end(None)
+    assert not viewer.scene._finish.handle.visible
 
 
 def test_a_click_on_the_ground_sets_a_goal(ros, viewer):

@@ -63,13 +63,13 @@ def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: S
         f"<h1>{html.escape(title)}</h1>",
         *(f"<p class=verdict>{html.escape(s)}</p>" for s in said or summary(results)),
     ]
-    body += shown[:1]
+    body += [table.html() for table in tables[:1]] + shown[:1]
     if drives.write(results, out, title):
         paths = next((file for file, _ in pictures if file.startswith("paths_")), "")
         picture = f'<img src="{html.escape(paths)}" alt="driven paths">' if paths else ""
         said = "The drives of all methods side by side, world by world, as an animation"
         body.append(f'<h2>Drives</h2><a class=drives href="{drives.FILE}">{picture}{said}</a>')
-    body += [table.html() for table in tables] + shown[1:]
+    body += [table.html() for table in tables[1:]] + shown[1:]
     body += ["<h2>How it was measured</h2>", *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results))]
     view = '<meta name=viewport content="width=device-width,initial-scale=1">'
     head = f"<meta charset=utf-8>{view}<title>{html.escape(title)}</title><style>{STYLE}</style>"

@@ -1,4 +1,4 @@
-"""What an evaluation says in three sentences: who is faster, who fails, and what the sample can show. page.py asks."""
+"""What an evaluation says in three sentences: who arrives, who is faster, what the sample can show. page.py asks."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ def summary(results: Results) -> List[str]:
     found = {method: results.compare(method, base, worlds) for method in results.rivals}
     pace = [one.sentence(method, base) for method, one in found.items() if one.worlds]
     if not pace:
-        pace = [f"{base} took {results.of(base, worlds).counted.mean():.1f} s on average, and no other to compare"]
+        pace = [f"there is no other method to compare {base} with"]
     driven = [trials for trials in (results.of(method, worlds) for method in results.methods) if len(trials)]
     return [
-        f"In {where}, a failed trial counting as {FAILURE_SECONDS:g} s, {'; '.join(pace)}.",
-        f"Of all trials {'; '.join(_ends(trials) for trials in driven)}.",
+        f"In {where} {'; '.join(_ends(trials) for trials in driven)}.",
+        f"Where a failed drive counts as {FAILURE_SECONDS:g} s, {'; '.join(pace)}.",
         _sample(driven, len(worlds), [(one.gain.high - one.gain.low) / 2 for one in found.values()]),
     ]
 
 
 def _ends(trials: pd.DataFrame) -> str:
-    """How many trials of a method failed, and how many had a contact."""
-    failed, touched = (~trials.success).sum(), trials.collided.sum()
-    ends = f"fails in {failed or 'none'} of {len(trials)} and touches something in {touched or 'none'}"
-    return f"{trials.method.iloc[0]} {ends}"
+    """How many trials of a method arrived, in what time, and how many had a contact."""
+    good, touched = trials[trials.success], trials.collided.sum()
+    how = f"arrived in {len(good) or 'none'} of {len(trials)} drives"
+    how += f", after {good.time_s.mean():.1f} s on average" if len(good) else ""
+    return f"{trials.method.iloc[0]} {how}, and touched something in {touched or 'none'}"
 
 
 def _sample(driven: List[pd.DataFrame], worlds: int, halves: List[float]) -> str:

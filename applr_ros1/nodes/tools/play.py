@@ -12,7 +12,9 @@ import webbrowser
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 
+import worlds
 from applr_ros1.nodes.viewer import admission
+from applr_ros1.robots.check import usable
 
 from .launcher import given_arguments, launch_arguments, own_stack, say
 
@@ -39,7 +41,10 @@ def main():
     )
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
-    given.update(given_arguments(options.words, launch_arguments()))
+    defaults = launch_arguments()
+    given.update(given_arguments(options.words, defaults))
+    usable(given.get("robot", defaults["robot"]))  # what is wrong with these two ends here, in one line
+    worlds.load(given.get("world", defaults["world"]))
     token = os.environ[admission.TOKEN] = admission.token()
     # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there
     known = re.compile(rf"http://{re.escape(given['viewer_host'])}:\d+/{re.escape(token)}/")

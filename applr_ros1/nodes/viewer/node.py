@@ -75,7 +75,7 @@ class Viewer:
         self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
 
     def _go(self) -> None:
-        self._world.drive_course()
+        self._race.go(self.scene.pose)
 
     def _stop(self) -> None:
         self._race.end()
@@ -119,6 +119,7 @@ class Viewer:
         self.panel.look()
         if self._world.look():
             self.scene.forget()
+            self.scene.show_end(self._world.course)
         self.scene.draw(speed, driving)
         if self._race.look(self.scene.pose, goal):
             self.scene.begin_trail()
@@ -134,15 +135,18 @@ class Viewer:
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [f"{self._robot.name} in {self._world.name}" if self._world.name else self._robot.name]
         lines += [] if self._ready else [STARTS]
-        lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"]
+        now = f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"
+        result = "" if driving or silence else self._race.result
+        lines += [] if result else [now]
         lines += [f"parameters by {self.pilot.who}"]
         lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
-        text = "\n".join([*lines, *silence])
+        text = "\n".join([result, *lines, *silence])
         if text != self.text:
             self.text = text
             shown = [html.escape(line) for line in lines]
             shown += [f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence]
-            self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
+            large = f'<div style="font-size: 1.6em">{html.escape(result)}</div>' if result else ""
+            self._status.content = f'<div style="padding: 4px 14px">{large}{"<br>".join(shown)}</div>'
 
     def close(self) -> None:
         """End the page."""

@@ -18,7 +18,8 @@ from .pilot import METHODS, Pilot
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 FILES = {"static": "static.json", "appld": "appld.safetensors"}  # that a robot may lack
-WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", "goal reached", "gave up", "goal rejected")
+ARRIVED = "arrived"
+WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", ARRIVED, "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 SILENT = 3.0  # seconds after which a topic counts as silent, the clock as standing

@@ -16,7 +16,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.drives.comparison import compare
 from applr_ros1.robots import Robot
 
-from .panel import UNDER_WAY, WORDS
+from .panel import ARRIVED, UNDER_WAY, WORDS
 from .pilot import METHODS, Pilot
 from .shapes import PALETTE, Lines, Model
 from .world import WorldTab
@@ -29,7 +29,6 @@ SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps s
 BREAK = 2.0  # wall seconds between two rounds of the ghosts
 TABLE = 12  # drives in the table
 NOBODY, THEN = "nobody", ", then "
-FINISHED = "finished", WORDS[3]
 
 
 @dataclass
@@ -48,7 +47,7 @@ class TimedDrive:
     @property
     def arrived(self) -> bool:
         """Whether it ended at its goal."""
-        return self.ended in FINISHED
+        return self.ended == ARRIVED
 
     @property
     def score(self) -> float:
@@ -130,12 +129,26 @@ class RaceTab:
             if pose is not None:
                 drive.rows.append((drive.seconds, *pose))
             if drive.of_course and self._is_done(pose):
-                self._finish("finished")
+                self._finish(ARRIVED)
                 self._world.stop()
             elif goal is not None and not under_way:
                 self._finish(WORDS[goal.status])
         self._move_ghosts()
         return begun
+
+    @property
+    def result(self) -> str:
+        """How the last drive ended; "" before the first, and while one is under way."""
+        if self._now is not None or not self.drives:
+            return ""
+        last = self.drives[-1]
+        return f"{last.ended} after {last.seconds:.1f} s" + ", touched something" * last.touched
+
+    def go(self, pose: Optional[Pose]) -> None:
+        """Drive the course; a robot at its end goes back to the start first."""
+        if self._is_done(pose) and self._world.reset():
+            time.sleep(SETTLING)
+        self._world.drive_course()
 
     def _is_done(self, pose: Optional[Pose]) -> bool:
         """Whether the robot is at the end of the course."""

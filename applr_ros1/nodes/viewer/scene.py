@@ -35,6 +35,7 @@ JUMP = 0.5  # m between two points that belong to different trajectories, or dri
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 MARKS = (215, 25, 180)  # where movers will be
 SIDES = 20  # of a drawn cylinder
+FINISH = 2.25  # m from the middle of a finish line to its ends, at the robot's scale
 VIEWS = {"behind": (3.5, 2.5, 1.0), "above": (1e-3, 9.0, 0.0), "free": None}  # m back, up, and looked at ahead
 
 
@@ -62,6 +63,7 @@ class Scene:
             name: scene.add_frame("/" + name, show_axes=False, visible=name not in HIDDEN) for name in LAYERS
         }
         self._model = Model(scene, "/robot", robot, ROBOT, None)
+        self._world = scene.add_frame("/world", show_axes=False)
         look = {"point_size": 0.03, "visible": False}
         self._scan = scene.add_point_cloud("/scan/points", np.zeros((1, 3)), (220, 40, 40), **look)
         self._plan = Lines(scene, "/global plan/line", (60, 120, 230), 0.03)
@@ -71,10 +73,10 @@ class Scene:
         self._arrows = Lines(scene, "/movers/arrows", MARKS, 0.05)
         self._trail_line = Lines(scene, "/trail/line", (0, 0, 0), 0.05)
         self._costmaps = {name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
+        self._finish = Lines(scene, "/world/finish", (40, 170, 80), 0.08)
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose, self._trail = None, []  # type: Any, List[Tuple[float, float, float]]
-        self._world = scene.add_frame("/world", show_axes=False)
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles
         self._view = next(iter(VIEWS))
@@ -108,6 +110,17 @@ class Scene:
         self._scan.visible = self._marks.visible = False
         for shown in (*self._of_goal, *(costmap.handle for costmap in self._costmaps.values())):
             shown.visible = False
+
+    def show_end(self, course: Any) -> None:
+        """Draw where a course ends: its finish line, or the circle about its goal. course: in the world's frame."""
+        points = np.zeros((0, 2))
+        if course is not None and course.finish_y is not None:
+            half = FINISH * self._robot.world_scale
+            points = np.array([(course.start[0] + side, course.finish_y) for side in (-half, half)])
+        elif course is not None:
+            around = np.linspace(0.0, 2.0 * math.pi, SIDES + 1)
+            points = course.goal[:2] + course.goal_tolerance * np.column_stack([np.cos(around), np.sin(around)])
+        self._finish.path(points, 0.02)
 
     def _draw_world(self) -> None:
         place = self._listener.frame_pose("world")

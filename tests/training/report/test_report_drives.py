@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.policy.parameter_space import SPACE
+from tests.support import HANGS
 from tests.support.toy_runner import SETTINGS
 from training.evaluation import store as trial_store
 from training.evaluation import trials
@@ -48,6 +51,7 @@ def test_the_page_holds_what_was_driven(folder):
     text = (folder / "report" / drives.FILE).read_text(encoding="utf-8")
     assert 'href="drives.html"' in Path(index).read_text()
     assert not re.search(r"https?:|//[a-z]+\.|src=|@import|url\(", text)
+    assert 'href="index.html"' in text  # the way back
     page = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL).group(1))
     assert [m["name"] for m in page["methods"]] == list(METHODS)
     (world,) = page["worlds"]  # the other's file has gone
@@ -120,3 +124,15 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
         line = capsys.readouterr().err
         assert words in line
         assert line.count("\n") == 1
+
+
+@pytest.mark.skipif(shutil.which("chromium-headless-shell") is None, reason="no headless Chromium here")
+def test_a_drive_begins_at_its_beginning_and_the_panels_fill_the_width(folder):
+    write(folder)
+    page = (folder / "report" / drives.FILE).as_uri()
+    options = ("--no-sandbox", "--disable-gpu", "--window-size=1440,900", "--virtual-time-budget=1000", "--dump-dom")
+    done = subprocess.run(["chromium-headless-shell", *options, page], capture_output=True, text=True, timeout=HANGS)
+    assert re.search(r'<span id="clock">0.0 / \d+.\d s</span>', done.stdout)
+    widths = [float(width) for width in re.findall(r'class="panel" style="width: (.*?)px;', done.stdout)]
+    assert len(widths) == 2
+    assert 1350.0 < sum(widths) < 1440.0
