@@ -215,6 +215,8 @@ class UrdfFile:
                 file = os.path.join(os.path.dirname(self.path), re.sub("^file://", "", mesh.filename))
             loaded: Any = trimesh.load(file, force="mesh", skip_materials=True)
             corners = np.asarray(loaded.vertices)
+            if file.lower().endswith(".dae"):  # which RViz and Gazebo read in its own unit
+                corners = corners * trimesh.units.unit_conversion(loaded.units or "meters", "meters")
         except Exception:  # of the readers of a dozen formats
             corners = np.empty((0, 3))
         if not len(corners):

@@ -9,6 +9,7 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.robots import xacro_file
 from applr_ros1.robots.default_space import default_space
+from applr_ros1.robots.urdf_file import UrdfFile
 from training import check_robot, new_robot
 
 pytest.importorskip("yourdfpy")
@@ -231,6 +232,14 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
     assert (robot.body.size, robot.body.bottom) == ((0.4, 0.42, 0.16), -0.01)
     assert (robot.laser.pose[2], robot.laser.first_angle, robot.laser.last_angle) == (0.5, -1.2, 1.5)
     assert (robot.monitor.deceleration, robot.monitor.yaw_deceleration) == (1.5, 12.0)
+
+
+def test_a_collada_mesh_has_its_own_unit(tmp_path):
+    mesh = trimesh.creation.box((400, 300, 100)).export(file_type="dae").decode()
+    (tmp_path / "hull.dae").write_text(mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>'))
+    (tmp_path / "a.urdf").write_text('<robot name="a">' + link("base_link", '<mesh filename="hull.dae"/>') + "</robot>")
+    (box,) = UrdfFile(str(tmp_path / "a.urdf"), {}).boxes(["base_link"])
+    assert (box[1] - box[0]).tolist() == pytest.approx([0.4, 0.3, 0.1])
 
 
 def test_a_robot_without_laser_is_asked_for_one(make):

@@ -18,6 +18,7 @@ import lz4.frame
 import numpy as np
 import yaml
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -184,27 +185,30 @@ def refused(path) -> Iterator[None]:
         raise BagError(f"{path}: damaged or not a bag ({reason(error)}){remedy}") from None
 
 
-class _NeededTopics(rosbag1.Reader):
-    """A reader of a ROS 1 bag that only knows the topics that are needed: a definition of another one may be wrong."""
+def _only_needed(reader: Any, path: Path, topics: TopicNames, is_ros1: bool) -> None:
+    """A reader of a bag knows the topics that are needed alone once it is open: definitions of others may be wrong.
 
-    def __init__(self, path: Path, topics: TopicNames):
-        super().__init__(path)
-        self._topics = topics
+    It raises BagError for the definition of a needed topic that cannot be read.
+    """
+    plain = reader.open
 
-    def open(self) -> None:
-        """As rosbag1.Reader; BagError for the definition of a needed topic that cannot be read."""
-        super().open()
-        self.connections = [c for c in self.connections if self._topics.needs(c.topic)]
-        for connection in self.connections:
+    def opened() -> None:
+        plain()
+        reader.connections[:] = [c for c in reader.connections if topics.needs(c.topic)]
+        for connection in reader.connections:
+            if connection.msgdef.format != MessageDefinitionFormat.MSG:
+                continue
             try:
                 store = get_typestore(Stores.EMPTY)
                 store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-                right = store.generate_msgdef(connection.msgtype)[1] == connection.digest
+                right = not is_ros1 or store.generate_msgdef(connection.msgtype)[1] == connection.digest
             except Exception:  # of a parser that was not made for what is no definition
                 right = False
             if not right:
                 what = f"{connection.topic} is {connection.msgtype}, whose message definition in the bag is wrong"
-                raise BagError(f"{self.path}: {what}: record it with another publisher")
+                raise BagError(f"{path}: {what}: record it with another publisher")
+
+    reader.open = opened
 
 
 def _open(path: Path, topics: TopicNames) -> AnyReader:
@@ -229,8 +233,8 @@ def _open(path: Path, topics: TopicNames) -> AnyReader:
     storage_mcap.DECOMPRESSORS["lz4"] = lambda data, size: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, size: unpack(storage_mcap.zstd.ZstdDecompressor, data)
     reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-    if not reader.is2:
-        reader.readers = [_NeededTopics(path, topics)]
+    for inner in reader.readers:
+        _only_needed(inner, path, topics, not reader.is2)
     return reader
 
 

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rosbags import rosbag2
 from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader, Writer
+from rosbags.rosbag2 import StoragePlugin
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import transform_point
@@ -355,6 +357,29 @@ def test_only_the_definitions_of_needed_topics_decide(tmp_path, name):
     with_definition(tmp_path / "needed.bag", "/cmd_vel", *ODD[name])
     with pytest.raises(BagError, match=f"/cmd_vel is {ODD[name][0]}, whose message definition in the bag is wrong"):
         rebuild(tmp_path / "needed.bag")
+
+
+@pytest.mark.parametrize("storage", StoragePlugin)
+def test_of_a_ros_2_bag_too(tmp_path, storage):
+    record(tmp_path / "whole.bag")
+    convert([tmp_path / "whole.bag"], tmp_path / "whole", "sqlite3", 9, None, "none", None, None, (), (), (), ())
+    with rosbag2.Reader(tmp_path / "whole") as reader:
+        for topic in ("/odd", "/cmd_vel"):
+            with rosbag2.Writer(tmp_path / topic[1:], version=9, storage_plugin=storage) as writer:
+                new = {
+                    c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest)
+                    for c in reader.connections
+                    if c.topic != topic
+                }
+                kind, text = ODD["cut"]
+                odd = writer.add_connection(topic, kind, msgdef=text, rihs01="RIHS01_" + "1" * 64)
+                for connection, time, raw in reader.messages():
+                    writer.write(new.get(connection.id, odd), time, raw)
+                writer.write(odd, time, bytes(8))
+    (trajectory,), _ = rebuild(tmp_path / "odd")
+    assert len(trajectory) == 5
+    with pytest.raises(BagError, match="/cmd_vel is x_msgs/msg/State, whose message definition in the bag is wrong"):
+        rebuild(tmp_path / "cmd_vel")
 
 
 @pytest.mark.fault("18")
