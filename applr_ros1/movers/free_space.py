@@ -14,9 +14,9 @@ SCANS = 7  # that are kept ...
 APART = 0.14  # ... at least so far apart [s]
 DEEP = 0.12  # [m]: a beam has to go on beyond a point for so long ...
 BESIDE, TURNED = 0.06, 0.02  # ... as have those beside it: by so much [m, rad] poses and edges may be wrong
-# of a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad], range_min [m], beams, and how fast
-# the robot turned [rad/s]
-STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE = range(9)
+# of a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad], range_min [m], beams, how fast the
+# robot turned [rad/s], and how far between its first and its last beam [rad]
+STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
 
 
 class FreeSpace:
@@ -24,13 +24,13 @@ class FreeSpace:
 
     Attributes:
         ranges: (SCANS, at least n) float32: how far each beam saw [m]; 0 where that is not known.
-        fans: (SCANS, 9) float64, as STAMP to RATE say; stamp -inf: none yet.
+        fans: (SCANS, 10) float64, as STAMP to SWEPT say; stamp -inf: none yet.
         newest: the row that was taken last.
     """
 
     def __init__(self):
         self.ranges = np.zeros((SCANS, 0), np.float32)
-        self.fans = np.zeros((SCANS, 9))
+        self.fans = np.zeros((SCANS, 10))
         self.clear()
 
     def clear(self):
@@ -43,7 +43,7 @@ class FreeSpace:
         return stamp - self.fans[self.newest, STAMP] >= APART - 1e-3
 
     def take(self, depth, fan):
-        """Keep a scan in place of the oldest: depth (n,) as in `ranges`, fan (9,) as in `fans`."""
+        """Keep a scan in place of the oldest: depth (n,) as in `ranges`, fan (10,) as in `fans`."""
         n = len(depth)
         if n > self.ranges.shape[1]:
             self.ranges = np.pad(self.ranges, ((0, 0), (0, n - self.ranges.shape[1])))
@@ -70,7 +70,7 @@ def depths(ranges, range_min, range_max, out):
 def sees_through(depth, fan, x, y, turned):
     """Whether all beams of a scan that pass near the point (x, y) [m] go on beyond it.
 
-    depth: (at least n,), fan: (9,) as in FreeSpace; turned: possible error of the bearing beyond TURNED [rad].
+    depth: (at least n,), fan: (10,) as in FreeSpace; turned: possible error of the bearing beyond TURNED [rad].
     """
     dx, dy = x - fan[X], y - fan[Y]
     distance = math.sqrt(dx * dx + dy * dy)

@@ -22,7 +22,6 @@ PAUSE = 1.0  # [s] without a scan, or by which a stamp is older: another time ha
 FASTER = 1.5  # a pose that changes so many times as fast as the base can: another place
 SHIFT, TURN = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
 SMOOTH = 0.1  # [s]: time constant of the measured speed and turn rate
-LATENCY, OF_A_SCAN = 0.04, 0.5  # [s, periods] by which the stamps of poses and beams may differ
 
 
 class Movers(NamedTuple):
@@ -47,11 +46,13 @@ class MoverTracker:
     Args:
         max_speed: of the base [m/s]; a pose that changes much faster starts anew.
         max_yaw_rate: of the base [rad/s].
+        period: between two scans [s]. So long takes a laser, whatever its driver says, that measures beam by beam.
         reach: distance [m] from the laser within which movers are followed.
     """
 
-    def __init__(self, max_speed: float, max_yaw_rate: float, reach: float = REACH):
-        self.max_speed, self.max_yaw_rate, self.reach = float(max_speed), float(max_yaw_rate), float(reach)
+    def __init__(self, max_speed: float, max_yaw_rate: float, period: float, reach: float = REACH):
+        self.max_speed, self.max_yaw_rate = float(max_speed), float(max_yaw_rate)
+        self.period, self.reach = float(period), float(reach)
         self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
         self._history = np.empty((tracks.SCANS, tracks.MAX_TRACKS, 6))
         self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
@@ -61,8 +62,8 @@ class MoverTracker:
 
     @classmethod
     def of(cls, robot: Robot) -> MoverTracker:
-        """A tracker for a robot's base."""
-        return cls(robot.base.max_speed, robot.base.max_yaw_rate)
+        """A tracker for a robot's base and laser."""
+        return cls(robot.base.max_speed, robot.base.max_yaw_rate, 1.0 / robot.laser.rate)
 
     def reset(self) -> None:
         """Nothing has been seen. To be called when time or odometry jumps; update() sees most jumps by itself."""
@@ -72,6 +73,7 @@ class MoverTracker:
         self._last: Optional[tuple] = None  # stamp and pose of the last scan
         self._correction: Pose = (0.0, 0.0, 0.0)  # of the odometry's poses, by what stands
         self._turning = self._speed = 0.0  # of the laser by the odometry [rad/s, m/s]
+        self._rates = 0.0, 0.0  # how fast it turned before the last two scans [rad/s]
 
     def update(self, scan: LaserScan) -> Movers:
         """Take a scan, whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
@@ -97,6 +99,7 @@ class MoverTracker:
             rate = normalize_angle(yaw - self._last[1][2]) / dt
             speed = math.hypot(x - self._last[1][0], y - self._last[1][1]) / dt
             share = 1.0 - math.exp(-dt / SMOOTH)
+            self._rates = self._rates[1], abs(rate)
             self._turning += share * (rate - self._turning)
             self._speed += share * (speed - self._speed)
         self._last = scan.stamp, (x, y, yaw)
@@ -118,13 +121,13 @@ class MoverTracker:
         limits = first, step, float(scan.range_min), float(scan.range_max)
         depth = np.empty(n, np.float32)
         depths(ranges, *limits[2:], depth)
-        fan = np.array((now, *sensor, *limits[:3], n, self._turning))
+        swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
+        fan = np.array((now, *sensor, *limits[:3], n, self._turning, swept))
         table = beam_directions(first, step, n)
         count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST, self.reach, self._clusters)
         before = self._free.ranges, self._free.fans
-        latency = max(LATENCY, OF_A_SCAN * dt)
         given = self._tracks, self._history, self._clusters, count
-        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed, latency)
+        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
         self._correction = compose(sensor, inverse(self._last[1]))
         self._number = tracks.begin(self._tracks, self._clusters, count, taken, now, self._number)
         if self._free.due(now):

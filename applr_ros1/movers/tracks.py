@@ -12,7 +12,7 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, MAX_CLUSTERS, POINTS, RADIUS, centre
-from applr_ros1.movers.free_space import RATE, SCANS, STAMP, sees_through
+from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
 from applr_ros1.movers.slip import VOTES, shift, slip
 
 MAX_TRACKS = 192
@@ -24,6 +24,8 @@ COLUMNS = 19
 
 ACCELERATION = 0.2  # [m^2/s^3]: spectral density of the acceleration
 BEARING = 0.005  # [rad]: standard deviation of a bearing in the odometry's frame
+LATENCY = 0.04  # [s] by which stamps of scans and poses may differ: bearings err where the robot's turn changes
+BENT = 0.15  # [rad]: scans during which the robot turns by more show nothing that moves
 FIRST_SPEED = 1.5  # [m/s]: standard deviation of the velocity of a new track
 GATE = 9.0  # squared deviations up to which a cluster may be a track's
 SUDDEN = 1.0  # [m/s] by which a velocity may change from scan to scan
@@ -115,17 +117,17 @@ def correct(row, cluster, sensor, dt):
 
 
 @kernel
-def has_moved(points, history, ranges, fans, depth, fan, latency):
+def has_moved(points, history, ranges, fans, depth, fan):
     """Whether a cluster's points (6,) are where a scan saw through, or the newest sees through where they were.
 
     history: (SCANS, 6), NaN where there was no cluster; ranges, fans: FreeSpace's; depth, fan: of the newest scan.
-    latency: by which stamps of scans and poses may differ [s]: bearings err by it where the robot's turn changes.
     """
     for s in range(SCANS):
-        if fans[s, STAMP] == -math.inf:
+        swept = max(fan[SWEPT], fans[s, SWEPT])
+        if fans[s, STAMP] == -math.inf or swept > BENT:
             continue
         came = left = 0
-        turned = latency * abs(fan[RATE] - fans[s, RATE])
+        turned = LATENCY * abs(fan[RATE] - fans[s, RATE]) + swept
         for k in range(0, 6, 2):
             came += sees_through(ranges[s], fans[s], points[k], points[k + 1], turned)
             if not math.isnan(history[s, k]):
@@ -136,7 +138,7 @@ def has_moved(points, history, ranges, fans, depth, fan, latency):
 
 
 @kernel
-def follow(tracks, history, clusters, count, scan, before, dt, speed, latency):
+def follow(tracks, history, clusters, count, scan, before, dt, speed):
     """One scan's step of all tracks.
 
     Args:
@@ -144,11 +146,10 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed, latency):
         history: (SCANS, MAX_TRACKS, 6): the points of each track's cluster in the kept scans.
         clusters: of the scan.
         count: how many there are.
-        scan: how far its beams saw (n,), its fan (9,), the laser's pose.
+        scan: how far its beams saw (n,), its fan (10,), the laser's pose.
         before: FreeSpace's ranges and fans.
         dt: since the last scan [s].
         speed: of the laser by the odometry [m/s].
-        latency: as has_moved takes it.
 
     Returns:
         (MAX_TRACKS,) the number of each track's cluster, -1 without one; (MAX_CLUSTERS,) which clusters have a track;
@@ -180,7 +181,7 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed, latency):
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
         clear = max(SLOWEST, CLEAR * math.sqrt(row[VV]))
         if own > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
-            if has_moved(clusters[found[t], POINTS:], history[:, t], ranges, fans, depth, fan, latency):
+            if has_moved(clusters[found[t], POINTS:], history[:, t], ranges, fans, depth, fan):
                 row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST)
                 row[TIMES] += 1.0
                 row[EVIDENT] = now

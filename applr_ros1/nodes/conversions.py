@@ -185,7 +185,8 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
     stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
     rotation = None if abs(upright) > 1.0 - LEVEL else _rotation(transform)
     limits = message.range_min, message.range_max
-    return LaserScan(stamp, first, step, *limits, ranges, pose, z, rotation, origin)
+    sweep = abs(message.time_increment) * (len(ranges) - 1)
+    return LaserScan(stamp, first, step, *limits, ranges, pose, z, rotation, origin, sweep)
 
 
 def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:

@@ -29,7 +29,7 @@ class Scene:
         self.laser, self.noise = laser, noise
         self.lidar = Lidar(laser, cylinders, boxes)
         self.random = np.random.default_rng(1)
-        self.tracker = MoverTracker(2.0, 4.0)
+        self.tracker = MoverTracker(2.0, 4.0, 1.0 / laser.rate)
 
     def scan(self, time, pose=(0.0, 0.0, 0.0), movers=(), believed=None):
         ranges = self.lidar.scan(*pose, np.array(movers, dtype=float).reshape(-1, 3))
@@ -94,6 +94,20 @@ def test_turning_makes_no_movers(rate):
         scene = Scene(laser, PILLARS)
         result = scene.watch(3.0, lambda t: (0, 0, turn(t)), believed=lambda t: (0, 0, turn(t - 0.03)))
         assert sum(counts(result)) == 0
+
+
+@pytest.mark.parametrize("rate", [0.6, 1.5])
+def test_a_laser_that_spins_slower_than_the_robot_turns_makes_no_movers(rate):
+    """The beams of a burger's scan are measured in .2 s, one after the other, and have one stamp and pose. Its driver states 10 ms."""
+    scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
+    turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
+    for t in np.arange(0.0, 6.0, 0.2).tolist():
+        whole = replace(scene.scan(t, (0.0, 0.0, turn(t))), sweep=0.01)
+        for part in range(parts):
+            then = t + 0.2 * part / parts
+            beams = slice(part * BURGER.beams // parts, (part + 1) * BURGER.beams // parts)
+            whole.ranges[beams] = scene.scan(then, (0.0, 0.0, turn(then))).ranges[beams]
+        assert len(scene.tracker.update(whole).id) == 0
 
 
 def test_a_wall_seen_under_a_new_angle_stands():

@@ -110,6 +110,9 @@ def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():
     place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
     hanging = conversions.laser_scan(message, ranges, place)
     assert hanging.rotation is None
+    assert hanging.sweep == 0.0
+    message.time_increment = -0.01
+    assert conversions.laser_scan(message, ranges, place).sweep == pytest.approx(0.02)
     points = sorted(project(hanging).points.tolist())
     expected = [(1.0 + r * math.cos(0.3 - a), 2.0 + r * math.sin(0.3 - a), 0.5) for r, a in zip(ranges, angles)]
     np.testing.assert_allclose(points, sorted(expected), atol=1e-5)

@@ -26,7 +26,7 @@ class LaserScan:
     Angles [rad], ranges (n,) float32 [m], +inf = no return; `sensor_pose` (x, y, yaw) is the laser's pose in the
     costmap's frame at `stamp` [s], `sensor_height` its z [m]. rotation: quaternion (x, y, z, w) of a laser that is not
     level or hangs upside down, in place of the yaw. origin: where the rays start [m] if that is not the laser's place
-    (the parameter sensor_frame).
+    (the parameter sensor_frame). sweep: time [s] from the first beam to the last, 0 where they are measured at once.
     """
 
     stamp: float
@@ -39,6 +39,7 @@ class LaserScan:
     sensor_height: float = 0.0
     rotation: Optional[Quaternion] = None
     origin: Optional[Point] = None
+    sweep: float = 0.0
 
 
 @dataclass
