@@ -98,8 +98,8 @@ class Judge:
         return (
             f"position {np.median(self.position):.2f} m, velocity {median:.2f} m/s (rms {rms:.2f}, "
             f"{np.median(self.normal) / 0.83:.1f} deviations), delay {np.mean(self.delays):.2f} s, known "
-            f"{self.known / self.in_view:.2f}, {self.wrong / self.marks:.2f} of the marks elsewhere, {minutes:.1f} min, "
-            f"{took}"
+            f"{self.known / self.in_view:.2f}, {self.wrong / self.marks:.2f} of the marks elsewhere, "
+            f"{minutes:.1f} min, {took}"
         )
 
 

@@ -98,7 +98,7 @@ def test_turning_makes_no_movers(rate):
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_laser_that_spins_slower_than_the_robot_turns_makes_no_movers(rate):
-    """The beams of a burger's scan are measured in .2 s, one after the other, and have one stamp and pose. Its driver states 10 ms."""
+    """A burger's beams are measured in .2 s, one after the other, and have one stamp; its driver states 10 ms."""
     scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():
