@@ -10,6 +10,7 @@ clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.js
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 from contextlib import closing
@@ -26,14 +27,15 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import read_json, sha256, write_json
+from applr_ros1.common.files import read_json, sha256, write_bytes, write_json
 from applr_ros1.drives.comparison import Estimate
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots import NAMES, Robot, load, measured
+from applr_ros1.robots.reader import FILE
 from sim_bridge import Randomisation
 from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
@@ -51,8 +53,11 @@ from training.report import page
 from training.report.tables import Table
 from training.report.verdict import KEEP, OWN, SET, paired_trials, tuned_verdict
 from training.tune import parameter_file
+from worlds import sdf_writer
+from worlds.loading import specs
 
 with extra(__name__):
+    from training.tune import bag
     from training.tune.search import SetTrials, blocks_of, finalists, last_race, said, search, set_trials, without_idle
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
@@ -61,6 +66,7 @@ KINEMATIC, SEARCHED, RACED, PUT_BACK = 0.35, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
 JUDGED = "pybullet"  # the simulator of all but the search's first part
 MOST, FEWEST = 6, 8  # blocks of drives in which a parameter is put back; courses of the verdict
+COPIES = 16  # of each course of a bag, moved; half of them are kept for the verdict
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in and to judge in
 RECIPE = Path(__file__).parent / "recipes" / "applr.yaml"  # how drives differ from the nominal robot in training
 T = TypeVar("T")
@@ -72,6 +78,11 @@ class TuneOptions(Options):
     # fmt: off
     robot: AnyRobot = Field(
         description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
+    bag: List[str] = option([],
+        "Bag of a drive with move_base, ROS 1 or 2, or a folder of them: half of the courses are then its course and "
+        "moved copies of it, and the robot has what the bag measures; may be given several times.")
+    anyway: bool = option(False,
+        "Go on where the simulated drive on a bag's course takes another time than the recorded one.")
     minutes: float = option(15.0, "Time [min] from the first drive to the verdict.", gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
         "What counts beside arriving without a contact: fast, the time; careful, also the distance from obstacles; "
@@ -114,10 +125,12 @@ def run(options: TuneOptions) -> int:
     robot, searched, unseen = options.robot, WORLDS, UNSEEN
     out = make_folder(options.out or os.path.join("tune", robot.name))
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
-    folder, space = out if included else Path(robot.folder), space_of(robot)
+    folder = out if included else Path(robot.folder)
     with continuable():
+        if options.bag:
+            robot, searched, unseen = recorded(options, out, folder)
         theta, worth, budget = find(options, robot, searched, out)
-        values = {name: value for name, value in space.as_dict(theta).items() if name in worth}
+        values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
             return 1
@@ -133,6 +146,34 @@ def run(options: TuneOptions) -> int:
     found = (folder if better else drives) / "tuned.yaml"
     print("\n".join([*sentences, "What each parameter saves per course:", *lines, f"set: {found}", f"page: {shown}"]))
     return 0 if better else 1
+
+
+def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str, str]:
+    """What bags say: the robot with the fields that they measure, and worlds to search and to judge in.
+
+    Half of the worlds are the bags' own: the courses and moved copies of them, others for the verdict.
+
+    Raises:
+        ApplrError: the bags hold no course, or the simulator does not agree with them.
+    """
+    found = bag.read(options.bag, options.robot, copies=COPIES)
+    check = found.check(seed=options.seed)
+    measured_fields = [f"{section}.{name}: {value}" for (section, name), value in found.fields.items()]
+    print("\n".join([*found.remarks, *measured_fields, *check.lines, check.sentence]), flush=True)
+    if not check.agrees and not options.anyway:
+        raise ApplrError(f"{check.sentence}; give --anyway to go on all the same")
+    text = measured.written((Path(options.robot.folder) / FILE).read_text(), found.fields)
+    place = out / options.robot.name
+    shutil.copytree(options.robot.folder, place, dirs_exist_ok=True)
+    for described in (place, folder) if folder != out else (place,):
+        write_bytes(described / FILE, text.encode())
+    halves: Tuple[List[str], List[str]] = [], []
+    for number, world in enumerate(found.worlds):
+        file = make_folder(out / "worlds") / f"{world.name}.world"
+        sdf_writer.write(world, str(file))
+        halves[number >= 2 * len(found.courses) and number // 2 % 2].append(str(file))
+    both = [[*half, *specs(made_up)[: len(half)]] for half, made_up in zip(halves, (WORLDS, UNSEEN))]
+    return load(str(place)), ",".join(both[0]), ",".join(both[1])
 
 
 def find(

@@ -188,13 +188,13 @@ for command in sys.argv[1:]:
 
 def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_one_line(tmp_path):
     pytest.importorskip("training.evaluate")
-    commands = ("appld", "bags_to_dataset", "compare_recording", "demonstrate", "static_search", "train")
+    commands = ("appld", "bags_to_dataset", "compare_recording", "demonstrate", "static_search", "train", "tune_robot")
     program = [sys.executable, "-c", WITHOUT_EXTRAS, *commands]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
-    assert "the report is without pictures: Python's matplotlib is not installed" in said[-8]
+    assert "the report is without pictures: Python's matplotlib is not installed" in said[-9]
     assert (tmp_path / "results/report/table_1.csv").exists()
     for line in said[-len(commands) :]:
         assert line.startswith("ended with: Python's "), line

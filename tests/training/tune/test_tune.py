@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,14 +11,17 @@ import pytest
 import rosparam
 import yaml
 
+import worlds
 from applr_ros1 import robots
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots.measured import Value
 from training import tune_robot
 from training.evaluation.plan import TrialResult
 from training.evaluation.score import AIMS
 from training.report import verdict as judging
 from training.tune import parameter_file
+from training.tune.bag import Check
 
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
 DRIVEN = []  # trials, each of which takes a second
@@ -93,6 +97,24 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert not searched & judged
 
 
+def test_blocks_begin_until_their_share_of_the_time_is_spent(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    def begun(before, fewest=1):
+        now[0] = 7.0
+        budget, found = tune_robot.Budget(100.0, before), []
+        for block in budget.until(0.5, range(10), fewest):
+            found.append(block)
+            now[0] += 20.0
+        return found
+
+    assert begun(0.0) == [0, 1, 2]
+    assert begun(15.0) == [0, 1]
+    assert begun(60.0) == [0]
+    assert begun(60.0, fewest=4) == [0, 1, 2, 3]
+
+
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
 def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal, capsys):
     before = sorted(jackal.iterdir())
@@ -120,6 +142,37 @@ def test_an_interrupted_search_goes_on(jackal, tmp_path, capsys, monkeypatch):
     assert whole[:2] == begun
     assert tune(jackal, "toy", "--seed", "1") == 0
     assert json.loads(log.read_text())["generations"][0] != begun[0]
+
+
+def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jackal, tmp_path, capsys, monkeypatch):
+    names = ["hall", "hall-wall", *(f"hall-{n}" for n in range(1, 9))]
+    agrees = [False]
+    said = SimpleNamespace(
+        worlds=[replace(worlds.load(f"generated:{50 + n}"), name=name) for n, name in enumerate(names)],
+        courses=[None],
+        fields={("laser", "noise"): Value(0.02, "m", 0.001, "52 scans")},
+        remarks=["drive.bag: no map in tf"],
+        check=lambda seed: Check(["hall: recorded 22 s, simulated 30 s"], agrees[0], "the simulator disagrees"),
+    )
+    monkeypatch.setattr(tune_robot.bag, "read", lambda paths, robot, copies: said if paths == ["drive.bag"] else None)
+    before = (jackal / "robot.yaml").read_text()
+    assert tune(jackal, "toy", "--bag", "drive.bag") == 1
+    printed = capsys.readouterr()
+    assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
+    assert "no map in tf" in printed.out
+    assert "laser.noise: 0.02 m +- 0.001 (52 scans)" in printed.out
+    assert (jackal / "robot.yaml").read_text() == before
+    DRIVEN.clear()
+    assert tune(jackal, "toy", "--bag", "drive.bag", "--anyway") == 0
+    searched = {task.world for task in DRIVEN if task.method == "set"}
+    judged = {task.world for task in DRIVEN if task.method != "set"}
+    halls = [{name for name in found if "hall" in name} for found in (searched, judged)]
+    assert halls[0] == {"hall", "hall-wall", "hall-3", "hall-4", "hall-7", "hall-8"}
+    assert halls[1] == {"hall-1", "hall-2", "hall-5", "hall-6"}
+    assert len(searched) == 12
+    assert len(judged) == 8
+    assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
+    assert robots.load(str(tmp_path / "out" / "jackal")).laser.noise == 0.02
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
