@@ -153,7 +153,7 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
     less = ["arrives less often"] if tuned.success.sum() < own.success.sum() else []
     less += ["touches something more often"] if tuned.collided.sum() > own.collided.sum() else []
     how += f", although {robot} {' and '.join(less)} with them" if less else ""
-    where = "This holds for the simulator and for courses of this kind, which the search did not use."
+    where = "This holds in simulation, with the collision monitor, on courses like these, which the search did not use."
     if saved > 0.0 and found.p < CLEAR:
         judged = f"The tuned parameters are better: {how}. {where}"
         return True, [_driven(trials, robot), judged, LOAD.format(file)]
