@@ -68,6 +68,10 @@ def read_urdf(
             f"{urdf.base} into a copy of the parameter file"
         )
     wheels = _wheels(urdf, set(driven))
+    fixed = [] if wheels else _loosened(urdf)
+    if fixed:
+        description.notes.append(f"taken for driven wheels, though they are fixed: {', '.join(fixed)}")
+        wheels = _wheels(urdf, set(fixed))
     base = description.values["base"]
     found, ahead = _drive(urdf, wheels, description.notes)
     base.update(found)
@@ -161,6 +165,24 @@ def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
         if name in wrong:
             raise ApplrError(f"{urdf.path}: {wrong[name]}: {_OURS}")
     return found
+
+
+def _loosened(urdf: UrdfFile) -> List[str]:
+    """Lets the largest things turn that stand on the ground, are round seen from the side and fixed; their joints."""
+    boxes = {joint.name: urdf.boxes([joint.child]) or urdf.boxes([joint.child], "visuals") for joint in urdf.joints}
+    round_ones = {}
+    for joint in (joint for joint in urdf.joints if joint.type == "fixed" and boxes[joint.name]):
+        box = around(boxes[joint.name])
+        x, y, z = box[1] - box[0]
+        if abs(x - z) < 0.1 * z and y < 0.9 * z:
+            round_ones[joint.name] = joint, box[0, 2], z
+    lowest = min((low for _, low, _ in round_ones.values()), default=0.0)
+    largest = max((z for _, low, z in round_ones.values() if low < lowest + z / 4), default=0.0)
+    found = {name: j for name, (j, low, z) in round_ones.items() if low < lowest + z / 4 and z > 0.9 * largest}
+    for joint in found.values():
+        joint.type, joint.axis = "continuous", urdf.pose(joint.child)[:3, :3].T @ [0.0, 1.0, 0.0]
+    urdf.moving.update((name, [j for j in urdf.above(name) if j.type != "fixed"]) for name in urdf.links)
+    return list(found)
 
 
 def _standing_still(urdf: UrdfFile) -> str:

@@ -263,11 +263,7 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
         (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
         (TWO.replace('"left"', '"mecanum_left"'), {}, "left_joint is of an omni base"),
-        (
-            TWO.replace('kind="continuous"', 'kind="fixed"').replace("continuous", "fixed"),
-            {},
-            "left_joint is fixed, .*make",
-        ),
+        (TWO.replace("continuous", "fixed").replace("-1.5707963", "0"), {}, "left_joint is fixed, .*make"),
         (
             TWO.replace('name="swivel_joint" type="continuous"', 'name="swivel_joint" type="revolute"'),
             {},
@@ -356,9 +352,20 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
             {},
         ),
         (PLAIN + "<material/><gazebo reference='nothing'><sensor/></gazebo>", {}),
+        (PLAIN.replace("continuous", "fixed"), {}),
         ("\n" + PLAIN, {"head": ' \n<?xml version="1.0"?><robot name="crate">', "tail": "</robot>"}),
     ],
-    ids=["transmissions", "plugin", "controller", "omni", "many turns", "sprung", "harmless parts", "blank"],
+    ids=[
+        "transmissions",
+        "plugin",
+        "controller",
+        "omni",
+        "many turns",
+        "sprung",
+        "harmless parts",
+        "all fixed",
+        "blank",
+    ],
 )
 def test_driven_wheels(make, urdf, more):
     status, said, file = make(urdf, **more)
@@ -366,6 +373,13 @@ def test_driven_wheels(make, urdf, more):
     base = yaml.safe_load(file.read_text())["base"]
     assert (base["drive"], base["track"], base["wheel_radius"]) == ("two_wheel", 0.24, 0.05)
     assert [-0.15, 0.0] in base["casters"]
+
+
+def test_fixed_wheels_are_named(make):
+    assert (
+        "remark: taken for driven wheels, though they are fixed: left_joint, right_joint\n"
+        in make(PLAIN.replace("continuous", "fixed"))[1]
+    )
 
 
 def test_what_cannot_be_is_remarked_and_a_base_frame_of_tf_is_taken(make):
