@@ -402,6 +402,17 @@ def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
     assert monitor.filter(0.3, pose, (0, 0), (1.5, 0.0)).action == PASS
 
 
+def test_a_sector_in_which_something_stood_in_less_than_half_of_it_is_not_believed_either():
+    """A wall of .7 m, 1.4 m ahead, and 28 m to everything else, which is too far to be expected again."""
+    monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
+    clean = np.minimum(scan_of(wall(1.4, 0.35), pose).ranges, np.float32(28.0))
+    failed = clean.copy()
+    failed[BEAMS * 3 // 8 : BEAMS * 5 // 8] = math.inf
+    for stamp, ranges in ((0.0, clean), (0.1, failed)):
+        monitor.see(scan_of([], pose, stamp, ranges=ranges))
+    assert monitor.filter(0.1, pose, (0, 0), (2.0, 0.0)).action == SLOW
+
+
 @pytest.mark.parametrize(("late", "ages"), [(0.3, (0.3, 0.0)), (0.0, (0.0, 0.3)), (0.0, (0.0, 0.0))])
 def test_what_is_old_counts_as_far_as_the_robot_may_have_come_since(late, ages):
     """A wall 1.1 m ahead of the body: with the old pose behind or in the body of 300 ms, 2 m/s do not pass as fresh."""
