@@ -30,13 +30,15 @@ class Clone:
         for name in ("requirements", "msg", "srv", "compat", *package):
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
 
-    def start(self, *words, stand_ins=(), **environment):
+    def start(self, *words, stand_ins=(), before=(), **environment):
         for name, body in dict(stand_ins).items():
             (self.programs / name).write_text("#!/bin/sh\n" + body + "\n")
             (self.programs / name).chmod(0o755)
         environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % self.programs, **environment)
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen([self.folder / "applr", *words], env=environment, start_new_session=True, **pipes)
+        return subprocess.Popen(
+            [*before, self.folder / "applr", *words], env=environment, start_new_session=True, **pipes
+        )
 
     def __call__(self, *words, **options):
         started = self.start(*words, **options)
@@ -51,7 +53,8 @@ class Clone:
 
     def quick(self, *words, **environment):
         """The same with a set-up that takes no time."""
-        return self(*words, stand_ins=QUICK, APPLR_PYTHON=str(self.programs / "python"), **environment)
+        stand_ins = {} if environment.get("before") else QUICK  # they are there already
+        return self(*words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment)
 
 
 @pytest.fixture
@@ -127,6 +130,19 @@ def test_ros_writes_into_the_clone_where_the_user_has_no_home(clone, tmp_path, g
     for home, expected in (("/proc/none", str(tmp_path / ".applr" / "ros")), (str(tmp_path), "")):
         code, _ = clone.quick("exec", "sh", "-c", "echo $ROS_HOME", HOME=home, ROS_HOME=given)
         assert (code, clone.stdout.strip()) == (0, given or expected)
+
+
+def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_path):
+    """As in an image that root has made."""
+    how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
+    read_only = ["unshare", "--mount", *["--map-root-user"] * (os.getuid() != 0), "sh", "-ec", how]
+    if subprocess.run([*read_only, "true"], capture_output=True).returncode:
+        pytest.skip("no namespaces for mounts here")
+    clone.start("--help", stand_ins=QUICK).communicate(timeout=HANGS)
+    (line,) = clone.quick("exec", "true", before=read_only)[1]
+    assert line == f"applr: cannot write {tmp_path}/.applr: the clone needs to be yours"
+    assert clone.quick("exec", "true")[0] == 0
+    assert clone.quick("exec", "true", before=read_only) == (0, [])
 
 
 def test_an_error_of_an_earlier_set_up_is_not_told_again(clone):
