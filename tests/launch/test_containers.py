@@ -54,21 +54,27 @@ def test_the_steps_of_the_images_in_a_bare_debian(tmp_path):
         (root / folder.relative_to("/")).mkdir(parents=True, exist_ok=True)
         mounts.append("mount --bind %s %s%s" % (folder, root, folder))
 
-    def enter(command, *more, user="0:0", home="/root"):
-        inner = ["chroot", "--userspec=" + user, root, "env", "HOME=" + home, "sh", "-ec", command]
-        lines = [*mounts, *more, "exec " + shlex.join(map(str, inner))]
-        return subprocess.run(["unshare", "--mount", "sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
+    home = tmp_path / "home"
 
-    made = enter(POST)
-    assert made.returncode == 0, made.stdout[-2000:] + made.stderr[-2000:]
-    (root / "tmp" / "home").mkdir(mode=0o777)
-    (root / "tmp" / "home").chmod(0o777)
-    read_only = "mount --bind {0} {0} && mount -o remount,ro,bind {0} && mount --bind {1} {0}/tmp".format(
-        root, root / "tmp"
+    def enter(command, *before, user="0:0", at="/root"):
+        inner = ["chroot", "--userspec=" + user, root, "env", "HOME=" + at, "sh", "-ec", command]
+        lines = [*before, *mounts, "exec " + shlex.join(map(str, inner))]
+        done = subprocess.run(["unshare", "--mount", "sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        return done.stdout
+
+    enter(POST)
+    for folder in (home, root / "home" / "user"):
+        folder.mkdir()
+        folder.chmod(0o777)
+    read_only = (  # /tmp and the home are the user's, as with Apptainer
+        f"mount --bind {root} {root}; mount -o remount,ro,bind {root}",
+        f"mount -t tmpfs tmp {root}/tmp; mount --bind {home} {root}/home/user",
     )
-    drive = " ".join(RUN) + " python -m training.evaluate --worlds generated:0 --methods applr --simulator kinematic "
-    found = enter("cd /tmp/home; " + drive + "--trials 1 --out out", read_only, user="1000:1000", home="/tmp/home")
-    assert found.returncode == 0, found.stdout[-2000:] + found.stderr[-2000:]
-    assert "generated:0,applr" in (root / "tmp/home/out/trials.csv").read_text(encoding="utf-8")
-    listed = enter(" ".join(RUN) + " rospack find applr_ros1", read_only, user="1000:1000", home="/tmp/home")
-    assert listed.returncode == 0, listed.stderr
+
+    def run(command):
+        return enter(f"cd; {shlex.join(RUN)} {command}", *read_only, user="1000:1000", at="/home/user")
+
+    assert run("rospack find applr_ros1").strip().endswith("catkin_ws/src/applr_ros1")
+    run("python -m training.evaluate --worlds generated:0 --methods applr --simulator kinematic --trials 1 --out out")
+    assert "generated:0,applr" in (home / "out" / "trials.csv").read_text(encoding="utf-8")
