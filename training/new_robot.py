@@ -23,6 +23,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import check, without
 from applr_ros1.robots import from_parameters, from_urdf, robot_file
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.description import Monitoring, find
@@ -131,12 +132,15 @@ def _braking(base: Dict[str, Any]) -> Dict[str, float]:
 def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]]) -> Tuple[float, List[str]]:
     """world_scale, by the padded footprint, and what is wrong with the parameters, for which it is by the outline."""
     base, body = values["base"], values["body"]
+    tree = merged(parameters.tree, from_parameters.without_map(parameters, odom, 1))
+    wrong = check(tree)
     try:
-        planner = MoveBase(merged(parameters.tree, from_parameters.without_map(parameters, odom, 1)))
+        planner = MoveBase(without(tree, wrong))
     except ApplrError as error:
         width = max(base["track"] + base.get("wheel_width", 0.0), *body.get("size", (0.0, 0.0))[1:2])
         return round(width / WIDTH, 3), [f"the planner refuses the parameter files: {error}"]
-    return round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3), []
+    scale = round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3)
+    return scale, [f"the planner refuses the parameter files: {finding}" for finding in wrong]
 
 
 def _copies(parameters: Parameters) -> Dict[str, str]:

@@ -424,6 +424,12 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     assert robots.load(str(file.parent)).frames.map == "site_map"
 
 
+def test_a_wrong_value_leaves_the_scale_of_worlds_right(make):
+    _, said, file = make(PLAIN, **{"dwa.yaml": PLANNER.replace("max_vel_x: 0.4", "max_vel_x: slow")})
+    assert "remark: the planner refuses the parameter files: DWAPlannerROS/max_vel_x is 'slow': give a finite" in said
+    assert yaml.safe_load(file.read_text())["world_scale"] == pytest.approx(0.28 / 0.53, abs=1e-3)
+
+
 def test_a_local_planner_that_is_not_here_gives_its_limits_to_one_that_is(make, capsys):
     teb = "Other: {max_vel_x: 0.35, max_vel_theta: 0.9, acc_lim_x: 0.5, acc_lim_theta: 0.6, dt_ref: 0.3}\n"
     for planner in ("teb_local_planner/Other", "nav_core_adapter::LocalPlannerAdapter"):
