@@ -83,11 +83,11 @@ def test_a_robot_without_files_for_a_map():
 @pytest.mark.parametrize(
     ("arguments", "nodes"),
     [
-        (("sim:=false", "monitor:=false"), {"/move_base", "/applr"}),
-        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/applr", "/send_goal"}),
+        (("sim:=false", "monitor:=false", "movers:=false"), {"/move_base", "/applr"}),
+        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/movers", "/applr", "/send_goal"}),
         (
             ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
-            {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/record", "/rviz"},
+            {"/sim_bridge", "/move_base", "/collision_monitor", "/movers", "/applr", "/record", "/rviz"},
         ),
     ],
 )
