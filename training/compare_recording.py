@@ -6,7 +6,7 @@ wheel_w (speeds that the wheels turn for, else the commands) and profile (the na
 count as they reach the base.
 
 Every half second the simulated robot begins where the recorded one is, with its motion and its wheels' angles, and
-drives a second. Prints how far it is off then, and draws OUT/second_on.png; OUT/drives.png shows whole drives.
+drives a second. Prints how far it is off then. `./applr tune --bag` compares whole drives.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from applr_ros1.common.extras import extra
 from applr_ros1.robots import GROUNDS, Robot, on_ground
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from training.common.command_line import AnyRobot, parsed
-from training.common.options import Options, argument, option
-from training.report.figures import canvas
+from training.common.options import Options, argument
 from worlds import World
 from worlds.dynabarn import arena_course
 
@@ -38,7 +37,6 @@ COLUMNS = ("t", "cmd_v", "cmd_w", "x", "y", "yaw")
 WHEELS = ("wheel_v", "wheel_w")
 T, COMMAND, POSE, TURNING = 0, slice(1, 3), slice(3, 6), slice(6, 8)
 EVERY, SECOND = 0.5, 1.0  # [s]
-PANELS = 5  # drives that are drawn
 PLANE = World("plane", np.empty((0, 3)), np.empty((0, 5)), arena_course())
 
 
@@ -119,7 +117,6 @@ class CompareOptions(Options):
 
     files: List[Path] = argument("Bag or CSV of recorded drives.")
     robot: AnyRobot
-    out: Path = option(Path("comparison"), "Folder for the figures.")
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -138,53 +135,11 @@ def _compare(given: CompareOptions) -> None:
         _print(name[:24], [off[ground][n] for ground in grounds])
     every = {ground: np.concatenate(off[ground]) for ground in grounds}
     _print("mean", list(every.values()))
-    given.out.mkdir(parents=True, exist_ok=True)
-    _draw_drives(drives, simulators, given.out / "drives.png")
-    _draw_seconds(every, given.out / "second_on.png")
-    print(f"figures in {given.out}")
 
 
 def _print(name, errors):
     means = (error.mean(axis=0) for error in errors)
     print(f"{name:24}" + "".join(f"{metres:7.3f} m {turn:7.3f} rad  " for metres, turn in means))
-
-
-def _rates(t, poses):
-    """(k, 2): speed ahead and yaw rate over poses (n, 3), smoothed over about .05 s."""
-    times = np.arange(t[0], t[-1], 0.05)
-    x, y, yaw = (np.interp(times, t, np.unwrap(poses[:, k]) if k == 2 else poses[:, k]) for k in range(3))
-    middle = 0.5 * (yaw[1:] + yaw[:-1])
-    return times[1:] - t[0], (np.cos(middle) * np.diff(x) + np.sin(middle) * np.diff(y)) / 0.05, np.diff(yaw) / 0.05
-
-
-def _draw_drives(drives, simulators, file):
-    chosen = np.unique(np.linspace(0, len(drives) - 1, PANELS).round().astype(int))
-    figure, axes = canvas(len(chosen), 2, (2.6, 1.9))
-    for column, n in enumerate(chosen):
-        title, rows = drives[n]
-        t = rows[:, T]
-        shown = [(name, _rates(t[1:], replay(simulator, rows)), "-") for name, simulator in simulators.items()]
-        for name, (time, v, w), line in [*shown, ("recorded", _rates(t, rows[:, POSE]), "k--")]:
-            axes[0, column].plot(time, v, line, lw=1, label=name)
-            axes[1, column].plot(time, w, line, lw=1)
-        axes[0, column].set_title(title, fontsize=8)
-        axes[1, column].set_xlabel("time [s]")
-    axes[0, 0].set_ylabel("speed [m/s]")
-    axes[1, 0].set_ylabel("yaw rate [rad/s]")
-    axes[0, 0].legend(fontsize=7)
-    figure.savefig(file, dpi=80)
-
-
-def _draw_seconds(every, file):
-    figure, axes = canvas(2, 1, (3.6, 2.6))
-    for column, name in enumerate(("position [m]", "heading [rad]")):
-        for ground, errors in every.items():
-            axes[0, column].plot(np.sort(errors[:, column]), np.linspace(0, 100, len(errors)), label=ground)
-        axes[0, column].set_xlim(0, max(1e-3, np.percentile(np.concatenate(list(every.values()))[:, column], 97)))
-        axes[0, column].set_xlabel("off a second on, " + name)
-    axes[0, 0].set_ylabel("% of the seconds")
-    axes[0, 0].legend()
-    figure.savefig(file, dpi=80)
 
 
 if __name__ == "__main__":

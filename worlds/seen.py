@@ -19,7 +19,7 @@ CELL = 0.05  # [m]
 REACH = 8.0  # [m]; what is farther from a scanner is not used
 RADIUS = 0.04  # [m] of the cylinders that stand for a surface: they overlap, one in each cell
 MARGIN = 1.5 * CELL  # a cell is seen free where a beam goes so much farther
-TWICE, NOISE = 2, 0.2  # scans that must have hit a cell, and their share of those that hit a cell beside it
+TWICE, NOISE = 2, 0.2  # scans that must have hit a cell, and their share of those that hit a cell near it
 GONE = 5  # later scans that see a cell free, and nothing near it, where something that moves was
 COARSE = 2  # cells along a side of what stands for the unseen
 
@@ -75,7 +75,7 @@ def seen(scans: Sequence[Scan], driven: np.ndarray, inner: float, outer: float) 
         block, passed, through = _free(scan, low, free.shape)
         free[block] |= passed
         since[block] += through & (last[block] < number)
-    solid = (hits >= TWICE) & (hits >= NOISE * ndimage.maximum_filter(hits, 3))
+    solid = (hits >= TWICE) & (hits >= NOISE * ndimage.maximum_filter(hits, 5))
     stands, gone = solid & (since < GONE), solid & (since >= GONE)
     where = ndimage.distance_transform_edt(~_drawn(driven, low, free.shape)) * CELL
     at = stands & (where > inner)

@@ -17,13 +17,11 @@ def test_a_recorded_drive_is_followed_on_its_own_ground(tmp_path, capsys):
         rows.append(",".join("%.6f" % value for value in (k * STEP, v, w, *simulator.state.pose)))
         drive(simulator, v, w, STEP)
     (tmp_path / "turns.csv").write_text("\n".join(rows))
-    assert compare_recording.main([str(tmp_path / "turns.csv"), "--out", str(tmp_path)]) == 0
+    assert compare_recording.main([str(tmp_path / "turns.csv")]) == 0
     numbers = re.search(r"mean +(\S+) m +(\S+) rad +(\S+) m +(\S+) rad", capsys.readouterr().out).groups()
     plain, plain_turn, own, own_turn = map(float, numbers)
     assert own < 0.5 * plain
     assert own_turn < 0.5 * plain_turn
-    assert (tmp_path / "drives.png").stat().st_size > 1000
-    assert (tmp_path / "second_on.png").stat().st_size > 1000
     (tmp_path / "none.csv").write_text("t,x\n1,2\n")
     assert compare_recording.main([str(tmp_path / "none.csv")]) == 1
     assert "give a CSV with the columns t, cmd_v" in capsys.readouterr().err

@@ -6,6 +6,7 @@ bag.py joins several of them.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
@@ -28,7 +29,7 @@ FAR = 1.5  # [m] from its goal a drive has not reached it
 JUMP, FASTEST = 0.3, 5.0  # [m, m/s]: poses farther apart than this much and that fast are a jump
 OFTEN, MOST = 0.2, 1000  # s between two scans that a world is made of, and how many at most
 SPACING = 0.2  # [m] of the reference path's points
-SOME, PERSON = 15, 0.05  # samples that a value needs; m^2 that must have gone before it is told
+SOME, SHORT, PERSON = 15, 3.0, 0.05  # samples and s that a value needs; m^2 that must have gone before it is told
 
 
 class Drive(NamedTuple):
@@ -97,6 +98,8 @@ class RecordedDrive:
         for what, there in ((topics.scan, self.bag.scan_at), (f"{topics.odometry} nor /tf", self.bag.odometry.stamp)):
             if not len(there):
                 raise BagError(f"{path}: nothing on {what}: record it")
+        if not self.bag.odometry.twist.any():
+            self.bag.odometry.twist = _twists(self.bag.odometry.stamp, self.bag.odometry.pose)
         if self.bag.silent:
             self._lacks(self.bag.silent)
         self._take_the_longest_stretch()
@@ -139,7 +142,7 @@ class RecordedDrive:
 
     def _above(self, at: int) -> Pose:
         """The pose of the odometry's frame in self.frame at a time [ns]."""
-        return next((pose for time, pose in reversed(self.placed) if time <= at), self.placed[0][1])
+        return _last(self.placed, at)
 
     def _place_scans(self) -> None:
         """Sets times (n,) [ns] and poses (n, 3) of the robot at its scans, and the scans."""
@@ -237,7 +240,7 @@ class RecordedDrive:
     def _theta(self, at: int) -> np.ndarray:
         """The parameters (k,) in force at a time [ns]; what the bag does not say is as in the robot's files."""
         bag, theta = self.bag, self.bag.space.theta0.copy()
-        decided: dict = next((decision for decision in reversed(bag.decisions) if decision["at"] <= at), {})
+        decided: dict = next((made for made in reversed(bag.decisions) if made["at"] <= at), {})
         said = decided.get("after") or decided.get("before") or {}
         for i, name in enumerate(bag.space.names):
             target = bag.space.targets[name][0]
@@ -249,11 +252,11 @@ class RecordedDrive:
     def measure(self) -> None:
         """Fills `fields` with what the drive says of those of robot.yaml."""
         told, odometry = np.array(self.bag.commands, dtype=np.float64).reshape(-1, 3), self.bag.odometry
-        time, command, at = told[:, 0] / SECOND, told[:, 1:], odometry.stamp / SECOND
-        if len(told) < SOME or np.ptp(command[:, 0]) < measured.LEAST:
+        told = told[(told[:, 0] >= odometry.stamp[0]) & (told[:, 0] <= odometry.stamp[-1])]
+        if len(told) < SOME or np.ptp(told[:, 0]) < SHORT * SECOND or np.ptp(told[:, 1]) < measured.LEAST:
             self._lacks(f"hardly a command on {self.topics.command}: nothing of the base is measured")
         else:
-            self._measure_base(time, command, at, odometry.twist)
+            self._measure_base(told[:, 0] / SECOND, told[:, 1:], odometry.stamp / SECOND, odometry.twist)
         if not math.isnan(self.code) and self.code != self.robot.laser.no_return:
             self.fields["laser", "no_return"] = Value(self.code, "m", 0.0, "most of the ranges that are none")
         slow = [np.abs(np.interp(self.times, odometry.stamp, odometry.twist[:, k])) < measured.STILL[k] for k in (0, 1)]
@@ -281,7 +284,7 @@ class RecordedDrive:
     def _measure_base(self, time, command, at, twist) -> None:
         how = measured.response(time, command[:, 0], at, twist[:, 0])
         parts = [part for part in np.array_split(np.arange(len(time)), 3) if np.ptp(command[part, 0]) >= measured.LEAST]
-        each = [measured.response(time[p], command[p, 0], at, twist[:, 0]) for p in parts if np.ptp(time[p]) > 3.0]
+        each = [measured.response(time[p], command[p, 0], at, twist[:, 0]) for p in parts if np.ptp(time[p]) > SHORT]
         places = (
             ("simulation", "command_delay"),
             ("odometry", "lag"),
@@ -317,7 +320,7 @@ def _pose(values) -> Pose:
 
 def _last(rows, at):
     """What was said last until a time, or else first."""
-    return next((values for time, values in reversed(rows) if time <= at), rows[0][1])
+    return rows[max(0, bisect_right(rows, at, key=lambda row: row[0]) - 1)][1]
 
 
 def _near(circles, path):
@@ -335,13 +338,16 @@ def _no_return(messages) -> float:
 
 
 def _poses_of_tf(transforms, robot: Robot) -> Poses:
-    """The odometry as tf has it; empty where it has none."""
-    frames = robot.frames.odom, robot.frames.base
-    rows = transforms.get(frames, [])
+    """The odometry as tf has it, without twists; empty where it has none."""
+    rows = transforms.get((robot.frames.odom, robot.frames.base), [])
     at = np.array([at for at, _ in rows], dtype=np.int64)
     pose = np.array([pose for _, pose in rows], dtype=np.float64).reshape(-1, 3)
-    twist = np.zeros((len(rows), 2))
-    if len(rows) > 2:
-        x, y, yaw = (np.gradient(values, at / SECOND) for values in (*pose[:, :2].T, np.unwrap(pose[:, 2])))
-        twist = np.column_stack([np.cos(pose[:, 2]) * x + np.sin(pose[:, 2]) * y, yaw])
-    return Poses(at, at, pose, twist, frames[0])
+    return Poses(at, at, pose, np.zeros((len(rows), 2)), robot.frames.odom)
+
+
+def _twists(stamp, pose) -> np.ndarray:
+    """(n, 2) speed ahead [m/s] and yaw rate [rad/s] of poses (n, 3), whose odometry states none."""
+    if len(pose) < 3 or (np.diff(stamp) <= 0).any():
+        return np.zeros((len(pose), 2))
+    x, y, yaw = (np.gradient(values, stamp / SECOND) for values in (*pose[:, :2].T, np.unwrap(pose[:, 2])))
+    return np.column_stack([np.cos(pose[:, 2]) * x + np.sin(pose[:, 2]) * y, yaw])
