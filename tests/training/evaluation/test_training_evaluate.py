@@ -155,6 +155,7 @@ def test_more_trials_only_append(tmp_path):
     assert (tmp_path / "trials.csv").read_bytes().startswith(few)
     refused(run(command(tmp_path, "--seed", 3)), "another seed", "--out")
     refused(run(command(tmp_path, "--monitor")), "another monitor", "--out")
+    refused(run(command(tmp_path, "--movers")), "another movers", "--out")
 
 
 def test_another_evaluations_folder_is_refused(tmp_path):

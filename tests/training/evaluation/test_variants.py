@@ -99,6 +99,7 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
         planner="drawn",
         end_on_collision=True,
         monitor=True,
+        movers=True,
         ground=[0, 2],
     )
     made = prepare(config)
@@ -114,11 +115,12 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     held_out.reset(worlds.load("generated:1"), 0)
     assert held_out.move_base.variant == "ours"
     assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
-    assert config.setting() == "generated:1, kinematic, ours, collision monitor"
+    assert config.setting() == "generated:1, kinematic, ours, collision monitor, movers"
     assert env.episode.end_on_collision
     assert not held_out.end_on_collision
-    assert env.episode.monitor
-    assert held_out.monitor
+    for episode in (env.episode, held_out):
+        assert episode.monitor
+        assert episode.prediction
 
 
 def test_the_ground_is_part_of_the_task(tmp_path, capsys):

@@ -135,7 +135,7 @@ def test_every_reason_for_which_move_base_aborts_has_a_remedy():
 
 def fixed(settings, task, gain=10.0):
     """As training.evaluation.trials.drive; the policy takes 10 s less."""
-    assert (settings.simulator, settings.monitor) == ("kinematic", True)
+    assert (settings.simulator, settings.monitor, settings.movers) == ("kinematic", True, True)
     seconds = 30.0 + task.seed % 7 - (gain + task.seed % 3) * (task.method == "applr")
     return TrialResult(success=True, time_s=seconds, reason="finished", decisions=5), b""
 
