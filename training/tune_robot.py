@@ -62,8 +62,9 @@ with extra(__name__):
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
 # parameters are put back; the rest is the verdict's
-KINEMATIC, SEARCHED, RACED, PUT_BACK = 0.35, 0.62, 0.74, 0.86
+KINEMATIC, SEARCHED, RACED, PUT_BACK = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
+SLOW = 10.0  # optimal times after which a drive of the search has failed
 JUDGED = "pybullet"  # the simulator of all but the search's first part
 MOST, FEWEST = 6, 8  # blocks of drives in which a parameter is put back; courses of the verdict
 COPIES = 16  # of each course of a bag, moved; half of them are kept for the verdict
@@ -192,8 +193,7 @@ def find(
         "protocol": CHALLENGE,
         "monitor": True,
         "randomisation": randomisation(),
-        # what takes longer costs no more
-        "time_limit": min(TIME_LIMIT, aim.failure * max(w.course.route_m for *_, w in worlds) / robot.base.max_speed),
+        "time_limit": min(TIME_LIMIT, SLOW * max(w.course.route_m for *_, w in worlds) / robot.base.max_speed),
     }
     names, drive = [world[:2] for world in worlds], resolve_name(options.runner)
     log, setting = out / f"search_{options.for_}.json", [content(robot), seed, [spec for _, spec in names]]

@@ -54,9 +54,9 @@ class Aim(NamedTuple):
 
 
 AIMS = {
-    "fast": Aim(failure=10.0, contact=2.0),
-    "careful": Aim(failure=10.0, contact=10.0, near=5.0),
-    "smooth": Aim(failure=10.0, contact=2.0, jerk=0.4, turn=4.0),
+    "fast": Aim(failure=20.0, contact=4.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
+    "careful": Aim(failure=20.0, contact=20.0, near=5.0),
+    "smooth": Aim(failure=20.0, contact=4.0, jerk=0.4, turn=4.0),
 }
 
 

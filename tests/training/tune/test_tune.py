@@ -193,8 +193,8 @@ def test_each_aim_prices_what_it_is_named_for():
         return AIMS[aim].seconds(result(**values), robot)
 
     assert cost("fast") == 12.0
-    assert cost("fast", success=False, time_s=100.0) == 50.0
-    assert cost("fast", collided=True) == 22.0
+    assert cost("fast", success=False, time_s=60.0) == 100.0
+    assert cost("fast", collided=True) == 32.0
     assert cost("fast", min_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 12.0
     assert cost("careful", min_clearance_m=0.2) > cost("careful", min_clearance_m=0.25, time_s=14.0)
     assert cost("careful", min_clearance_m=0.155) == 12.0 + 25.0
