@@ -121,35 +121,6 @@ def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
     assert troubles[0] == 50 + reconfigure_client.PATIENCE
 
 
-class Answering:
-    """A reconfigure client that is asked for another set while it works at the first one."""
-
-    connected, starting = True, False
-
-    def __init__(self):
-        self.applied, self.worker = [], None
-
-    def apply(self, theta):
-        from applr_ros1.nodes.applr.reconfigure_client import ApplyReport
-
-        self.applied.append(theta.tolist())
-        if len(self.applied) == 1:
-            self.worker.request([2.0])
-        return ApplyReport()
-
-
-def test_a_set_that_is_requested_while_another_is_applied_is_applied_next():
-    from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
-
-    client = Answering()
-    client.worker = worker = ReconfigureWorker(client, lambda report: None, lambda line: None)
-    worker.request([1.0])
-    worker.start()
-    ros_harness.wait_for(lambda: not worker.busy, 10.0, "both sets")
-    worker.stop()
-    assert (client.applied, worker.applied.tolist()) == ([[1.0], [2.0]], [2.0])
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_ctrl_c_during_the_import(delay):
     begin = (
