@@ -114,7 +114,7 @@ def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded,
     assert course.drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
     check = recorded.check(drives=1)
     assert check.agrees, check
-    assert "recorded time within" in check.sentence
+    assert "% off the recorded ones" in check.sentence
     fastest = np.array([parameter.name == "max_vel_x" for parameter in JACKAL.space])
     slow = course._replace(theta=np.where(fastest, 0.25, course.theta))
     check = replace(recorded, courses=[slow, course]).check(drives=1)
