@@ -163,7 +163,7 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
 
 def _driven(trials: pd.DataFrame, robot: str) -> str:
     """The first sentence: arrivals, times and contacts with each method, and whether most courses fail with all."""
-    of_method = dict(list(trials.groupby("method", sort=False)))
+    of_method = {method: trials[trials.method == method] for method in WORDS if method in set(trials.method)}
     fails = f"{robot} fails in most courses, whatever sets its parameters: of"
     begin = fails if all(one.success.mean() < 0.5 for one in of_method.values()) else "Of"
     ends = ", ".join(f"{_ends(one)} with {WORDS[method]}" for method, one in of_method.items())

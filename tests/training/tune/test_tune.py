@@ -266,13 +266,14 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
 def test_the_verdict_names_what_gets_worse_although_it_is_faster():
     rows = []
     for number in range(30):
-        for method, seconds in (("dwa", 30.0), ("static", 12.0)):
+        for method, seconds in (("static", 12.0), ("dwa", 30.0)):
             failed = method == "static" and number == 3
             rows.append((f"w{number}", 0, method, not failed, False, seconds, "", 50.0 if failed else seconds))
     columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
     better, sentences = judging.tuned_verdict(pd.DataFrame(rows, columns=columns), "mine", "mine/tuned.yaml", "fast")
     assert better
     assert "although mine arrives less often with them" in sentences[1]
+    assert sentences[0].index("with its own parameters") < sentences[0].index("with the tuned parameters")
     better, sentences = judging.tuned_verdict(
         pd.DataFrame(rows, columns=columns).replace({"dwa": "static", "static": "dwa"}), "mine", "x", "fast"
     )
