@@ -79,9 +79,9 @@ class TuneOptions(Options):
     # fmt: off
     robot: AnyRobot = Field(
         description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
-    bag: List[str] = option([],
-        "Bag of a drive with move_base, ROS 1 or 2, or a folder of them: half of the courses are then its course and "
-        "moved copies of it, and the robot has what the bag measures; may be given several times.")
+    bag: List[Path] = option([],
+        "Bags of drives with move_base, ROS 1 or 2, or folders of them: half of the courses are then theirs and moved "
+        "copies, and the robot has what the bags measure.")
     anyway: bool = option(False,
         "Go on where the simulated drive on a bag's course takes another time than the recorded one.")
     minutes: float = option(15.0, "Time [min] from the first drive to the verdict.", gt=0, le=10_000)

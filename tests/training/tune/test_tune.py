@@ -154,16 +154,20 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
         remarks=["drive.bag: no map in tf"],
         check=lambda seed: Check(["hall: recorded 22 s, simulated 30 s"], agrees[0], "the simulator disagrees"),
     )
-    monkeypatch.setattr(tune_robot.bag, "read", lambda paths, robot, copies: said if paths == ["drive.bag"] else None)
+    monkeypatch.setattr(
+        tune_robot.bag,
+        "read",
+        lambda paths, robot, copies: said if paths == [Path("drive.bag"), Path("b.bag")] else None,
+    )
     before = (jackal / "robot.yaml").read_text()
-    assert tune(jackal, "toy", "--bag", "drive.bag") == 1
+    assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag") == 1
     printed = capsys.readouterr()
     assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
     assert "no map in tf" in printed.out
     assert "laser.noise: 0.02 m +- 0.001 (52 scans)" in printed.out
     assert (jackal / "robot.yaml").read_text() == before
     DRIVEN.clear()
-    assert tune(jackal, "toy", "--bag", "drive.bag", "--anyway") == 0
+    assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag", "--anyway") == 0
     searched = {task.world for task in DRIVEN if task.method == "set"}
     judged = {task.world for task in DRIVEN if task.method != "set"}
     halls = [{name for name in found if "hall" in name} for found in (searched, judged)]
