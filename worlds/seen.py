@@ -75,8 +75,8 @@ def seen(scans: Sequence[Scan], driven: np.ndarray, inner: float, outer: float) 
         block, passed, through = _free(scan, low, free.shape)
         free[block] |= passed
         since[block] += through & (last[block] < number)
-    solid = (hits >= TWICE) & (hits >= NOISE * ndimage.maximum_filter(hits, 5))
-    stands, gone = solid & (since < GONE), solid & (since >= GONE)
+    stands, gone = (hits >= TWICE) & (since < GONE), (hits >= TWICE) & (since >= GONE)
+    stands &= hits >= NOISE * ndimage.maximum_filter(hits, 5)
     where = ndimage.distance_transform_edt(~_drawn(driven, low, free.shape)) * CELL
     at = stands & (where > inner)
     surfaces = np.column_stack([*(total[:, at] / weight[at]), np.full(at.sum(), RADIUS)])
