@@ -43,7 +43,7 @@ def test_parameter_files_are_the_jackals():
     assert dumped.returncode == 0, dumped.stderr
     given = {name: value for name, value in yaml.safe_load(dumped.stdout).items() if name.startswith("/move_base/")}
     own = {"robot": "jackal", "map": False, "tf_prefix": "none"}
-    more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0}
+    more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0, "applr/movers": True}
     assert given == {"/move_base/" + name: value for name, value in {**own, **more}.items()}
     tree, robot = with_robot(dict(own, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
     assert robot.name == "jackal"
