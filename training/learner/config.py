@@ -108,7 +108,8 @@ class TaskOptions(Options):
         "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")
     monitor: Monitor = option(False,
         "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
-    movers: Movers
+    movers: Movers = option(False,
+        "Track what moves in the scans and mark where it will be in the costmaps, in training and in the evaluations.")
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
     end_on_stall: bool = option(False,

@@ -202,7 +202,6 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
         (["--methods", "a b=dwa"], ["letters"]),
         (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
         (["--wrong"], ["--wrong", "--help"]),
-        (["--protocol", "barn-challenge", "--worlds", "physical_course"], ["barn-challenge", "physical_course"]),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
