@@ -64,7 +64,7 @@ def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
 
 
 def _check_tree(path: str, root: Element) -> None:
-    """Refuses tags nested too deep, and joints that lead in a circle."""
+    """Refuses tags nested too deep, joints that lead in a circle, and links that hang on nothing."""
     depth, level = 0, [root]
     while level and depth <= MAX_DEPTH:
         depth, level = depth + 1, [child for element in level for child in element]
@@ -80,6 +80,11 @@ def _check_tree(path: str, root: Element) -> None:
             at, steps = above[at], steps + 1
             if steps > len(above):
                 raise ApplrError(f"{path}: the joints above the link {at} lead back to it; take one of them out")
+    roots = [link.get("name") for link in root.findall("link") if link.get("name") not in above]
+    if len(roots) > 1:  # robot_state_publisher refuses it, too
+        raise ApplrError(
+            f"{path}: no joint leads to {', '.join(map(str, roots[1:]))}, nor to {roots[0]}: a robot has one root"
+        )
 
 
 def _choices(path: str, packages: Packages) -> str:

@@ -162,10 +162,10 @@ def test_install_space(tmp_path):
     """.format(ws=tmp_path, root=ROOT)
     done = inside("bash", "-c", build)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    tail = done.stdout.splitlines()[-8:]
+    tail = done.stdout.splitlines()[-9:]
     assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # whatever PATH says
     assert tail[0].startswith(str(tmp_path / "install")), tail
-    assert {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"} <= set(tail)
+    assert {"/sim_bridge", "/move_base", "/collision_monitor", "/movers", "/applr", "/send_goal"} <= set(tail)
     assert tail[-1].startswith(str(tmp_path / "install"))
 
 

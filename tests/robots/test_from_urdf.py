@@ -273,6 +273,7 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
         (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
         (TWO + joint("base_footprint", "0 0 0", "scanner"), {}, "joints above the link scanner lead back"),
+        (TWO + "<link name='loose'/>", {}, "no joint leads to loose, nor to base_footprint: a robot has one root"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, "dwa.yaml: .*add fast:=VALUE"),
         (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml: \$\(eval 1\+1\) is for roslaunch alone"),
         (TWO, {"dwa.yaml": "max_vel_x: $(env UNSET_SPEED)\n"}, "dwa.yaml: not set .*: UNSET_SPEED; export each"),
