@@ -13,6 +13,7 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
+from tests.support import HANGS
 from tests.support.fake_robot import Robot
 from tests.support.ros_harness import session, wait_for
 from tests.support.weights import make_weights
@@ -376,10 +377,10 @@ def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(
     client = ReconfigureClient(space=space)
     wait_for(lambda: not client.connect(), 5.0, "servers")
     best = space.clip(methods.make("static", husky).theta(None))
-    wait_for(lambda: np.array_equal(client.theta(), best), 10.0, "the static set")
+    wait_for(lambda: np.array_equal(client.theta(), best), HANGS, "the static set")
     fake.kill()
     stack.fake("--robot", "husky")
-    wait_for(lambda: robot.count("restarts") and np.array_equal(client.theta(), best), 10.0, "the set again")
+    wait_for(lambda: robot.count("restarts") and np.array_equal(client.theta(), best), HANGS, "the set again")
     assert node.end() == 0, node.text
     assert np.array_equal(client.theta(), space.theta0)
     assert "Traceback" not in node.text

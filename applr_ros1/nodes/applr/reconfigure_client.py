@@ -76,7 +76,7 @@ class Server:
         self.call.set_result("")
         self._starts = 0  # of the server, as far as they were noticed
         self._known = 1  # its start since which the values are known; 0: a call has shown nothing of them
-        self._heard = 0  # its start when it last published values
+        self._updates = 0  # how often it published values
         self._client = Client(name, DEADLINE, self._on_update, self._on_description)
         self.close = self._client.close
         try:
@@ -95,7 +95,7 @@ class Server:
         raise ApplrError(f"has no parameter {target.names[0]}")
 
     def _on_update(self, values: Mapping[str, Any]) -> None:
-        self._heard = self._starts
+        self._updates += 1
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
         self._starts += 1  # each server sends it once
@@ -132,7 +132,7 @@ class Server:
 
     def _set(self, values: Dict[str, Any], call: Future) -> None:
         """The answer alone is not believed: every server publishes on parameter_updates what it has then."""
-        starts, self._known = self._starts, 0
+        starts, updates, self._known = self._starts, self._updates, 0
         try:
             answer, until = self._client.update_configuration(dict(values)), time.monotonic() + ANNOUNCED
             answer = {name: answer[name] for name in values}
@@ -142,7 +142,8 @@ class Server:
             self._known = starts if has == answer else 0
             other = next((name for name in values if has[name] != values[name]), None)
             error = "" if other is None else f"{self.name} holds {other} at {has[other]}, not {values[other]}"
-            self.refused = bool(error) and self._heard == starts  # one that came back may not be heard yet
+            # who answers as asked and publishes nothing is not heard yet, after a restart or on a busy machine
+            self.refused = bool(error) and (answer != values or self._updates != updates)
         except Exception as problem:  # the library hides what the server said behind an error of its own
             said = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
             error = f"{self.name}: {reason(said)}"
