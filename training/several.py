@@ -20,10 +20,9 @@ from applr_ros1.robots import load
 from training.common.folders import make_folder
 from training.env.drawn_robots import NAME as DRAWN
 from training.evaluation.run import EvaluationOptions, evaluate
-from training.evaluation.score import CONTACT_SECONDS, trial_seconds
 from training.evaluation.store import TRIALS, read_trials
 from training.learner.config import TrainConfig
-from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, verdict
+from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, score, verdict
 
 CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
 
@@ -65,9 +64,9 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
 def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
     """Keeps the best of some policies as best.safetensors in `out`; what is said of it, line by line."""
     named = [f"{path.parent.name}={path}" for path in policies]
-    scores = mean_scores(_driven(config, out / "choice", CHOICE, named)).mean()
+    means = mean_scores(_driven(config, out / "choice", CHOICE, named)).mean()
     best = out / "best.safetensors"
-    shutil.copyfile({path.parent.name: path for path in policies}[str(scores.idxmin())], best)
+    shutil.copyfile({path.parent.name: path for path in policies}[str(means.idxmin())], best)
     robot = load(config.robot)
     others = [OWN] + [SET] * Path(methods.shipped("static.json", robot)).exists()
     trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
@@ -77,7 +76,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
         SET: "Drive with the best single set (method static), or --resume with more --minutes.",
         OWN: "Keep your parameters, or --resume with more --minutes.",
     }[method]
-    chosen = ", ".join(f"{name} {score:.1f} s" for name, score in scores.items())
+    chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
     return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]
 
 
@@ -91,5 +90,4 @@ def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -
     }
     evaluate(EvaluationOptions(**how, workers=config.actors, seed=config.seed))
     trials = read_trials(out / TRIALS)
-    seconds = (trial_seconds(t.success, t.time_s, t.collided, CONTACT_SECONDS) for t in trials.itertuples())
-    return trials.assign(score=list(seconds))
+    return trials.assign(score=[score(trial) for trial in trials.itertuples()])
