@@ -2,11 +2,54 @@
 
 The generated `applr_ros1.cfg` package lives in the catkin workspace; extending `__path__` lets it be found
 when the repository's root comes first on `sys.path`.
+
+`applr_ros1.training`, `applr_ros1.worlds` and `applr_ros1.sim_bridge` lie here where pip installed them. In a clone
+they lie beside this package, and these are other names of the same modules.
 """
 
+import importlib.abc
+import importlib.util
+import os
 import pkgutil
+import re
+import sys
+import typing
 
 __path__ = pkgutil.extend_path(__path__, __name__)
+
+
+class _Beside(importlib.abc.Loader):
+    """Finds and loads `applr_ros1.training.env` as `training.env`."""
+
+    NAMES = tuple(f"{__name__}.{beside}" for beside in ("training", "worlds", "sim_bridge"))
+
+    def find_spec(self, name, path=None, target=None):
+        found = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
+        package = found and found.submodule_search_locations is not None
+        return found and importlib.util.spec_from_loader(name, self, origin=found.origin, is_package=package)
+
+    def exec_module(self, module):
+        sys.modules[module.__name__] = importlib.import_module(module.__name__.partition(".")[2])
+
+    def get_code(self, name):  # for python -m
+        beside = name.partition(".")[2]
+        return importlib.util.find_spec(beside).loader.get_code(beside)
+
+
+if not any(os.path.isdir(os.path.join(folder, "training")) for folder in __path__):
+    sys.meta_path.insert(0, _Beside())
+
+
+if not typing.TYPE_CHECKING:  # else any name would be an attribute
+
+    def __getattr__(name):
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        for file in (os.path.join(os.path.dirname(folder), "package.xml") for folder in __path__):
+            if os.path.isfile(file):  # a clone's; an installation has its own copy
+                with open(file, encoding="utf-8") as manifest:
+                    return re.search("<version>(.*)</version>", manifest.read())[1]
+        return importlib.import_module("importlib.metadata").version(__name__)
 
 
 def load_policy(robot="jackal", file=""):

@@ -89,7 +89,8 @@ def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> 
     """
     on = {"physicsClientId": client}
     parts = _parts(world)
-    circles = [(x, y, _radius(shape), k) for k, part in enumerate(parts) for x, y, _, shape in part]
+    numbered = [(k, obstacle) for k, part in enumerate(parts) for obstacle in part]
+    circles = [(x, y, radius or math.hypot(*half[:2]), k) for k, (x, y, _, radius, half) in numbered]
     look = -1 if window else p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1), **on)
     return [_compound(p, on, part, look) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
 
@@ -119,8 +120,10 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
     com_x, com_y, com_z = found.body_com
     length, width, height = body.size
     box = p.createCollisionShape(
-        p.GEOM_BOX,
+        p.GEOM_CYLINDER if body.round else p.GEOM_BOX,
         halfExtents=[length / 2, width / 2, height / 2],
+        radius=(length + width) / 4,
+        height=height,
         collisionFramePosition=[body.centre[0] - com_x, body.centre[1] - com_y, body.bottom + height / 2 - com_z],
         **on,
     )
@@ -155,29 +158,17 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
         linkJointAxis=[[0, 1, 0]] * (n + k),
         **on,
     )
-    p.changeDynamics(
-        made,
-        -1,
-        localInertiaDiagonal=found.body_inertia,
-        lateralFriction=body.friction,
-        linearDamping=0,
-        angularDamping=0,
-        **on,
-    )
-    for link in range(n + k):
-        inertia = found.wheel_inertia if link < n else (1e-8, 1e-8, 1e-8)
-        p.changeDynamics(
-            made,
-            link,
-            localInertiaDiagonal=inertia,
-            lateralFriction=base.wheel_friction if link < n else base.caster_friction,
-            linearDamping=0,
-            angularDamping=0,
-            jointDamping=0,
-            contactStiffness=robot.simulation.ground_stiffness,
-            contactDamping=robot.simulation.ground_damping,
-            **on,
-        )
+
+    def dynamics(link: int, inertia: Sequence[float], friction: float, **more: Any) -> None:
+        kept = {"linearDamping": 0, "angularDamping": 0, **more, **on}
+        p.changeDynamics(made, link, localInertiaDiagonal=inertia, lateralFriction=friction, **kept)
+
+    dynamics(-1, found.body_inertia, body.friction)
+    ground = robot.simulation
+    soft: Any = dict(contactStiffness=ground.ground_stiffness, contactDamping=ground.ground_damping, jointDamping=0)
+    kinds = [(found.wheel_inertia, base.wheel_friction)] * n + [((1e-8, 1e-8, 1e-8), base.caster_friction)] * k
+    for link, kind in enumerate(kinds):
+        dynamics(link, *kind, **soft)
     return made
 
 
@@ -206,36 +197,27 @@ def _upright(x, y):
 
 
 def _parts(world):
-    """The static obstacles as (x, y, yaw, shape), near ones together, at most _COMPOUND at a time.
+    """The static obstacles as (x, y, yaw, radius, half sizes), near ones together, at most _COMPOUND at a time.
 
-    shape: a radius, or (size_x, size_y).
+    A cylinder has no half sizes, a box no radius.
     """
     cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
     boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()
-    obstacles = [(x, y, 0.0, radius) for x, y, radius in cylinders]
-    obstacles += [(x, y, yaw, (dx, dy)) for x, y, yaw, dx, dy in boxes]
+    obstacles = [(x, y, 0.0, radius, (0.0, 0.0, 0.0)) for x, y, radius in cylinders]
+    obstacles += [(x, y, yaw, 0.0, (dx / 2, dy / 2, OBSTACLE_TOP / 2)) for x, y, yaw, dx, dy in boxes]
     obstacles.sort(key=lambda obstacle: (round(obstacle[1]), obstacle[0]))
     return [obstacles[i : i + _COMPOUND] for i in range(0, len(obstacles), _COMPOUND)]
 
 
-def _radius(shape):
-    """Of the circle around an obstacle [m]."""
-    return 0.5 * math.hypot(*shape) if isinstance(shape, tuple) else shape
-
-
 def _compound(p, on, obstacles, look):
     """One standing body of upright cylinders and boxes; its id. look: visual shape, or -1 for that of its parts."""
-    round_ones = [not isinstance(shape, tuple) for _, _, _, shape in obstacles]
     shape = p.createCollisionShapeArray(
-        shapeTypes=[p.GEOM_CYLINDER if is_round else p.GEOM_BOX for is_round in round_ones],
-        radii=[shape if is_round else 0.0 for is_round, (_, _, _, shape) in zip(round_ones, obstacles)],
+        shapeTypes=[p.GEOM_CYLINDER if radius else p.GEOM_BOX for _, _, _, radius, _ in obstacles],
+        radii=[radius for _, _, _, radius, _ in obstacles],
         lengths=[OBSTACLE_TOP] * len(obstacles),
-        halfExtents=[
-            (0, 0, 0) if is_round else (shape[0] / 2, shape[1] / 2, OBSTACLE_TOP / 2)
-            for is_round, (_, _, _, shape) in zip(round_ones, obstacles)
-        ],
-        collisionFramePositions=[_upright(x, y) for x, y, _, _ in obstacles],
-        collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, _ in obstacles],
+        halfExtents=[half for *_, half in obstacles],
+        collisionFramePositions=[_upright(x, y) for x, y, *_ in obstacles],
+        collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, *_ in obstacles],
         **on,
     )
     body = p.createMultiBody(0, shape, look, **on)

@@ -84,19 +84,9 @@ class KinematicSimulator(Simulator):
             circles = np.concatenate([circles, np.hstack([now, velocity])])
         ground, shape = self._ground(), (steps, self._noises)
         noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)  # Gazebo's wheels turn evenly
-        kernel.drive(
-            self._body,
-            self._rolling,
-            steps,
-            self._schedule(steps),
-            circles,
-            self._boxes,
-            *self._constants,
-            noise,
-            self._friction * self.drawn.friction,
-            self.drawn.slip,
-            ground,
-        )
+        place = self._body, self._rolling, steps, self._schedule(steps), circles, self._boxes
+        friction = self._friction * self.drawn.friction
+        kernel.drive(*place, *self._constants, noise, friction, self.drawn.slip, ground)
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
         com_x, com_y = self._mechanics.com

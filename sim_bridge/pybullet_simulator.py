@@ -8,7 +8,7 @@ exactly under a seed.
 from __future__ import annotations
 
 import os
-from math import atan2
+from math import atan2, dist
 from typing import Any, Optional
 
 import numpy as np
@@ -23,6 +23,7 @@ from .odometry import Odometry
 from .simulator import RobotState, Simulator, SimulatorError
 
 STEP = m.STEP
+_CLOSING = 20.0  # [m/s] at which a moving obstacle and the robot come nearer at most
 _MARGIN = 0.1  # [m] between two bodies that cannot touch: more than Bullet keeps contacts for, and than it penetrates
 
 
@@ -40,7 +41,6 @@ class PybulletSimulator(Simulator):
         self._mechanics = m.mechanics(self.robot)
         self._table = wheels.rim_table(self.robot)
         self._lift = np.ones(len(self._mechanics.supports))
-        self._reach = max(1.0, 2.0 * float(self._mechanics.scalars[m.REACH]))
         self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN
         self._spin_step = 0.01 * self.robot.base.max_speed  # a smaller change of rim speeds is not passed on [m/s]
 
@@ -89,70 +89,52 @@ class PybulletSimulator(Simulator):
         scalars, supports = self._mechanics.scalars, self._mechanics.supports
         noise = self._noise.standard_normal((steps, wheels.noises(supports)))
         friction, slip = self.robot.base.wheel_friction * self.drawn.friction, self.drawn.slip
-        ground = self._ground()
+        given = slip, friction, self._ground(), self._lift
         position, attitude = p.getBasePositionAndOrientation(body, physicsClientId=client)
         velocity, rate = p.getBaseVelocity(body, physicsClientId=client)
         start_u = self.state.twist[0]
-        contact, rolled = False, 0.0
+        contact, rolled, movers = False, 0.0, self._place_movers(steps, position)
         for k in range(steps):
             v, w = self._target(self._steps * STEP)
-            fx, fy, torque, px, py, left, right = _pull(
-                drive,
-                v,
-                w,
-                self._table,
-                scalars,
-                supports,
-                noise[k],
-                slip,
-                friction,
-                ground,
-                self._lift,
-                *position,
-                *attitude,
-                velocity[0],
-                velocity[1],
-                rate[2],
-            )
+            body_now = *position, *attitude, velocity[0], velocity[1], rate[2]
+            pulled = _pull(drive, v, w, self._table, scalars, supports, noise[k], *given, *body_now)
+            fx, fy, torque, px, py, left, right = pulled
             if abs(left - self._rims[0]) + abs(right - self._rims[1]) > self._spin_step:
                 self._spin(left, right)
             rolled += 0.5 * (left + right)
             p.applyExternalForce(body, -1, (fx, fy, 0.0), (px, py, 0.0), p.WORLD_FRAME, physicsClientId=client)
             p.applyExternalTorque(body, -1, (0.0, 0.0, torque), p.WORLD_FRAME, physicsClientId=client)
             self._steps += 1
-            for cylinder, mover in zip(self._movers, self.world.movers):
+            for cylinder, mover in movers:
                 scene.put_mover(p, client, cylinder, *mover.position(self._steps * STEP))
             p.stepSimulation(physicsClientId=client)
             position, attitude = p.getBasePositionAndOrientation(body, physicsClientId=client)
             velocity, rate = p.getBaseVelocity(body, physicsClientId=client)
-            contact = contact or self._touching(position)
+            contact = contact or self._touching(position, movers)
         x, y, yaw, u, upright = _planar(scalars, *position, *attitude, velocity[0], velocity[1], rate[2])
         span = steps * STEP
         self._odometry.update(span, rolled / steps, yaw, rate[2], (u - start_u) / span)
         odometry = self._odometry
-        self.state = RobotState(
-            self._steps * STEP,
-            (x, y, yaw),
-            (u, rate[2]),
-            odometry.pose,
-            odometry.twist,
-            contact,
-            upright < 0.5,
-            odometry.imu,
-        )
+        seen, flipped = (odometry.pose, odometry.twist), upright < 0.5
+        self.state = RobotState(self._steps * STEP, (x, y, yaw), (u, rate[2]), *seen, contact, flipped, odometry.imu)
 
-    def _touching(self, position):
-        """Whether anything but the ground presses on the robot now."""
+    def _place_movers(self, steps, position):
+        """Puts all movers where they will be after so many steps; those that come near until then, as (body, Mover)."""
+        now, then = self.mover_circles(self._steps * STEP), self.mover_circles((self._steps + steps) * STEP)
+        reach, near = self._span + _CLOSING * steps * STEP, []
+        for body, mover, here, there in zip(self._movers, self.world.movers, now.tolist(), then.tolist()):
+            scene.put_mover(self._p, self._client, body, *there[:2])
+            if min(dist(place[:2], position[:2]) for place in (here, there)) < reach + mover.radius:
+                near.append((body, mover))
+        return near
+
+    def _touching(self, position, movers):
+        """Whether anything but the ground presses on the robot now; movers: those of _place_movers()."""
         if _find_near(self._circles, position[0], position[1], self._span, self._near):  # asking Bullet is slow
             for obstacle, near in zip(self._obstacles, self._near):
                 if near and self._pressing(obstacle):
                     return True
-        for body, mover in zip(self._movers, self.world.movers):
-            x, y = mover.position(self._steps * STEP)
-            close = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + self._reach
-            if close and self._pressing(body):
-                return True
-        return False
+        return any(self._pressing(body) for body, _ in movers)
 
     def _pressing(self, body):
         points = self._p.getContactPoints(self._body, body, physicsClientId=self._client)
@@ -164,14 +146,9 @@ class PybulletSimulator(Simulator):
         self._rims = (left, right)
         base = self.robot.base
         left, right = left / base.wheel_radius, right / base.wheel_radius
-        p.setJointMotorControlArray(
-            self._body,
-            range(base.wheels),
-            p.VELOCITY_CONTROL,
-            targetVelocities=(left, right) * (base.wheels // 2),
-            forces=(self.robot.simulation.motor_torque,) * base.wheels,
-            physicsClientId=self._client,
-        )
+        speeds, forces = (left, right) * (base.wheels // 2), (self.robot.simulation.motor_torque,) * base.wheels
+        wheels_of = self._body, range(base.wheels), p.VELOCITY_CONTROL
+        p.setJointMotorControlArray(*wheels_of, targetVelocities=speeds, forces=forces, physicsClientId=self._client)
 
 
 @kernel
@@ -195,13 +172,8 @@ def _axes(qx, qy, qz, qw):
     """
     ahead_x, ahead_y = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz)
     length = max(np.hypot(ahead_x, ahead_y), 1e-9)
-    return (
-        ahead_x / length,
-        ahead_y / length,
-        2.0 * (qx * qz - qw * qy),
-        2.0 * (qy * qz + qw * qx),
-        1.0 - 2.0 * (qx * qx + qy * qy),
-    )
+    up = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+    return ahead_x / length, ahead_y / length, up[0], up[1], up[2]
 
 
 @kernel
@@ -223,15 +195,8 @@ def _pull(
     ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
     du, ds, dw = wheels.tyres(drive, ahead, aside, rate, scalars, supports, friction, lift, ground)
     fx, fy = scalars[m.MASS] / STEP * du, scalars[m.MASS] / STEP * ds
-    return (
-        c * fx - s * fy,
-        s * fx + c * fy,
-        scalars[m.YAW_INERTIA] / STEP * dw,
-        px + c * dx - s * dy,
-        py + s * dx + c * dy,
-        drive[wheels.LEFT],
-        drive[wheels.RIGHT],
-    )
+    torque, left, right = scalars[m.YAW_INERTIA] / STEP * dw, drive[wheels.LEFT], drive[wheels.RIGHT]
+    return c * fx - s * fy, s * fx + c * fy, torque, px + c * dx - s * dy, py + s * dx + c * dy, left, right
 
 
 @kernel
@@ -239,10 +204,5 @@ def _planar(scalars, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)
     off_x, off_y = scalars[m.OFF_X], scalars[m.OFF_Y]
-    return (
-        px - c * off_x + s * off_y,
-        py - s * off_x - c * off_y,
-        atan2(s, c),
-        c * vx + s * vy + rate * off_y,
-        up_z,
-    )
+    x, y = px - c * off_x + s * off_y, py - s * off_x - c * off_y
+    return x, y, atan2(s, c), c * vx + s * vy + rate * off_y, up_z

@@ -105,17 +105,9 @@ class Bridge:
                 "sim_bridge: /use_sim_time is not true: nodes that take the computer's time find scans and transforms "
                 "too old; rosparam set /use_sim_time true, then start them"
             )
-        rospy.loginfo(
-            "sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
-            "real time factor %g",
-            world.name,
-            len(world.cylinders),
-            len(world.boxes),
-            len(world.movers),
-            name,
-            self.seed,
-            self.factor,
-        )
+        counts = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes, {len(world.movers)} moving"
+        run = f"simulator {name}, seed {self.seed}, real time factor {self.factor:g}"
+        rospy.loginfo(f"sim_bridge: ready: world {world.name} ({counts}), {run}")
 
     def _connect(self):
         robot = self.simulator.robot
@@ -219,10 +211,8 @@ class Bridge:
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
             self.refused += 1
-            rospy.logwarn_throttle(
-                5.0,
-                f"sim_bridge: velocity command ({v:g}, {w:g}) refused: it must be finite ({self.refused} so far)",
-            )
+            why = f"it must be finite ({self.refused} so far)"
+            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) refused: {why}")
             return
         if not self.driven:  # who commands from now on may do so at another rate
             self.period = 1.0 / _control_frequency()
@@ -321,9 +311,8 @@ class RealTimeRate:
             self.next = now
             if report and now - self._reported > 10.0:
                 self._reported = now
-                self.warn(
-                    f"{self.late:.1f} s lost so far: real_time_factor {factor:g} is too much for this machine now"
-                )
+                lost = f"{self.late:.1f} s lost so far"
+                self.warn(f"{lost}: real_time_factor {factor:g} is too much for this machine now")
 
 
 def _clear_costmaps(patience=2.0):
@@ -377,5 +366,6 @@ def main() -> int:
     # that an interrupted publish() holds.
     spinning = threading.Thread(target=bridge.spin, daemon=True)
     spinning.start()
-    spinning.join()
+    while spinning.is_alive():
+        spinning.join(0.5)  # a signal that another thread was given is noticed in between alone
     return 0 if rospy.core.is_shutdown_requested() else 1

@@ -119,15 +119,8 @@ class BridgeTopics:
         # the map's frame is the world's; all robots share it
         maps = [] if self.map is None else [_transform(WORLD, self.robot.frames.map, (0.0, 0.0, 0.0), stamp)]
         laser = _transform(base, self.laser_frame, self.robot.laser.pose, stamp, self.robot.laser.height)
-        self.tf_static.publish(
-            [
-                laser,
-                _transform(base, prefix + "chassis_link", (0.0, 0.0, 0.0), stamp),
-                _transform(base, prefix + "imu_link", (0.0, 0.0, 0.0), stamp),
-                _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp),
-                *maps,
-            ]
-        )
+        links = [_transform(base, prefix + name, (0.0, 0.0, 0.0), stamp) for name in ("chassis_link", "imu_link")]
+        self.tf_static.publish([laser, *links, _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp), *maps])
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders where they are now, if anyone listens."""
@@ -232,6 +225,5 @@ def _cylinder(circle, number, stamp, name="obstacles"):
 
 def _box(rectangle, number, stamp):
     x, y, yaw, size_x, size_y = rectangle
-    return _marker(
-        Marker.CUBE, x, y, yaw, (size_x, size_y, OBSTACLE_HEIGHT), number, stamp, "obstacles", (0.62, 0.5, 0.35, 1.0)
-    )
+    size, colour = (size_x, size_y, OBSTACLE_HEIGHT), (0.62, 0.5, 0.35, 1.0)
+    return _marker(Marker.CUBE, x, y, yaw, size, number, stamp, "obstacles", colour)

@@ -86,9 +86,8 @@ class _Command:
     v: float = 0.0
     w: float = 0.0
     until: float = -1.0  # sim time at which the base stops by itself
-    pending: List[Tuple[float, float, float]] = field(
-        default_factory=list
-    )  # (effective from, v, w) held back by the latency
+    # (effective from, v, w) held back by the latency
+    pending: List[Tuple[float, float, float]] = field(default_factory=list)
 
 
 class Simulator(ABC):
@@ -179,10 +178,6 @@ class Simulator(ABC):
     def to_odom(self, pose: Pose) -> Pose:
         """A pose (x, y, yaw) of the world frame in frame odom."""
         return pose[0] - self.odom_origin[0], pose[1] - self.odom_origin[1], pose[2]
-
-    def to_world(self, pose: Pose) -> Pose:
-        """A pose (x, y, yaw) of frame odom in the world frame."""
-        return pose[0] + self.odom_origin[0], pose[1] + self.odom_origin[1], pose[2]
 
     def set_odometry(self, pose: Pose) -> None:
         """Make the odometry believe in `pose` (x, y, yaw) of frame odom; the robot stays where it is."""

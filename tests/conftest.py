@@ -1,8 +1,9 @@
 """For all tests: what is left out, what counts as a failure, how tests are shared among processes, figures of faults.
 
-A test marked `ros` that fails is run once more: it lives in real time, on a machine that others use, too. The end of a
-run counts and names these; one that is there in two of ten runs has a defect. A test that takes more than a quarter of
-an hour hangs and fails; those marked `long` may take hours.
+A test marked `ros` that fails is run once more, with all anew that it shares with others, the master too: it lives in
+real time, on a machine that others use. The end of a run says which these were and why they failed; one that is there
+in two of ten runs has a defect. A test that takes more than a quarter of an hour hangs and fails; those marked `long`
+may take hours.
 
 `./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
 the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
@@ -14,6 +15,7 @@ Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-ta
 what tests of faults have measured into that table.
 """
 
+import contextlib
 import csv
 import importlib.util
 import os
@@ -23,6 +25,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 
 for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a terminal that is closed: as Ctrl-C, so
     if signal.getsignal(number) == signal.SIG_DFL:  # that what the tests have started ends, too
@@ -63,7 +66,6 @@ def pytest_itemcollected(item):
     if item.get_closest_marker("long"):
         item.add_marker(pytest.mark.timeout(0))
     if item.get_closest_marker("ros"):
-        item.add_marker(pytest.mark.flaky(reruns=1))
         item.add_marker(pytest.mark.xdist_group(group_of(item.path).stem))
 
 
@@ -80,14 +82,32 @@ def pytest_runtest_teardown():
         harness.forget_ended()
 
 
-@pytest.hookimpl(wrapper=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item, nextitem):
-    """A test with its reruns, which need what the tests of its group share."""
-    ran = yield
-    harness = sys.modules.get("tests.support.ros_harness")
-    if harness and (nextitem is None or group_of(nextitem.path) != group_of(item.path)):
-        harness.close_session()
-    return ran
+    """A test marked `ros`, a second time where it fails. What has failed leaves nothing to the tests behind it."""
+    if not item.get_closest_marker("ros"):
+        return None
+    for outcome in ("rerun", "failed"):
+        item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+        failed = any(report.failed for report in reports)
+        if failed:
+            with contextlib.suppress(Exception, pytest.fail.Exception):  # what failed has been said
+                item.session._setupstate.teardown_exact(None)
+        if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
+            harness = sys.modules.get("tests.support.ros_harness")
+            harness and harness.close_session()
+        for report in reports:
+            report.outcome = outcome if report.failed else report.outcome
+            item.ihook.pytest_runtest_logreport(report=report)
+        item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        if not failed:
+            break
+    return True
+
+
+def pytest_report_teststatus(report):
+    return ("rerun", "R", "RERUN") if report.outcome == "rerun" else None
 
 
 @pytest.fixture
@@ -126,7 +146,7 @@ def pytest_terminal_summary(terminalreporter):
     if again:
         terminalreporter.section(f"run a second time: {len(again)}")
         for report in again:
-            terminalreporter.line(report.nodeid)
+            terminalreporter.line(f"{report.nodeid}\n{report.longreprtext}")
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -15,7 +15,7 @@ from tests.support.ros_harness import ROOT, wait_for
 pytest.importorskip("rospy")
 TEST = """
 import os, pathlib, time
-import pytest
+import pytest, rospy
 from tests.support import ros_harness
 
 def test_that_lasts():
@@ -28,12 +28,19 @@ def test_that_lasts():
 def test_that_is_skipped():
     pytest.skip("always")
 
+@pytest.fixture(scope="module")
+def shared():
+    return [ros_harness.session()]
+
 @pytest.mark.ros
-def test_that_fails_once():
+def test_that_fails_once(shared):
+    shared.append("what the first run left")
     first = pathlib.Path("first")
     if not first.exists():
         first.touch()
+        rospy.set_param("/left", 1)
         pytest.fail("as under load")
+    assert len(shared) == 2 and not rospy.has_param("/left")
 """
 
 
@@ -55,14 +62,14 @@ def start(folder, *options, **environment):
 def test_a_run_that_is_ended_leaves_nobody(tmp_path, number, workers):
     run = start(tmp_path, "-k", "lasts", workers, ROS_NAMESPACE="robot1")
     pids = tmp_path / "pids"
-    wait_for(lambda: (pids.exists() and pids.read_text().endswith("end")) or run.poll() is not None, 60.0, "the test")
+    wait_for(lambda: (pids.exists() and pids.read_text().endswith("end")) or run.poll() is not None, "the test")
     assert run.poll() is None, run.communicate()[0]
     started = [int(word) for word in pids.read_text().split()[:2]]
     assert all(map(is_alive, started))
     run.send_signal(number)
     said, _ = run.communicate(timeout=HANGS)
     assert run.returncode == 2, said
-    wait_for(lambda: not any(map(is_alive, started)), 5.0, "the end of what the test has started")
+    wait_for(lambda: not any(map(is_alive, started)), "the end of what the test has started")
 
 
 def test_a_run_in_which_no_test_passed_is_a_failure(tmp_path):
@@ -73,8 +80,10 @@ def test_a_run_in_which_no_test_passed_is_a_failure(tmp_path):
 
 
 @pytest.mark.parametrize("workers", ["-n0", "-n2"])
-def test_what_was_run_a_second_time_is_named(tmp_path, workers):
+def test_a_second_run_begins_anew_and_is_named(tmp_path, workers):
     run = start(tmp_path, "-k", "once", workers)
     said, _ = run.communicate(timeout=HANGS)
     assert run.returncode == 0, said
-    assert re.search(r"run a second time: 1 =+\ntest_both.py::test_that_fails_once", said), said
+    assert re.search(
+        r"run a second time: 1 =+\ntest_both.py::test_that_fails_once\n(.*\n)*E +Failed: as under load", said
+    )

@@ -6,6 +6,7 @@ with the same command, and its rows are the same as without the stop. docs/howto
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Optional, Sequence
 
@@ -13,6 +14,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.policy import methods
 from training.common.command_line import continuable, end_at_sigterm, parsed
 from training.evaluation.run import EvaluationOptions, evaluate
+from training.evaluation.store import TRIALS
 from training.evaluation.trials import PROTOCOLS
 from training.report import write
 
@@ -26,7 +28,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(options: EvaluationOptions) -> None:
     """Evaluates and writes the report; says how to go on where it is stopped."""
     with continuable():
-        evaluate(options)
+        print(f"{len(evaluate(options).plan)} trials in {os.path.join(options.out, TRIALS)}")
         if options.report:
             print(f"report: {write(options.out)}")
 

@@ -28,6 +28,7 @@ from applr_ros1.robots import from_parameters, from_urdf, robot_file
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.description import Monitoring, find
 from applr_ros1.robots.from_parameters import Parameters
+from applr_ros1.robots.mistakes import in_one_line
 from applr_ros1.robots.reader import FILE
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
@@ -74,7 +75,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         values["frames"]["odom"] = parameters.frame("local_costmap")
         if parameters.frame("global_costmap"):
             values["frames"]["map"] = parameters.frame("global_costmap")
-    topics = [str(source["topic"]) for source in parameters.scans() if "topic" in source]
+    topics = [str(source["topic"]).rstrip("/") for source in parameters.scans() if "topic" in source]
     named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
     names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
@@ -95,7 +96,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     changes = from_parameters.without_map(parameters, odom, ceil(COURSE * scale))
     if changes:
         move_base["with_map"] = {}
-    scan_alone, others = from_parameters.one_scan(parameters.tree, values["topics"].get("scan", "scan"))
+    costmaps = from_parameters.used(merged(parameters.tree, changes))
+    scan_alone, others = from_parameters.one_scan(costmaps, names["scan"]) if names["scan"] else ({}, set())
     if changes or others:
         move_base["without_map"] = {"parameters": merged(changes, scan_alone)}
     if others:
@@ -117,7 +119,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         lines.append(f'the files leave out {len(missing)} values; give each in its line of {file}, without the "# ":')
     lines += ["  " + line for line in missing]
     lines += ["then:", f"  ./applr exec python -m training.check_robot {options.out}"]
-    return lines + [f"  ./applr demo robot:={options.out} method:=dwa"]
+    return lines + [f"  ./applr demo robot:={options.out} method:=dwa", f"  ./applr tune {options.out}"]
 
 
 def _braking(base: Dict[str, Any]) -> Dict[str, float]:
@@ -140,7 +142,7 @@ def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]])
         width = max(base["track"] + base.get("wheel_width", 0.0), *body.get("size", (0.0, 0.0))[1:2])
         return round(width / WIDTH, 3), [f"the planner refuses the parameter files: {error}"]
     scale = round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3)
-    return scale, [f"the planner refuses the parameter files: {finding}" for finding in wrong]
+    return scale, [f"the planner refuses the parameter files: {in_one_line(wrong)}"] if wrong else []
 
 
 def _copies(parameters: Parameters) -> Dict[str, str]:
@@ -153,20 +155,15 @@ def _copies(parameters: Parameters) -> Dict[str, str]:
 
 def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
     """What the planner's own limits say of the base: it can at least do that."""
-    found: Dict[Tuple[str, str], Tuple[Any, str]] = {}
-    for section, name, theirs in (
-        ("base", "max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
-        ("base", "max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
-        ("base", "max_acceleration", ("acc_lim_x",)),
-        ("base", "max_yaw_acceleration", ("acc_lim_theta",)),
-        ("monitor", "deceleration", ("acc_lim_x",)),
-        ("monitor", "yaw_deceleration", ("acc_lim_theta",)),
+    planner, found = parameters.stated or parameters.planner(), {}
+    for places, theirs in (
+        ((("base", "max_speed"),), ("max_vel_x", "max_vel_trans", "max_trans_vel")),
+        ((("base", "max_yaw_rate"),), ("max_vel_theta", "max_rot_vel")),
+        ((("base", "max_acceleration"), ("monitor", "deceleration")), ("acc_lim_x",)),
+        ((("base", "max_yaw_acceleration"), ("monitor", "yaw_deceleration")), ("acc_lim_theta",)),
     ):
-        planner = parameters.planner()
-        have = [(find(planner, "", (key,)), f"the planner's {key}") for key in theirs]
-        have = [(value, origin) for value, origin in have if value is not None]
-        if have:
-            found[section, name] = max(have)
+        have = [(x, f"the planner's {key}") for key in theirs if (x := find(planner, "", (key,))) is not None]
+        found.update(dict.fromkeys(places, max(have)) if have else {})
     return found
 
 

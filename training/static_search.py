@@ -2,27 +2,24 @@
 
 Started as `rosrun applr_ros1 static_search.py` or `python -m training.static_search`. In each generation the candidates
 race through the same newly drawn worlds with the same seeds, and CMA-ES is given their ranks. At the end theta_0, the
-given sets, and the means and winners of the last generations race through other worlds. A search that was stopped
-continues with the same command and comes to the same result.
+given sets, and the means of the last generations race through other worlds. A search that was stopped continues with
+the same command and comes to the same result.
 """
 
 from __future__ import annotations
 
 import shlex
 import sys
-import time
 from functools import partial
 from itertools import repeat
 from pathlib import Path
 from typing import Any, Dict, List, Literal, Optional
 
-import numpy as np
-
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import ApplrError, reason, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import read_json, write_json
-from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.common.files import write_json
+from applr_ros1.policy.parameter_space import space_of
 from training.actors.pool import make_pool
 from training.common.command_line import (
     AnyRobot,
@@ -47,7 +44,7 @@ from training.tune import parameter_file
 from worlds.loading import FORMS
 
 with extra(__name__):
-    from training.tune.search import blocks_of, finalists, last_race, said, search, set_trials
+    from training.tune.search import SetTrials, blocks_of, finalists, last_race, said, search
 
 
 class StaticOptions(Options):
@@ -63,9 +60,8 @@ class StaticOptions(Options):
     workers: Workers
     ray_address: RayAddress
     start: List[str] = option([],
-        "JSON file with a parameter set, or the log of an earlier search, that takes part in the first generation and "
-        "in the last race; may be given several times. The search begins around the first. Without it the search "
-        "begins at the default parameters, theta_0.")
+        "JSON file with a parameter set that takes part in the first generation and in the last race; may be given "
+        "several times. The search begins around the first. Default: the default parameters, theta_0.")
     planner_frequency: Optional[int] = option(None,
         "Global plans per simulated second during the generations. 10 or 5 make the search faster and less exact; the "
         "last race plans as often as the robot does. Default: as often as the robot does.", ge=1, le=20)
@@ -107,59 +103,37 @@ def main(arguments: Optional[List[str]] = None) -> int:
 def run(arguments: List[str]) -> None:
     """Searches as the arguments say and writes the set and its log."""
     options = parsed(StaticOptions, "static_search.py", (__doc__ or "").splitlines()[0], arguments)
-    stem = str(Path(options.out).with_suffix(""))
-    make_folder(Path(options.out).parent)
+    robot, space, stem = options.robot, space_of(options.robot), Path(options.out).with_suffix("")
+    make_folder(stem.parent)
     worlds, final_worlds = (
-        [w[:2] for w in world_list(text, options.protocol, options.robot)]
+        [world[:2] for world in world_list(text, options.protocol, robot)]
         for text in (options.worlds, options.final_worlds)
     )
-    space = space_of(options.robot)
-    starts = [start(path, space) for path in options.start] or [space.theta0]
-    began = time.monotonic()
-
+    starts = [space.read(path) for path in options.start] or [space.theta0]
     log: List[Dict[str, Any]] = []
     how = {name: getattr(options, name) for name in ("seed", "sigma", "population", "worlds_per_set")}
-    rules: Dict[str, Any] = {"protocol": options.protocol, "monitor": options.monitor, "robot": options.robot.folder}
+    rules: Dict[str, Any] = {"protocol": options.protocol, "monitor": options.monitor, "robot": robot.folder}
     first = TrialSettings(simulator=options.simulator, planner_frequency=options.planner_frequency, **rules)
-    second = TrialSettings(simulator=options.final_simulator, **rules)
+    last = TrialSettings(simulator=options.final_simulator, **rules)
     with continuable(), make_pool(options.workers, options.ray_address) as pool:
-        made = partial(set_trials, pool, options.robot, stem + "_trials.csv", planner=options.planner)
-        trials = made(first, worlds)
-        for line in search(repeat(trials, options.generations), starts, options.cost, **how):
-            seconds = round(time.monotonic() - began, 1)
-            log.append({**line, "trials": trials.driven, "seconds": seconds})
+        table = Path(f"{stem}_trials.csv")
+        made = partial(SetTrials.kept, pool, robot, table=table, planner=options.planner)
+        rounds = repeat(made(worlds, settings=first), options.generations)
+        for line in search(rounds, starts, options.cost, **how):
+            log.append(line)
             where = f"generation {len(log)} of {options.generations}: winner {said(line['winner'])}"
-            print(f"{where}, sigma {line['sigma']:.3f}, {trials.driven} trials in all, {seconds:.0f} s", flush=True)
-        last = made(second, final_worlds)
+            print(f"{where}, sigma {line['sigma']:.3f}", flush=True)
         blocks = blocks_of(len(final_worlds), options.final_trials, options.seed)
-        table = last_race(last, finalists(space, starts, log), blocks, options.cost, options.seed)
-    for line in table:
+        sets = finalists(space, starts, log)
+        lines = last_race(made(final_worlds, settings=last), sets, blocks, options.cost, options.seed)
+    for line in lines:
         print(f"{said(line)}: {line['parameters']}", flush=True)
-    best = table[0]["parameters"]
-    found = {
-        "theta": best,
-        "result": table[0],
-        "finalists": table,
-        "log": log,
-        "trials": trials.driven + last.driven,
-        "seconds": round(time.monotonic() - began, 1),
-        "command": shlex.join(["python", "-m", "training.static_search", *arguments]),
-    }
-    write_json(stem + "_log.json", found)
-    parameter_file.write(options.robot, best, Path(options.out), Path(stem + ".yaml"))
+    command = shlex.join(["python", "-m", "training.static_search", *arguments])
+    write_json(f"{stem}_log.json", {"result": lines[0], "finalists": lines, "log": log, "command": command})
+    best = lines[0]["parameters"]
+    parameter_file.write(robot, best, Path(options.out), Path(f"{stem}.yaml"))
     print(f"{options.out}: {best}")
-    print(f"{stem}.yaml: the same for move_base, to be loaded after {options.robot.name}'s own files")
-
-
-def start(path: str, space: Space = SPACE) -> np.ndarray:
-    """The set (n,) in a JSON file: one set, or the one that an earlier search found, by its log."""
-    content = read_json(path)
-    if isinstance(content, dict) and "theta" in content:
-        try:
-            return space.from_dict(dict(content["theta"]))
-        except (TypeError, ValueError) as error:
-            raise ApplrError(f"--start {path}: no set of parameters ({reason(error)})") from None
-    return space.read(path)
+    print(f"{stem}.yaml: the same for move_base, to be loaded after {robot.name}'s own files")
 
 
 if __name__ == "__main__":

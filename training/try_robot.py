@@ -4,9 +4,9 @@ Started as `./applr try ROBOT` or `python -m training.try_robot ROBOT`. It begin
 parameters do not drive it, its set-up is wrong, and what is printed says why and what to change. In each course the
 robot's own parameters, the policy and, where the robot's folder has static.json, the tuned parameters drive with the
 same seed, until one of them is clearly better or the time is spent. What is printed then ends with three sentences
-(arrivals and times with 95 % intervals; whether the policy pays; what to do next), the commonest reasons of failures
-with what to change, a picture, and the line for robot.yaml. The exit status is 0 only where the policy pays. A stopped
-run continues with the same command.
+(arrivals and times with 95 % intervals; whether the policy pays; what to do next), the commonest reasons of failures, a
+picture, and the line for robot.yaml. The exit status is 0 only where the policy pays. A stopped run continues with the
+same command.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence
 
@@ -35,10 +35,10 @@ from training.common.command_line import (
 )
 from training.common.options import PLACE, Options, option
 from training.evaluation import open_floor
-from training.evaluation.plan import Trial, plan_trials
-from training.evaluation.run import EvaluationOptions, drive, settings
+from training.evaluation.plan import Trial
+from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.store import TrialStore
-from training.evaluation.trials import TRIAL_RUNNER, world_list
+from training.evaluation.trials import TRIAL_RUNNER
 from training.report.verdict import (
     LOOKS,
     OWN,
@@ -90,22 +90,12 @@ def run(options: TryOptions) -> int:
     how = {name: getattr(options, name) for name in ("robot", "worlds", "simulator", "workers", "seed", "runner")}
     out = options.out or os.path.join("try", robot.name)
     evaluation = EvaluationOptions.model_construct(
-        **how,
-        methods=",".join(names),
-        trials=TRIALS,
-        protocol="paper",
-        planner="ours",
-        monitor=True,
-        movers=True,
-        out=out,
+        **how, methods=",".join(names), trials=TRIALS, protocol="paper", monitor=True, movers=True, out=out
     )
-    worlds = world_list(options.worlds, evaluation.protocol, robot)
-    chosen = methods.parse(evaluation.methods, robot)
-    trials = plan_trials([world[:2] for world in worlds], chosen, TRIALS, options.seed)
-    with continuable(), closing(TrialStore(out, settings(evaluation, worlds, chosen), trials)) as store:
-        blocks = _blocks(store, names, max(1, options.workers), 60.0 * options.minutes)
-        drive(store, evaluation, blocks)
-        driven, used_up = paired_trials(store.results, names), len(store.results) == len(trials)
+    blocks = partial(_blocks, names=names, pairs=max(1, options.workers), seconds=60.0 * options.minutes)
+    with continuable():
+        store = evaluate(evaluation, blocks)
+    driven, used_up = paired_trials(store.results, names), len(store.results) == len(store.plan)
     method, sentences = verdict(driven, robot.name, robot.folder, used_up)
     path, missing = Path(out) / "verdict.png", absent("matplotlib")
     if not missing:

@@ -1,10 +1,11 @@
 """Better parameters for the move_base that a robot runs already, from the robot's folder.
 
-Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. CMA-ES searches in the kinematic simulator,
-then in pybullet; the best sets race there, and of the winner each parameter is put back at the robot's own value where
-nothing is lost by it. Courses that the search did not use say in three sentences what the rest is worth. Where that is
-clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `try`, `evaluate` and the method
-`static`. The exit status is 0 only then. A stopped run continues with the same command.
+Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor, as `./applr try`:
+where a robot's own parameters do not drive it there, it says why and what to change, and ends. CMA-ES searches in the
+kinematic simulator, then in pybullet; the best sets race there, and of the winner each parameter is put back at the
+robot's own value where nothing is lost by it. Courses that the search did not use say in three sentences what the rest
+is worth. Where that is clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `try`,
+`evaluate` and the method `static`. The exit status is 0 only then. A stopped run continues with the same command.
 """
 
 from __future__ import annotations
@@ -13,9 +14,8 @@ import os
 import shutil
 import sys
 import time
-from contextlib import closing
+from contextlib import suppress
 from functools import partial
-from itertools import count
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Dict, Iterable, Iterator, List, Literal, Mapping, Optional, Sequence, Tuple, TypeVar
@@ -44,21 +44,22 @@ from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
 from training.env.protocols import CHALLENGE
 from training.env.settings import TrialSettings
-from training.evaluation.plan import plan_trials
-from training.evaluation.run import EvaluationOptions, drive, settings
-from training.evaluation.score import AIMS
+from training.evaluation import open_floor
+from training.evaluation.plan import Trial
+from training.evaluation.run import EvaluationOptions, evaluate
+from training.evaluation.score import AIMS, Own
 from training.evaluation.store import TrialStore
 from training.evaluation.trials import TRIAL_RUNNER, content, world_list
 from training.report import page
 from training.report.tables import Table
 from training.report.verdict import KEEP, OWN, SET, paired_trials, tuned_verdict
 from training.tune import parameter_file
-from worlds import sdf_writer
+from worlds import World, sdf_writer
 from worlds.loading import specs
 
 with extra(__name__):
     from training.tune import bag
-    from training.tune.search import SetTrials, blocks_of, finalists, last_race, said, search, set_trials, without_idle
+    from training.tune.search import SetTrials, blocks_of, finalists, last_race, said, search, without_idle
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
 # parameters are put back; the rest is the verdict's
@@ -66,8 +67,8 @@ KINEMATIC, SEARCHED, RACED, PUT_BACK = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
 SLOW = 10.0  # optimal times after which a drive of the search has failed
 JUDGED = "pybullet"  # the simulator of all but the search's first part
-MOST, FEWEST = 6, 8  # blocks of drives in which a parameter is put back; courses of the verdict
-COPIES = 16  # of each course of a bag, moved; half of them are kept for the verdict
+MOST, FEWEST = 6, 12  # blocks of drives in which a parameter is put back; courses of the verdict
+COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in and to judge in
 RECIPE = Path(__file__).parent / "recipes" / "applr.yaml"  # how drives differ from the nominal robot in training
 T = TypeVar("T")
@@ -83,11 +84,12 @@ class TuneOptions(Options):
         "Bags of drives with move_base, ROS 1 or 2, or folders of them: half of the courses are then theirs and moved "
         "copies, and the robot has what the bags measure.")
     anyway: bool = option(False,
-        "Go on where the simulated drive on a bag's course takes another time than the recorded one.")
+        "Go on where the robot's own parameters do not drive it on open floor, or the simulated drive on a bag's "
+        "course takes another time than the recorded one.")
     minutes: float = option(15.0, "Time [min] from the first drive to the verdict.", gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
-        "What counts beside arriving without a contact: fast, the time; careful, also the distance from obstacles; "
-        "smooth, also little jerk and turning.")
+        "What counts beside arriving without a contact: fast, the time; careful, the distance from obstacles; smooth, "
+        "little jerk and turning; both without taking longer.")
     workers: Workers
     out: str = option("",
         "Folder for all trials and the page, and for what is found for an included robot. Default: tune/ROBOT.")
@@ -96,15 +98,31 @@ class TuneOptions(Options):
     # fmt: on
 
 
-class Budget:
-    """The time of a run [s], of which some was spent before it was interrupted."""
+class Clock:
+    """The time of a run. Each look at it is kept in a file: a run that goes on decides as before it was interrupted.
 
-    def __init__(self, seconds: float, before: float):
-        self._seconds, self._began = seconds, time.monotonic() - before
+    Args:
+        file: where the looks are.
+        seconds: that the run has.
+        setting: what is run; a file of another one counts for nothing.
+    """
+
+    def __init__(self, file: Path, seconds: float, setting: List[Any]):
+        kept = read_json(file) if file.exists() else {}
+        self._file, self._seconds, self._setting = file, seconds, setting
+        self._looks: List[float] = kept["looks"] if kept.get("setting") == setting else []
+        self._again = iter(list(self._looks))
+        self._began, self.minutes = time.monotonic(), 0.0
 
     def spent(self) -> float:
-        """The share that is over."""
-        return (time.monotonic() - self._began) / self._seconds
+        """The share that is over. The first look begins the time."""
+        now = next(self._again, None)
+        if now is None:
+            now = time.monotonic() - self._began if self._looks else 0.0
+            self._looks.append(now)
+            write_json(self._file, {"setting": self._setting, "looks": self._looks})
+        self._began, self.minutes = time.monotonic() - now, now / 60.0
+        return now / self._seconds
 
     def until(self, share: float, blocks: Iterable[T], fewest: int = 1) -> Iterator[T]:
         """Those of the blocks that begin before so much is spent, at least the fewest."""
@@ -125,22 +143,32 @@ def run(options: TuneOptions) -> int:
     """Searches, judges, writes and prints; returns the exit status."""
     robot, searched, unseen = options.robot, WORLDS, UNSEEN
     out = make_folder(options.out or os.path.join("tune", robot.name))
+    if "," in str(out):
+        raise ApplrError(f"{out}: lists of worlds and methods are divided by commas; give an --out without one")
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
     folder = out if included else Path(robot.folder)
+    can, floor = open_floor.sentences(robot, "kinematic")
+    print("\n".join(floor), flush=True)
+    if not (can or options.anyway):
+        return 1
     with continuable():
         if options.bag:
             robot, searched, unseen = recorded(options, out, folder)
-        theta, worth, budget = find(options, robot, searched, out)
+        worlds = world_list(searched, CHALLENGE, robot)
+        setting = [content(robot), options.seed, *(spec for _, spec, _ in worlds)]
+        clock = Clock(out / f"clock_{options.for_}.json", 60.0 * options.minutes, setting)
+        theta, worth = find(options, robot, worlds, out, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, unseen, content(robot))).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        trials = judge(options, robot, unseen, drives, budget)
+        trials = judge(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     table = changes(robot, values, worth)
-    shown = page.write(drives, said=sentences, first=[table])
+    names = f"Below, {OWN} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
+    shown = page.write(drives, said=[*sentences, names], first=[table])
     if better:
         parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
     lines = [f"  {name}: {tuned} instead of {own}; {gain} s" for name, own, tuned, gain, _ in table.rows]
@@ -159,11 +187,14 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     """
     found = bag.read(options.bag, options.robot, copies=COPIES)
     check = found.check(seed=options.seed)
-    measured_fields = [f"{section}.{name}: {value}" for (section, name), value in found.fields.items()]
-    print("\n".join([*found.remarks, *measured_fields, *check.lines, check.sentence]), flush=True)
+    fields = [
+        f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
+        for (section, name), value in found.fields.items()
+    ]
+    print("\n".join([*found.remarks, *fields, *check.lines, check.sentence]), flush=True)
     if not check.agrees and not options.anyway:
         raise ApplrError(f"{check.sentence}; give --anyway to go on all the same")
-    text = measured.written((Path(options.robot.folder) / FILE).read_text(), found.fields)
+    text = measured.written((Path(options.robot.folder) / FILE).read_text(), found.new)
     place = out / options.robot.name
     shutil.copytree(options.robot.folder, place, dirs_exist_ok=True)
     for described in (place, folder) if folder != out else (place,):
@@ -178,88 +209,70 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
 
 
 def find(
-    options: TuneOptions, robot: Robot, searched: str, out: Path
-) -> Tuple[np.ndarray, Dict[str, Estimate], Budget]:
-    """The best set (n,) of a robot's parameters in the worlds `searched`.
-
-    Returns:
-        The set, what each parameter that it changes saves [s], and how the time stands.
-    """
-    aim, seed, seconds = AIMS[options.for_], options.seed, 60.0 * options.minutes
-    space, cost = space_of(robot), partial(aim.seconds, robot=robot)
-    worlds = world_list(searched, CHALLENGE, robot)
+    options: TuneOptions, robot: Robot, worlds: Sequence[Tuple[str, str, World]], out: Path, clock: Clock
+) -> Tuple[np.ndarray, Dict[str, Estimate]]:
+    """The best set (n,) of a robot's parameters in worlds, and what each parameter that it changes saves [s]."""
+    seed, space = options.seed, space_of(robot)
+    farthest = max(world.course.route_m for *_, world in worlds)
     rules: Dict[str, Any] = {
-        "robot": robot.folder,
-        "protocol": CHALLENGE,
-        "monitor": True,
-        "randomisation": randomisation(),
-        "time_limit": min(TIME_LIMIT, SLOW * max(w.course.route_m for *_, w in worlds) / robot.base.max_speed),
+        **{"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": randomisation()},
+        "time_limit": min(TIME_LIMIT, SLOW * farthest / robot.base.max_speed),
     }
-    names, drive = [world[:2] for world in worlds], resolve_name(options.runner)
-    log, setting = out / f"search_{options.for_}.json", [content(robot), seed, [spec for _, spec in names]]
-    stored = read_json(log) if log.exists() else {}
-    earlier = stored["generations"] if stored.get("setting") == setting else []
-    lines: List[Dict[str, Any]] = []
-    simulators: List[str] = []
+    drive, lines, driven = resolve_name(options.runner), [], []  # type: Any, List[Dict[str, Any]], List[str]
+
+    def tell(what: str) -> None:
+        clock.spent()
+        print(f"{clock.minutes:4.1f} min: {what}", flush=True)
+
     with make_pool(options.workers) as pool:
-        of = {
-            name: set_trials(
-                pool, robot, str(out / f"{name}.csv"), TrialSettings(simulator=name, **rules), names, "drawn", drive
-            )
-            for name in ("kinematic", JUDGED)
-        }
+        made = partial(SetTrials.kept, pool, robot, [world[:2] for world in worlds], planner="drawn", drive=drive)
+        of = {n: made(out / f"{n}.csv", TrialSettings(simulator=n, **rules)) for n in ("kinematic", JUDGED)}
         for trials in of.values():
             trials.run(space.theta0[None], [(0, 0)], seed)  # compiles kernels, which shall not count
-        budget = Budget(seconds, earlier[-1]["seconds"] if earlier else 0.0)
+        clock.spent()
 
         def rounds() -> Iterator[SetTrials]:
-            """What drives each generation; those of an interrupted run are repeated from the table of trials."""
-            for number in count():
-                spent = earlier[number]["seconds"] / seconds if number < len(earlier) else budget.spent()
-                if number and spent >= SEARCHED:
-                    return
-                name = "kinematic" if spent < KINEMATIC else JUDGED
-                simulators.append(earlier[number]["simulator"] if number < len(earlier) else name)
-                yield of[simulators[-1]]
+            """What drives each generation."""
+            while (spent := clock.spent()) < SEARCHED or not driven:
+                driven.append("kinematic" if spent < KINEMATIC else JUDGED)
+                yield of[driven[-1]]
 
-        first = blocks_of(len(worlds), 1, seed)[:2]
-        starts = [np.array(line["theta"]) for line in last_race(of["kinematic"], warm_starts(robot), first, cost, seed)]
+        every = blocks_of(len(worlds), 1, seed)
+        first = every[:2]
+        (own,) = of["kinematic"].run(space.theta0[None], sum(first, []), seed)
+        cost = partial(AIMS[options.for_].seconds, robot=robot, own=Own.of(own, robot))
+        begun = last_race(of["kinematic"], warm_starts(robot), first, cost, seed)
+        tell(f"best of {len(begun)} sets to begin with: {said(begun[0])}")
+        starts = [np.array(line["theta"]) for line in begun]
         for line in search(rounds(), starts, cost, seed=seed, **SEARCH):
-            number = len(lines)
-            now = earlier[number]["seconds"] if number < len(earlier) else seconds * budget.spent()
-            lines.append({**line, "simulator": simulators[-1], "seconds": now})
-            write_json(log, {"setting": setting, "generations": [*lines, *earlier[number + 1 :]]})
-            print(
-                f"{now / 60.0:4.1f} min: generation {number + 1}, {simulators[-1]}: {said(line['winner'])}", flush=True
-            )
-        blocks = budget.until(RACED, blocks_of(len(worlds), 1, seed))
-        best = last_race(of[JUDGED], finalists(space, starts, lines), blocks, cost, seed)[0]
-        print(f"{seconds * budget.spent() / 60.0:4.1f} min: best of the last race: {said(best)}", flush=True)
+            lines.append(line)
+            tell(f"generation {len(lines)}, {driven[-1]}: {said(line['winner'])}")
+        best = last_race(of[JUDGED], finalists(space, starts, lines), clock.until(RACED, every), cost, seed)[0]
+        tell(f"best of the last race: {said(best)}")
         theta = space.clip([float(f"{value:.4g}") for value in best["theta"]])
-        turns = np.linspace(budget.spent(), PUT_BACK, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
+        turns = np.linspace(clock.spent(), PUT_BACK, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
         some = blocks_of(len(worlds), 1, seed + 1)[:MOST]
-        return *without_idle(of[JUDGED], theta, lambda: budget.until(turns.pop(0), some), cost, seed + 1), budget
+        asked = AIMS[options.for_].asked()
+        return without_idle(of[JUDGED], theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, asked)
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Sets (k, n): the robot's own, those of the other included robots at its size and speed, and those half-way.
+    """Sets (k, n): the robot's own parameters, the set in its folder, those of other included robots, and half-way.
 
-    Parameters that the dimensionless form does not know are taken at the same place of their range.
+    Those of others are brought to its size and speed. Parameters that the dimensionless form does not know are taken at
+    the same place of their range.
     """
     space, found = space_of(robot), [space_of(robot).theta0]
-    for other in (load(name) for name in NAMES if name != robot.name):
-        path = methods.shipped("static.json", other)
-        if not os.path.exists(path):
-            continue
-        theirs = space_of(other).read(path)
-        try:
-            form = DimensionlessForm(robot, 1.0)
-        except ApplrError:  # of a laser that does not look ahead, which is a policy's matter
-            break
-        there = dict(zip(space_of(other).names, space_of(other).to_action(theirs)))
-        here = zip(space.names, space.to_action(form.theta(DimensionlessForm(other, 1.0).action(theirs))))
-        action = np.array([at if name in form.chosen else there.get(name, at) for name, at in here])
-        found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
+    for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
+        with suppress(ApplrError):  # there is no set, or one of other parameters, or the laser does not look ahead
+            theirs = space_of(other).read(methods.shipped("static.json", other))
+            action = space_of(other).to_action(theirs)
+            if other is not robot:
+                there = dict(zip(space_of(other).names, action))
+                form, their_form = DimensionlessForm(robot, 1.0), DimensionlessForm(other, 1.0)
+                here = zip(space.names, space.to_action(form.theta(their_form.action(theirs))))
+                action = np.array([at if name in form.chosen else there.get(name, at) for name, at in here])
+            found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
     return np.array(found)
 
 
@@ -269,28 +282,22 @@ def randomisation() -> Dict[str, Any]:
     return {name: recipe[name] for name in vars(Randomisation()) if name in recipe and name != "ground"}
 
 
-def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, budget: Budget) -> pd.DataFrame:
+def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
     """Drives the robot's own parameters and the set in `drives` in the worlds `unseen`: paired_trials of both."""
-    cost = partial(AIMS[options.for_].seconds, robot=robot)
+    names, workers = f"{OWN},{SET}={drives / 'static.json'}", max(1, options.workers)
     how = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     evaluation = EvaluationOptions.model_construct(
-        **how,
-        robot=robot,
-        simulator=JUDGED,
-        protocol=CHALLENGE,
-        planner="ours",
-        monitor=True,
-        trials=1,
-        out=str(drives),
+        **how, robot=robot, worlds=unseen, methods=names, protocol=CHALLENGE, monitor=True, trials=1, out=str(drives)
     )
-    worlds = world_list(unseen, CHALLENGE, robot)
-    chosen = [(OWN, OWN), (SET, str(drives / "static.json"))]
-    plan = plan_trials([world[:2] for world in worlds], chosen, 1, options.seed)
-    size = len(chosen) * max(1, options.workers)
-    blocks = [plan[first : first + size] for first in range(0, len(plan), size)]
-    with closing(TrialStore(drives, settings(evaluation, worlds, chosen), plan)) as store:
-        drive(store, evaluation, budget.until(1.0, blocks, fewest=-(-FEWEST // max(1, options.workers))))
-        return paired_trials(store.results, (OWN, SET), cost)
+
+    def blocks(store: TrialStore) -> Iterator[Sequence[Trial]]:
+        """As many courses with both as there are workers, until the time is over."""
+        parts = [store.plan[first : first + 2 * workers] for first in range(0, len(store.plan), 2 * workers)]
+        return clock.until(1.0, parts, fewest=-(-FEWEST // workers))
+
+    results = evaluate(evaluation, blocks).results
+    own = Own.of([result for trial, result in results.items() if trial.method == OWN], robot)
+    return paired_trials(results, (OWN, SET), partial(AIMS[options.for_].seconds, robot=robot, own=own))
 
 
 def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Estimate]) -> Table:

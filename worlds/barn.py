@@ -1,24 +1,19 @@
 """BARN's worlds: their grid, the recipe that generates them, and the 300 built-in ones with their split.
 
 The grid has 30 x 30 cells of .15 m behind a corridor; SDF reader (path files) and difficulty metrics use it, too. The
-built-in worlds are data/builtin.npz, 23 kB of packed bits; `python -m worlds.barn` makes that file anew from the
-recipe, and a test compares.
+built-in worlds are data/builtin.npz, 23 kB of packed bits: what generate_field gives for 0 to 299, as a test sees.
 """
 
 from __future__ import annotations
 
-import argparse
 import functools
-import io
 import math
 import os
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
-
-from applr_ros1.common import files
 
 from . import search
 from .world import Course, World
@@ -67,27 +62,18 @@ def cylinders_of(filled: np.ndarray) -> np.ndarray:
 def paper_course(path: np.ndarray) -> Course:
     """The paper's course along a reference path (k, 2) [m]: start 1 m before its first point, done past y = 10."""
     (x0, _), (x1, y1) = path[0], path[-1]
-    return Course(
-        start=(float(x0), START_Y, math.pi / 2),
-        goal=(float(x1), float(y1) + GOAL_BEYOND, math.pi / 2),
-        finish_y=FINISH_Y,
-        goal_tolerance=GOAL_TOLERANCE,
-        path=path,
-    )
+    start, goal = (float(x0), START_Y, math.pi / 2), (float(x1), float(y1) + GOAL_BEYOND, math.pi / 2)
+    return Course(start, goal, FINISH_Y, GOAL_TOLERANCE, path)
 
 
 def challenge_course(path: np.ndarray) -> Course:
     """The BARN Challenge's course: one start for all worlds, goal 10 m ahead, done within 1 m of it."""
-    return Course(
-        start=(-2.25, 3.0, math.pi / 2), goal=(-2.25, 13.0, math.pi / 2), finish_y=None, goal_tolerance=1.0, path=path
-    )
+    return Course((-2.25, 3.0, math.pi / 2), (-2.25, 13.0, math.pi / 2), None, 1.0, path)
 
 
 def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray) -> World:
     """World from a field (30, 30) bool and a reference path (k, 2) of cells."""
-    return World(
-        name=name, cylinders=cylinders_of(filled), boxes=np.zeros((0, 5)), course=paper_course(to_xy(path_cells))
-    )
+    return World(name, cylinders_of(filled), np.zeros((0, 5)), paper_course(to_xy(path_cells)))
 
 
 FILL = (0.15, 0.20, 0.25, 0.30)  # probability that a cell is filled at first
@@ -200,32 +186,3 @@ def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
     filled = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
     paths = np.split(cells.astype(np.int64).reshape(-1, 2), ends[:-1])
     return {n: (filled[n], paths[n]) for n in range(COUNT)}
-
-
-def pack(worlds: Sequence[Tuple[np.ndarray, np.ndarray]]) -> bytes:
-    """Bytes of the data file for 300 pairs (filled, path), in order."""
-    filled = np.array([f for f, _ in worlds], dtype=bool)
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        filled=np.packbits(filled),
-        path_cells=np.concatenate([p for _, p in worlds]).astype(np.uint8),
-        path_ends=np.cumsum([len(p) for _, p in worlds]).astype(np.int32),
-    )
-    return buffer.getvalue()
-
-
-def main() -> None:
-    """Generate the 300 worlds and write the data file."""
-    argparse.ArgumentParser(
-        prog="python -m worlds.barn",
-        description="Makes the 300 built-in worlds again and writes them to worlds/data/builtin.npz.",
-    ).parse_args()
-    data = pack([generate_field(n) for n in range(COUNT)])
-    os.makedirs(os.path.dirname(FILE), exist_ok=True)
-    files.write_bytes(FILE, data)
-    print(f"{FILE}: {COUNT} worlds, {len(data)} bytes")
-
-
-if __name__ == "__main__":
-    main()

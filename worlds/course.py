@@ -29,8 +29,11 @@ MAX_PATH = 10_000  # points
 ROBOT_RADIUS = 0.30  # [m] kept free around a searched path: half a Jackal's diagonal and a little
 MARGIN = 1.0  # [m] a searched course starts and ends this far outside the obstacles
 SEARCH_CELL = 0.10  # [m]
+DOOR = 2.4  # [m]; a gap in a room's walls that is no wider is its door
+OPEN = 0.1  # share of a room's outline that may be doors
 NARROW = 5.0  # [m]; obstacles in a narrower area may be passed on the outside
 GIVE = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
+OWN = "put the world's own path file there"
 MAX_SIDE = 50.0  # [m] of the area searched
 
 
@@ -45,14 +48,9 @@ def from_element(element: Element, path: str) -> Course:
     if not 4 <= len(words) <= 2 * MAX_PATH:
         raise WorldError(f"path of the course in {path} has {len(words)} numbers; it needs 2 to {MAX_PATH} points")
     points = get("path", len(words) // 2 * 2)
-    finish = element.find(f"{{{NAMESPACE}}}finish_y")
-    return Course(
-        start=get("start", 3),
-        goal=get("goal", 3),
-        finish_y=None if finish is None else get("finish_y", 1)[0],
-        goal_tolerance=get("goal_tolerance", 1)[0],
-        path=np.array(points).reshape(-1, 2),
-    )
+    finish = None if element.find(f"{{{NAMESPACE}}}finish_y") is None else get("finish_y", 1)[0]
+    ends = get("start", 3), get("goal", 3)
+    return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2))
 
 
 def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -> Course:
@@ -88,19 +86,15 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     cells = read_path_file(file)
     outside = np.any((cells < 0) | (cells >= (barn.ROWS, barn.COLS)), axis=1)
     if outside.any():
-        raise WorldError(
-            f"{file} has the cell {tuple(int(v) for v in cells[outside][0])} outside BARN's {barn.ROWS} x "
-            f"{barn.COLS} field; put the world's own path file there"
-        )
+        cell = tuple(int(v) for v in cells[outside][0])
+        raise WorldError(f"{file} has the cell {cell} outside BARN's {barn.ROWS} x {barn.COLS} field; {OWN}")
     if np.abs(np.diff(cells, axis=0)).max() > 1:
-        raise WorldError(f"{file} jumps between cells that are not neighbours; put the world's own path file there")
+        raise WorldError(f"{file} jumps between cells that are not neighbours; {OWN}")
     clear = search.free_space(barn.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
-        raise WorldError(
-            f"{file} runs into an obstacle at cell {tuple(int(v) for v in cells[shut][0])}: no passage there; put the "
-            "world's own path file there or clear the way"
-        )
+        cell = tuple(int(v) for v in cells[shut][0])
+        raise WorldError(f"{file} runs into an obstacle at cell {cell}: no passage there; {OWN} or clear the way")
     return barn.paper_course(barn.to_xy(cells))
 
 
@@ -118,10 +112,8 @@ def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
     ends = [(r, c) for c in (0, barn.COLS - 1) for r in range(barn.ROWS)]
     cells = search.shortest_path(free, ends[: barn.ROWS], ends[barn.ROWS :])
     if cells is None:
-        raise WorldError(
-            f"{path} has no passage of {barn.CELL * (2 * barn.CLEARANCE + 1):.2f} m through its field; "
-            "clear a way or give another world"
-        )
+        passage = f"passage of {barn.CELL * (2 * barn.CLEARANCE + 1):.2f} m through its field"
+        raise WorldError(f"{path} has no {passage}; clear a way or give another world")
     return barn.paper_course(barn.to_xy(cells))
 
 
@@ -129,15 +121,11 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     """Inside closed walls from one end to the other, else from below the obstacles (least y) to above them."""
     extent = _extent(cylinders, boxes)
     if extent is None:
-        raise WorldError(
-            f"{path} holds no obstacle that a ground robot could meet; give a world with boxes or cylinders"
-        )
+        raise WorldError(f"{path} holds no obstacle in a ground robot's way; give a world with boxes or cylinders")
     low, high = extent[0] - MARGIN - 0.5 * SEARCH_CELL, extent[1] + MARGIN
     if max(high - low) > MAX_SIDE:
-        raise WorldError(
-            f"{path} is {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m, too large to search for a course (at most "
-            f"{MAX_SIDE:.0f} m); {GIVE.format(path)}"
-        )
+        size = f"{high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m, too large to search for a course"
+        raise WorldError(f"{path} is {size} (at most {MAX_SIDE:.0f} m); {GIVE.format(path)}")
     free = free_grid(low, high, cylinders, boxes)
     room = _room(free, low)
     if room is not None:
@@ -154,29 +142,31 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     ends = [[(r, c) for r in range(free.shape[0])] for c in (0, free.shape[1] - 1)]
     cells = search.shortest_path(free, *ends)
     if cells is None:
-        raise WorldError(
-            f"{path} has no passage of {2.0 * ROBOT_RADIUS:.2f} m along y; clear a way, or {GIVE.format(path)}"
-        )
+        wide = f"{2.0 * ROBOT_RADIUS:.2f} m"
+        raise WorldError(f"{path} has no passage of {wide} along y; clear a way, or {GIVE.format(path)}")
     return _along(low + SEARCH_CELL * (cells + 0.5), math.pi / 2)
 
 
 def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
-    """(nx, ny) bool: what closed walls shut in, where that is as wide and long as half of the world; else None.
+    """(nx, ny) bool: what walls with doors shut in around the origin, where Gazebo puts a robot; None for nothing.
 
-    Of several rooms the one that the origin lies in, where Gazebo puts a robot, or the largest. Nothing outside can be
-    reached from there.
+    Without that the largest room, where all are as wide and long as half of the world.
     """
-    rooms, _ = ndimage.label(free)
-    border = np.concatenate([rooms[0], rooms[-1], rooms[:, 0], rooms[:, -1]])
-    sizes = np.bincount(rooms.ravel())
-    sizes[[0, *np.unique(border)]] = 0
-    if not sizes.any():
-        return None
+    beyond = int(DOOR / SEARCH_CELL)
+    around = np.pad(free, beyond, constant_values=True)
+    spots, _ = ndimage.label(SEARCH_CELL * ndimage.distance_transform_edt(around) > 0.5 * DOOR - ROBOT_RADIUS)
+    away = SEARCH_CELL * ndimage.distance_transform_edt(spots != spots[0, 0])  # from where no door leads to
+    outside = (away <= 0.5 * DOOR + SEARCH_CELL)[beyond:-beyond, beyond:-beyond]
+    rooms, _ = ndimage.label(free & ~outside)
+    sides = [np.ptp(np.argwhere(cells), axis=0) for cells in (rooms > 0, ~free) if cells.any()]
     origin = tuple(np.floor(-low / SEARCH_CELL).astype(int))
     here = rooms[origin] if all(0 <= i < n for i, n in zip(origin, free.shape)) else 0
-    room = rooms == (here if sizes[here] else int(np.argmax(sizes)))
-    sides = [np.ptp(np.argwhere(cells), axis=0) for cells in (room, ~free)]
-    return room if (2 * sides[0] >= sides[1]).all() else None
+    if not here and (len(sides) < 2 or (2 * sides[0] < sides[1]).any()):
+        return None
+    room = rooms == (here or 1 + int(np.argmax(np.bincount(rooms.ravel())[1:])))
+    whole = ndimage.binary_fill_holes(room)
+    edge = whole & ~ndimage.binary_erosion(whole)
+    return room if (edge & ndimage.binary_dilation(outside & free)).sum() <= OPEN * edge.sum() else None
 
 
 def given(path: str, points: np.ndarray) -> Course:
@@ -189,21 +179,16 @@ def given(path: str, points: np.ndarray) -> Course:
 
 def _along(points: np.ndarray, yaw: float) -> Course:
     """From the first of points (n, 2) [m] to the last one, with this heading [rad] at both ends."""
-    return Course(
-        start=(float(points[0, 0]), float(points[0, 1]), yaw),
-        goal=(float(points[-1, 0]), float(points[-1, 1]), yaw),
-        finish_y=None,
-        goal_tolerance=barn.GOAL_TOLERANCE,
-        path=points,
-    )
+    (x0, y0), (x1, y1) = points[[0, -1]].tolist()
+    return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE, points)
 
 
 def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
-    reach = np.concatenate([cylinders[:, 2], 0.5 * np.hypot(boxes[:, 3], boxes[:, 4])])
+    c, s = np.abs(np.cos(boxes[:, 2])), np.abs(np.sin(boxes[:, 2]))
+    across = np.column_stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]])
+    reach = np.concatenate([cylinders[:, [2, 2]], 0.5 * across])
     centres = np.concatenate([cylinders[:, :2], boxes[:, :2]])
-    if not len(centres):
-        return None
-    return (centres - reach[:, None]).min(axis=0), (centres + reach[:, None]).max(axis=0)
+    return ((centres - reach).min(axis=0), (centres + reach).max(axis=0)) if len(centres) else None
 
 
 def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: np.ndarray) -> np.ndarray:

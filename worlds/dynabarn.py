@@ -73,10 +73,8 @@ def read_table(path: str) -> Dict[str, Animation]:
             groups.setdefault(plugin, []).append(tuple(frame))
     except csv.Error as error:
         raise WorldError(f"{path} is no table ({error}); make it again") from None
-    return {
-        plugin: checked(*heads[plugin], frames, f"key frames of {plugin} in {path}")
-        for plugin, frames in groups.items()
-    }
+    named = {plugin: f"key frames of {plugin} in {path}" for plugin in groups}
+    return {plugin: checked(*heads[plugin], frames, named[plugin]) for plugin, frames in groups.items()}
 
 
 class Animations:
@@ -96,18 +94,17 @@ class Animations:
         if stated is not None:
             return self._stated(stated, f"waypoints of model {model.get('name')!r} in {self.path}")
         plugin = model.find("plugin")
-        if plugin is None:
+        name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
+        if plugin is None or name.startswith("libgazebo_ros_"):  # which moves nothing that nobody commands
             return None
-        name = os.path.splitext(os.path.basename(plugin.get("filename") or ""))[0]
         if self._table is None:
             table = os.path.join(os.path.dirname(os.path.abspath(self.path)), NAME)
             self._table = read_table(table) if os.path.lexists(table) else {}
         if name not in self._table:
-            raise WorldError(
-                f"model {model.get('name')!r} in {self.path} has the Gazebo plugin {plugin.get('filename')!r}, which "
-                f"has no rows in {NAME} beside the world: if it moves nothing, take it out of a copy of the world; "
-                "else make that table once, as docs/reference/worlds.md says"
-            )
+            which = f"model {model.get('name')!r} in {self.path} has the Gazebo plugin {plugin.get('filename')!r}"
+            remedy = "if it moves nothing, take it out of a copy of the world; else make that table once"
+            where = f"{which}, which has no rows in {NAME} beside the world"
+            raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md says")
         return self._table[name]
 
     def _stated(self, element: Element, what: str) -> Animation:
@@ -115,14 +112,10 @@ class Animations:
         values = (element.text or "").split()
         flat = numbers(element.text, len(values) // 3 * 3, what)
         frames = [tuple(flat[i : i + 3]) for i in range(0, len(flat), 3)]
-        length = element.get("length")
-        end = frames[-1][0] if frames else 0.0
-        return checked(
-            end if length is None else numbers(length, 1, "length of " + what)[0],
-            element.get("repeat") != "0",
-            frames,
-            what,
-        )
+        length = frames[-1][0] if frames else 0.0
+        if element.get("length") is not None:
+            length = numbers(element.get("length"), 1, "length of " + what)[0]
+        return checked(length, element.get("repeat") != "0", frames, what)
 
 
 def arena_course() -> Course:

@@ -173,9 +173,8 @@ def scaled(world: World, factor: float) -> World:
     """
     if world.movers:
         factor = min(factor, 1.0)
-    if factor == 1.0 or not (
-        world.name.startswith(tuple(f"{name}:" for name in _RECIPES)) or world.name == physical_course.NAME
-    ):
+    recipe, colon, _ = world.name.partition(":")
+    if factor == 1.0 or not (colon and recipe in _RECIPES or world.name == physical_course.NAME):
         return world
     course = world.course
     return dataclasses.replace(

@@ -16,6 +16,7 @@ from applr_ros1.common.files import MAX_CELLS
 from .world import World, WorldError
 
 OCCUPIED = 100
+MAX_COVERED = 20 * MAX_CELLS  # cells that all obstacles of a world may cover together
 
 
 def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:
@@ -67,7 +68,14 @@ def around(
     Yields:
         (block, distance, least): a view of `cells`; distances [m] of its cells from the middle of a cylinder or from
         the edge of a box; and the cylinder's radius and `reach`, or `reach`.
+
+    Raises:
+        WorldError: the obstacles overlap so often that it would take minutes.
     """
+    radii = reach + np.concatenate([cylinders[:, 2], 0.5 * np.hypot(boxes[:, 3], boxes[:, 4])])
+    covered = np.minimum((2.0 * radii / resolution) ** 2, cells.size).sum()
+    if covered > MAX_COVERED:
+        raise WorldError(f"the obstacles together cover {covered:.2g} cells of {resolution:g} m; give smaller or fewer")
     for x, y, radius in cylinders.tolist():
         block, dx, dy = _window(cells, low, resolution, x, y, radius + reach)
         yield block, np.hypot(dx, dy), radius + reach

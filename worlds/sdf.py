@@ -32,9 +32,11 @@ Shape = Tuple[float, ...]  # a circle (x, y, radius) or a rectangle (x, y, yaw, 
 
 def parse(path: str) -> Element:
     """The root element of an SDF file. Anything wrong with it is a WorldError of one line."""
-    data = re.sub(rb"^(\xef\xbb\xbf)?\s*", b"", files.read_bytes(path, MAX_BYTES))  # TinyXML passes over both
+    data = files.plain_xml(files.read_bytes(path, MAX_BYTES))
+    if data and not data.startswith("<"):
+        raise WorldError(f"{path} is no SDF but, say, a world of Stage; give a Gazebo world file")
     # DynaBARN's boilerplate says <pose frame=>, which Gazebo's parser forgives
-    text = io.BytesIO(re.sub(rb"<(\w+) frame=>", rb"<\1>", data))
+    text = io.BytesIO(re.sub(r"<(\w+) frame=>", r"<\1>", data).encode())
     tags = depth = 0
     try:
         for event, found in iterparse(text, ("start", "end"), forbid_dtd=True):
@@ -45,8 +47,6 @@ def parse(path: str) -> Element:
     except DefusedXmlException:
         raise WorldError(f"{path} has a DOCTYPE or entities, which are not read; remove them") from None
     except (ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that is unknown or wrong
-        if re.search(rb"^\s*(define\s+\w+\s+\w+|floorplan|include\s+\".*\.inc\")", data, re.MULTILINE):
-            raise WorldError(f"{path} is a world of Stage, not of Gazebo; give a Gazebo world file") from None
         raise WorldError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
     if depth:
         raise WorldError(f"{path} has over {MAX_TAGS} tags, or {MAX_DEPTH} levels of them; give a simpler world")

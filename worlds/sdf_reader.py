@@ -14,6 +14,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common.angles import outside_box
+
 from . import course, dynabarn
 from .dynabarn import Animation
 from .sdf import SHAPES, numbers, parse, pose_of
@@ -22,6 +24,7 @@ from .world import Mover, World, WorldError
 MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
+SLAB = 0.1  # m above the ground that a floor may rise
 NAMED = 5  # things that are not read and are named
 
 
@@ -52,13 +55,14 @@ class _Reader:
         self.path, self.world = path, world
         self.cylinders: List[tuple] = []
         self.boxes: List[tuple] = []
+        self.flat: List[tuple] = []  # boxes in the way that are no higher than a floor's slab
         self.movers: List[Mover] = []
         self.unread: List[str] = []
         self.animations = dynabarn.Animations(path, course.NAMESPACE)
 
     def read(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Mover, ...]]:
         """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
-        for tag in ("population", "road", "state/insertions/model"):
+        for tag in ("actor", "population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>" for _ in self.world.findall(tag)]
         for include in self.world.iter("include"):
             uri = (include.findtext("uri") or "").strip().rstrip("/")
@@ -71,11 +75,14 @@ class _Reader:
             more = f" and {len(self.unread) - NAMED} more" if len(self.unread) > NAMED else ""
             what = ", ".join(self.unread[:NAMED])
             logging.getLogger(__name__).warning("%s: not read: %s%s; the rest is the world", self.path, what, more)
-        return (
-            np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
-            np.array(self.boxes, dtype=np.float64).reshape(-1, 5),
-            tuple(self.movers),
+        cylinders, boxes, flat = (
+            np.array(shapes, dtype=np.float64).reshape(-1, n)
+            for shapes, n in ((self.cylinders, 3), (self.boxes, 5), (self.flat, 5))
         )
+        places = np.concatenate([cylinders[:, :2], boxes[:, :2]])
+        on = [np.hypot(*outside_box(*(places - box[:2]).T, *box[2:])) == 0.0 for box in flat]
+        is_floor = on and len(places) and np.any(on, axis=0).mean() >= 0.5  # on which most else stands
+        return cylinders, boxes if is_floor else np.concatenate([boxes, flat]), tuple(self.movers)
 
     def _known(self, element: Element, frames: tuple, what: str) -> bool:
         """Whether an element's pose is relative to what it stands in; it is left out and named elsewhere."""
@@ -115,7 +122,7 @@ class _Reader:
                 raise WorldError(f"{what} has no <geometry>; give it a box or a cylinder")
             if self._known(collision, ("", link.get("name", "")), f"collision {collision.get('name')!r}"):
                 self._collision(geometry, pose @ pose_of(collision, what), what, animation)
-            if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
+            if len(self.cylinders) + len(self.boxes) + len(self.flat) + len(self.movers) > MAX_OBSTACLES:
                 raise WorldError(f"{self.path} has more than {MAX_OBSTACLES} obstacles; give a world with fewer")
 
     def _collision(self, geometry: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
@@ -125,9 +132,11 @@ class _Reader:
                     self.unread.append(f"{what.partition(' in ' + self.path)[0]} (a {element.tag})")
                 continue
             tags, count, cut = SHAPES[element.tag]
-            shape = cut(pose, *(size for tag in tags for size in _sizes(element, tag, count, what)))
+            sizes = [size for tag in tags for size in _sizes(element, tag, count, what)]
+            shape = cut(pose, *sizes)
             if shape is not None and len(shape) > 3:
-                self.boxes.append(shape)
+                half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
+                (self.flat if pose[2, 3] + half <= SLAB else self.boxes).append(shape)
             elif shape is not None and animation is not None:
                 self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
             elif shape is not None:

@@ -90,11 +90,10 @@ def main() -> int:
         prog="python -m worlds.sdf_writer",
         description="Writes a world as a Gazebo world file, which reads back as the same world.",
     )
-    parser.add_argument("world", help=f"World to write: {FORMS}.")
-    parser.add_argument("file", help="File to write, such as out.world.")
-    parser.add_argument(
-        "--course", nargs="+", type=float, metavar="X Y", help="For a .world file: its course, from start to goal [m]."
-    )
+    add = parser.add_argument
+    add("world", help=f"World to write: {FORMS}.")
+    add("file", help="File to write, such as out.world.")
+    add("--course", nargs="+", type=float, metavar="X Y", help="For a .world file: its course, start to goal [m].")
     arguments = parser.parse_args()
     return run_main(lambda: write(_world(arguments.world, arguments.course), arguments.file), "sdf_writer")
 

@@ -18,6 +18,7 @@ from .world import WorldError
 CELL = 0.05  # [m]
 REACH = 8.0  # [m]; what is farther from a scanner is not used
 RADIUS = 0.04  # [m] of the cylinders that stand for a surface: they overlap, one in each cell
+BEHIND = 0.05  # [m] of their middles behind where beams end, most of which meet the surface aslant
 MARGIN = 1.5 * CELL  # a cell is seen free where a beam goes so much farther
 TWICE, NOISE = 2, 0.2  # scans that must have hit a cell, and their share of those that hit a cell near it
 GONE = 5  # later scans that see a cell free, and nothing near it, where something that moves was
@@ -89,13 +90,13 @@ def seen(scans: Sequence[Scan], driven: np.ndarray, inner: float, outer: float) 
 
 
 def _hits(scan, low):
-    """Rows and columns of the cells in which beams end, and x, y of points RADIUS behind the surfaces there [m]."""
+    """Rows and columns of the cells in which beams end, and x, y of points BEHIND the surfaces there [m]."""
     ranges = np.asarray(scan.ranges, dtype=np.float64)
     there = np.isfinite(ranges) & (ranges > 0.0) & (ranges < REACH - MARGIN)
     angle = scan.pose[2] + scan.angle_min + scan.increment * np.flatnonzero(there)
     c, s, found = np.cos(angle), np.sin(angle), ranges[there]
     column, row = (np.floor((scan.pose[k] + found * d - low[k]) / CELL).astype(int) for k, d in ((0, c), (1, s)))
-    return row, column, scan.pose[0] + (found + RADIUS) * c, scan.pose[1] + (found + RADIUS) * s
+    return row, column, scan.pose[0] + (found + BEHIND) * c, scan.pose[1] + (found + BEHIND) * s
 
 
 def _free(scan, low, shape):

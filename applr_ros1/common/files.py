@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -59,11 +60,49 @@ def read_bytes(path, limit: int = MAX_BYTES) -> bytes:
 
 def read_json(path, limit: int = MAX_JSON) -> Any:
     """The value in a JSON file."""
-    data = read_bytes(path, limit)
     try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as problem:
+        return json_value(read_bytes(path, limit))
+    except ApplrError:
+        raise
+    except ValueError as problem:
         raise StorageError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
+
+
+def json_value(text) -> Any:
+    """The value that a JSON text holds; ValueError also where it is nested too deep or a number is beyond a float."""
+    try:
+        return json.loads(text, parse_int=whole_number)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def whole_number(text: Any) -> int:
+    """The int of a text; ValueError where no float holds it."""
+    number = int(text)
+    try:
+        float(number)
+    except OverflowError:
+        raise ValueError("a whole number of over 308 digits") from None
+    return number
+
+
+def plain_xml(data: bytes) -> str:
+    """XML as TinyXML takes it: with anything before the declaration, in comments, and in any encoding."""
+    first, *others = data.decode("utf-8-sig", "replace").split("<!--")
+    parts = (part.partition("-->") for part in others)
+    text = first + "".join("\n" * comment.count("\n") + rest for comment, _, rest in parts)
+    return re.sub(r"<\?xml\b[^<>]*>", "", text, count=1).lstrip()
+
+
+def check_tables(database: Any, name) -> None:
+    """StorageError for an open sqlite3 database of a stranger that has more than tables.
+
+    Reading a view, a calculated column, or the check of an expression can be endless work.
+    """
+    for kind, sql in database.execute("SELECT type, sql FROM sqlite_master WHERE sql IS NOT NULL"):
+        plain = not re.search(r"\b(as|check|virtual)\b", sql, re.IGNORECASE)
+        if not plain or kind not in ("table", "index") or (kind == "index" and sql.count("(") > 1):
+            raise StorageError(f"{name}: it has more than plain tables ({sql[:60]!r}); give another file")
 
 
 def sha256(*values: Any) -> str:

@@ -30,6 +30,7 @@ PACKAGES = (
     "applr_ros1/monitor",
     "applr_ros1/movers",
     "sim_bridge",
+    "applr_ros1/sim_bridge",  # where pip installed it
 )  # no kernel takes one of another
 KEPT = 24  # folders; beyond, those that were unused longest are removed
 

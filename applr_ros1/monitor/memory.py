@@ -15,6 +15,7 @@ from applr_ros1.monitor.scan_matching import beam_at
 CAPACITY = 16384  # points; beyond, the oldest go
 SPACING = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
 TOLERANCE = 0.08  # [m]: a measured range that differs less from a point's distance is that point
+THIN = 0.02  # [m]: where neighbouring beams are farther apart, what they pass by may still stand between them
 
 
 class ObstacleMemory:
@@ -127,8 +128,11 @@ def _keep(points, count, forgotten, ranges, beams, sensor, limits):
 
 @kernel
 def _is_measured(x, y, ranges, beams, sensor):
-    """Whether a beam ends at the point: it is measured anew; or it and its neighbours reach beyond: it is gone."""
-    angle_min, increment, range_min, _ = beams
+    """Whether a beam ends at the point: it is measured anew; or it and its neighbours reach beyond: it is gone.
+
+    From where the scanner could not have seen it, beyond its range or thinner than its beams are apart, it stays.
+    """
+    angle_min, increment, range_min, range_max = beams
     dx, dy = x - sensor[0], y - sensor[1]
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < range_min:
@@ -142,8 +146,10 @@ def _is_measured(x, y, ranges, beams, sensor):
     full_turn = (n + 0.5) * abs(increment) >= 2.0 * math.pi
     if (i == 0 or i == n - 1) and not full_turn:
         return False
+    met = distance < min(range_max, THIN / abs(increment))
     for j in range(i - 1, i + 2):
         r = ranges[j % n]
         if not r >= range_min or r < distance - TOLERANCE:
             return False
-    return True
+        met |= r < distance + TOLERANCE
+    return met

@@ -123,7 +123,7 @@ class CollisionMonitor:
         if laser.fault or laser.check.repeats:  # an old image stays as old as it is, and at its old place
             return laser.fault
         laser.stamp = scan.stamp
-        scan = replace(scan, ranges=laser.check.believed(scan.ranges))
+        scan = laser.check.believed(scan)
         if not name:
             self.matcher.see(scan)
             if self.matcher.lost:
@@ -159,11 +159,24 @@ class CollisionMonitor:
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
         pose = self.matcher.corrected(pose)
         self.motion.take(now - ages[0], pose)
-        twists = [(*twist, self.motion.velocity[2])]
-        if self.motion.contradicts(twist):
-            twists.append(self.motion.velocity)
-        verdict = self._judge(pose, twists, command)
-        return replace(verdict, command=self.braked(now, twists[-1][0], verdict.command))
+        moved = self.motion.velocity
+        if self._is_impossible(moved):
+            problem = f"the poses say {moved[0]:g} m/s and {moved[1]:g} rad/s, which cannot be"
+            return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
+        verdict = self._judge(pose, self._twists(twist), command)
+        # wheels that slip say too little; the base is where it is going by the faster of both
+        measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
+        return replace(verdict, command=self.braked(now, measured, verdict.command))
+
+    def _twists(self, twist):
+        """[(v, w, slide), ...]: the measured velocity, and that of the poses where it contradicts.
+
+        slide: how fast it moves to the left [m/s] beyond what a turn about the stated point makes it. Both parts are
+        of the poses: their turn is as old as their motion aside.
+        """
+        v, w, aside = self.motion.velocity
+        slide = aside + self.settings.turn_ahead * w
+        return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
 
     def braked(self, now, measured, command=(0.0, 0.0)):
         """The (v, w) that the base is given at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
@@ -184,7 +197,7 @@ class CollisionMonitor:
         return v, w
 
     def _judge(self, pose, twists, command):
-        """The Verdict on a command; it must be safe from each of the velocities (v, w, s)."""
+        """The Verdict on a command; it must be safe from each of the velocities (v, w, slide)."""
         v, w = command
         self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
@@ -198,7 +211,7 @@ class CollisionMonitor:
         longest = since + reaction + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
         reach = self._radius + settings.margin + speed * longest + 0.05
         points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
-        seen = self.seen.cells, *map(int, self.seen.corner), self._edge, pose
+        seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose
         scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
         creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
         if scale < creep:  # into what has not been seen it may creep, if nothing is known to stand there
@@ -225,17 +238,20 @@ class CollisionMonitor:
         """The least safe_scale of all the velocities, before points (k, 2) [m] in the robot's frame."""
         s, scales = self.settings, []
         brake = s.deceleration, s.yaw_deceleration
-        for v, w, aside in twists:
-            turns = self._given[2], s.turn_gain, s.turn_ahead, aside
+        for v, w, slide in twists:
+            turns = self._given[2], s.turn_gain, s.turn_ahead, slide
             scales.append(safe_scale(points, self._planes, s.margin, (v, w), command, times, brake, seen, turns))
         return min(scales)
 
+    def _is_impossible(self, twist):
+        return any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest))
+
     def _problem(self, pose, twist, command):
-        if not all(math.isfinite(value) for value in (*pose, *twist, *command)):
+        if not all(map(math.isfinite, (*pose, *twist, *command))):
             return "the command, the pose or the velocity is not finite"
-        if any(abs(value) > FAR for value in pose):
+        if max(map(abs, pose)) > FAR:
             return f"the pose is ({pose[0]:g} m, {pose[1]:g} m, {pose[2]:g} rad), which cannot be"
-        if any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest)):
+        if self._is_impossible(twist):
             return f"the odometry says {twist[0]:g} m/s and {twist[1]:g} rad/s, which cannot be"
         for name, laser in self._lasers.items():
             if laser.fault:

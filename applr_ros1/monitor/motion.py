@@ -12,7 +12,7 @@ from applr_ros1.common.angles import compose, inverse
 SPAN = 0.25  # [s]: poses so long ago are compared with the newest one
 SHORTEST = 0.08  # [s]: over less nothing is said
 SLOW_V, SLOW_W = 0.15, 0.4  # [m/s, rad/s]: differences up to these, and
-SHARE = 0.5  # up to this share of the velocity, are those of a velocity that changes
+SHARE = 0.2  # up to this share of the velocity, are those of a velocity that changes
 
 
 class PoseMotion:

@@ -306,9 +306,12 @@ def _beam_near(surface, beams, x, y, last):
 @kernel
 def beam_at(angle_min, increment, bearing):
     """The index, with a fraction, of the beam of a scan that points to a bearing [rad]; past its end for none."""
-    turn = bearing - angle_min
-    turn = turn % (2.0 * math.pi) if increment > 0.0 else -((-turn) % (2.0 * math.pi))
-    return turn / increment
+    turn = bearing - angle_min if increment > 0.0 else angle_min - bearing
+    if -2.0 * math.pi < turn < 0.0:
+        turn += 2.0 * math.pi  # what % gives there, which takes far longer
+    elif not 0.0 <= turn < 2.0 * math.pi:
+        turn %= 2.0 * math.pi
+    return turn / abs(increment)
 
 
 @kernel

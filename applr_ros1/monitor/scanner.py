@@ -1,6 +1,7 @@
 """Whether a scanner can be believed: geometry, blindness, frozen images, sectors. CollisionMonitor asks each time."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -65,9 +66,9 @@ class ScannerCheck:
             self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
         return problem
 
-    def believed(self, ranges):
-        """The ranges of the newest scan, NaN for the beams of a sector that has failed until they return again."""
-        return np.where(self._doubted, np.float32(np.nan), ranges) if self._doubts else ranges
+    def believed(self, scan):
+        """The newest scan; NaN are the ranges of a sector that has failed until its beams return again."""
+        return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges)) if self._doubts else scan
 
     def _forget_image(self):
         self._image = None
@@ -104,9 +105,9 @@ def geometry_fault(scan):
     """What is impossible about a scan's description, in one line, or ""."""
     count = np.size(scan.ranges)
     numbers = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, *scan.sensor_pose, scan.stamp
-    if not all(math.isfinite(value) for value in numbers):
+    if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
-    if any(abs(value) > FAR for value in (scan.angle_min, *scan.sensor_pose)):
+    if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FAR:
         return f"the scan's first angle or pose is beyond {FAR:g}"
     if not 3 <= count <= MAX_BEAMS:
         return f"a scan of {count} beams: 3 to {MAX_BEAMS} are possible"

@@ -25,12 +25,13 @@ class SeenSpace:
         corner: (2,) int64, floor(x / CELL) and floor(y / CELL) of the lowest cell of the window.
 
     Args:
-        radius: distance [m] from the robot within which cells are kept.
+        radius: distance [m] from the robot within which cells are kept, and obstacles remembered.
     """
 
     def __init__(self, radius):
         self.cells = np.zeros((2 * math.ceil((max(radius, SHOWN) + 1.0) / CELL),) * 2, np.uint8)
         self.corner = np.zeros(2, np.int64)
+        self._shown = min(SHOWN, float(radius))  # what would not be remembered is not shown either
 
     def clear(self):
         """Nothing has been seen."""
@@ -40,19 +41,18 @@ class SeenSpace:
         """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
-        x, y, yaw = (float(v) for v in scan.sensor_pose)
-        _follow(self.cells, self.corner, x, y)
-        _see(self.cells, ranges, beams, (x, y, yaw))
+        x, y, yaw = map(float, scan.sensor_pose)
+        _see(self.cells, self.corner, ranges, beams, (x, y, yaw), min(self._shown, float(scan.range_max)))
 
     def forget(self, points):
         """Points (k, 2) [m] of obstacles that the memory has let go: what is about them counts as not seen."""
-        _forget(self.cells, self.corner, points)
+        if len(points):
+            _forget(self.cells, self.corner, points)
 
     def stand(self, planes, reach, pose):
         """The body (half planes within `reach` [m] of its origin) is at pose (x, y, yaw): what it touches is free."""
-        x, y, yaw = (float(v) for v in pose)
-        _follow(self.cells, self.corner, x, y)
-        _stand(self.cells, planes, reach, (x, y, yaw))
+        x, y, yaw = pose
+        _stand(self.cells, self.corner, planes, reach, (float(x), float(y), float(yaw)))
 
 
 @kernel
@@ -71,10 +71,11 @@ def _follow(cells, corner, x, y):
 
 
 @kernel
-def _see(cells, ranges, beams, sensor):
+def _see(cells, corner, ranges, beams, sensor, shown):
+    _follow(cells, corner, sensor[0], sensor[1])
     angle_min, increment, range_min = beams
     n = cells.shape[0]
-    reach = int(SHOWN / CELL)
+    reach = int(shown / CELL)
     ci, cj = int(math.floor(sensor[0] / CELL)), int(math.floor(sensor[1] / CELL))
     for i in range(ci - reach, ci + reach + 1):
         dx = (i + 0.5) * CELL - sensor[0]
@@ -85,7 +86,7 @@ def _see(cells, ranges, beams, sensor):
                 continue
             dy = (j + 0.5) * CELL - sensor[1]
             distance = math.sqrt(dx * dx + dy * dy)
-            if distance > SHOWN:
+            if distance > shown:
                 continue
             place = beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])
             if place < ranges.shape[0] and ranges[int(place)] >= max(distance - BEHIND, range_min):
@@ -103,7 +104,8 @@ def _forget(cells, corner, points):
 
 
 @kernel
-def _stand(cells, planes, reach, pose):
+def _stand(cells, corner, planes, reach, pose):
+    _follow(cells, corner, pose[0], pose[1])
     n = cells.shape[0]
     around = int(reach / CELL) + 2
     ci, cj = int(math.floor(pose[0] / CELL)), int(math.floor(pose[1] / CELL))

@@ -1,12 +1,14 @@
 """What the collision monitor must know of a base, checked."""
 
-import math
 from dataclasses import dataclass
 from typing import Tuple
 
-from applr_ros1.common.errors import ApplrError
+import numpy as np
+
+from applr_ros1.common.arguments import number_within
 from applr_ros1.robots import Robot
-from applr_ros1.robots.geometry import bounding_box
+from applr_ros1.robots.description import Monitoring
+from applr_ros1.robots.geometry import corners
 
 
 @dataclass(frozen=True)
@@ -44,14 +46,13 @@ class MonitorSettings:
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
         """What a robot's description gives: its outline, rounded up to millimetres, and its section `monitor`."""
-        back, front, right, left = (math.copysign(math.ceil(1e3 * abs(x) - 1e-6) / 1e3, x) for x in bounding_box(robot))
-        body = ((front, left), (front, right), (back, right), (back, left))
-        return cls(body=body, **robot.monitor.model_dump())
+        outline = corners(robot)
+        body = np.copysign(np.ceil(1e3 * np.abs(outline) - 1e-6) / 1e3, outline)
+        return cls(body=tuple((x, y) for x, y in body.tolist()), **robot.monitor.model_dump())
 
     def __post_init__(self):
-        for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a positive number")
-        for name in ("margin", "creep_speed", "memory_seconds"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a number >= 0")
+        bounds = dict(scan_timeout=(0.01, 10.0), memory_radius=(0.1, 100.0), memory_seconds=(0.0, 1e6))
+        for name, field in Monitoring.model_fields.items():
+            bounds[name] = tuple(getattr(m, key) for key in ("ge", "le") for m in field.metadata if hasattr(m, key))
+        for name, (low, high) in bounds.items():
+            number_within(f"collision monitor: {name}", getattr(self, name), low, high)

@@ -70,23 +70,24 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
         seen: (cells, first and second of corner, of SeenSpace; edge_points of the body; robot's (x, y, yaw) in the
             frame of the cells), or EVERYTHING.
         turns: (turn rate [rad/s] that the base was given last, see on_arc; how many times as fast as commanded it may
-            turn; how far [m] ahead of its origin the point lies about which it turns; speed [m/s] at which it was
-            measured to move to the left).
+            turn; how far [m] ahead of its origin the point lies about which it turns; speed [m/s] at which it slides to
+            the left beyond what such a turn makes it).
 
     Returns:
         (scale in [0, 1], free): scale * command is allowed; free is False where not even 0 is.
     """
-    before = np.empty(points.shape[0])
+    rows = np.empty((6, points.shape[0]))  # of the points: x, y, the depth that is allowed; room for _is_deeper
     for i in range(points.shape[0]):
-        before[i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1]))
-    if _is_free_either_way(points, before, planes, margin, twist, command, 1.0, times, brake, seen, turns):
+        rows[0, i], rows[1, i] = points[i]
+        rows[2, i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1])) + DEEPER
+    if _is_free_either_way(rows, planes, margin, twist, command, 1.0, times, brake, seen, turns):
         return 1.0, True
-    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen, 0.0, turns):
+    if not _is_free(rows, planes, margin, twist, command, 0.0, times, brake, seen, 0.0, turns):
         return 0.0, False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_either_way(points, before, planes, margin, twist, command, middle, times, brake, seen, turns):
+        if _is_free_either_way(rows, planes, margin, twist, command, middle, times, brake, seen, turns):
             low = middle
         else:
             high = middle
@@ -109,29 +110,28 @@ def on_arc(v, command_v, command_w, turned):
 
 
 @kernel
-def _is_free_either_way(points, before, planes, margin, twist, command, scale, times, brake, seen, turns):
+def _is_free_either_way(rows, planes, margin, twist, command, scale, times, brake, seen, turns):
     """Whether a command is free where the base turns as commanded at once, faster, and where it goes on as measured."""
     gain = turns[1]
     return (
-        _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, 1.0, turns)
-        and (
-            gain == 1.0
-            or _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, gain, turns)
-        )
-        and _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, 0.0, turns)
+        _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, 1.0, turns)
+        and (gain == 1.0 or _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, gain, turns))
+        and _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, 0.0, turns)
     )
 
 
 @kernel
-def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, gain, turns):
+def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, gain, turns):
     """Whether the body meets nothing while the base goes on, takes scale * command, and brakes after the reaction.
 
     gain: how many times as fast as commanded it turns during the reaction; 0: as measured. A scale of 0 brakes at once.
-    Sideways it moves as a turn about the stated point makes it, and slides on as it was measured to beyond that.
+    Sideways it moves as a turn about the stated point makes it, and slides on as it was measured to beyond that; where
+    it turns faster than commanded its tyres hold.
     """
     v, w = twist
-    turned, _, ahead, aside = turns
-    slide = aside + ahead * w
+    turned, _, ahead, slide = turns
+    if gain > 1.0:
+        slide = 0.0
     want_v, want_w = scale * command[0], scale * command[1]
     x = y = yaw = 0.0
     since, left = times[0], times[1] if scale > 0.0 else 0.0
@@ -160,12 +160,28 @@ def _is_free(points, before, planes, margin, twist, command, scale, times, brake
         y += (v * s + aside * c) * step
         yaw += w * step
         c, s = math.cos(yaw), math.sin(yaw)
-        for i in range(points.shape[0]):
-            dx, dy = points[i, 0] - x, points[i, 1] - y
-            if penetration(planes, margin, c * dx + s * dy, c * dy - s * dx) > before[i] + DEEPER:
-                return False
-        if not _is_seen(seen, x, y, c, s):
+        if _is_deeper(rows, planes, margin, x, y, c, s) or not _is_seen(seen, x, y, c, s):
             return False
+
+
+@kernel
+def _is_deeper(rows, planes, margin, x, y, c, s):
+    """Whether the penetration() of any point is more than allowed when the body is at (x, y, cosine, sine of yaw).
+
+    All points are looked at, plane by plane: such loops compile to vector instructions.
+    """
+    xs, ys, limits, ahead, aside, depth = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
+    for i in range(xs.shape[0]):
+        dx, dy = xs[i] - x, ys[i] - y
+        ahead[i], aside[i], depth[i] = c * dx + s * dy, c * dy - s * dx, np.inf
+    for k in range(planes.shape[0]):
+        a, b, most = planes[k, 0], planes[k, 1], planes[k, 2] + margin
+        for i in range(xs.shape[0]):
+            depth[i] = min(depth[i], most - a * ahead[i] - b * aside[i])
+    deeper = False
+    for i in range(xs.shape[0]):
+        deeper |= depth[i] > limits[i]
+    return deeper
 
 
 @kernel
@@ -174,11 +190,15 @@ def _is_seen(seen, x, y, c, s):
     cells, corner_i, corner_j, edge, pose = seen
     n = cells.shape[0]
     pc, ps = math.cos(pose[2]), math.sin(pose[2])
+    first_i, first_j = corner_i % n, corner_j % n
     for k in range(edge.shape[0]):
         ex, ey = x + c * edge[k, 0] - s * edge[k, 1], y + s * edge[k, 0] + c * edge[k, 1]
-        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL))
-        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL))
-        if not (0 <= i - corner_i < n and 0 <= j - corner_j < n and cells[i % n, j % n]):
+        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL)) - corner_i
+        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL)) - corner_j
+        if not (0 <= i < n and 0 <= j < n):
+            return False
+        i, j = i + first_i, j + first_j  # less than 2 n: without a slow division
+        if not cells[i - n if i >= n else i, j - n if j >= n else j]:
             return False
     return True
 

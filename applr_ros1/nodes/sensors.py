@@ -125,9 +125,13 @@ class Sensors:
         """The full name of a source's topic."""
         return self._topics[topic].name if topic in self._topics else rospy.resolve_name(topic)
 
-    def trouble(self, topic: str) -> str:
-        """What was wrong with the last message of a source's topic, "" if nothing was."""
-        return self._topics[topic].trouble if topic in self._topics else ""
+    def newest(self, topic: str) -> str:
+        """Stamp and age of the newest message of a source's topic, and what was wrong with it, for people."""
+        known = self._topics.get(topic)
+        if known is None or known.stamp.is_zero():
+            return "none has come"
+        age = (rospy.get_rostime() - known.stamp).to_sec()
+        return f"the newest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
 
     def forgive(self) -> None:
         """Nothing is wrong with the sources any more."""
@@ -245,7 +249,7 @@ class _Topic:
         self.turn: Optional[float] = None  # angle [rad] that the last one that was used covered
         self.used = rospy.Time(0)  # its stamp
         self.times = 0.0, 0.0  # when the newest one came and when the next one should [s]; 0: not known
-        self._stamp = rospy.Time(0)  # of the one that came last
+        self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
         self._on_news = on_news
         self._lock = threading.Lock()  # of what waits
         self._waiting: Deque[Any] = deque(maxlen=WAITING)
@@ -255,12 +259,15 @@ class _Topic:
         self.name = subscriber.resolved_name
 
     def _take(self, message) -> None:
+        if message.header.stamp.is_zero():  # C++ takes it with the newest transform
+            message.header.stamp = rospy.get_rostime()
+            rospy.logwarn_once(f"{self.name}: its messages have no stamps: the time counts at which each comes")
         stamp = message.header.stamp
         with self._lock:
             self._waiting.append(message)
             came = max(rospy.get_rostime(), stamp).to_sec()  # a simulator may send a scan before the time of its stamp
-            self.times = came, came + (stamp - self._stamp).to_sec()
-            self._stamp = stamp
+            self.times = came, came + (stamp - self.stamp).to_sec()
+            self.stamp = stamp
         self._on_news()
 
     def forget(self) -> None:

@@ -18,7 +18,7 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy.decision import Context, Method, period_of
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, VERSION, DimensionlessForm
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, MOVERS, VERSION, WITHOUT_MOVERS, DimensionlessForm
 from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import Layers, Mirror, forward, layers_of, with_mirror_images
@@ -225,7 +225,11 @@ def _paper(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
 
 
 def _dimensionless(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
-    if metadata["observation"] != VERSION:
+    if metadata["observation"] == WITHOUT_MOVERS:  # it does not look at them
+        first = weights["0.weight"]
+        blind = np.zeros((*first.shape[:-1], 4 * MOVERS), np.float32)
+        weights = dict(weights, **{"0.weight": np.concatenate([first, blind], -1)})
+    elif metadata["observation"] != VERSION:
         raise ApplrError(f"its observation is {_short(metadata['observation'])}, {VERSION} is needed")
     period, base = _dimensionless_metadata(metadata)
     return Policy.of(weights, DimensionlessForm(robot, period, base), metadata)
@@ -322,7 +326,7 @@ def _float32(weights: Weights) -> Dict[str, np.ndarray]:
 def _value(text: str) -> Any:
     """A metadata entry: JSON where it is JSON, else the plain string (format, sha256)."""
     try:
-        return json.loads(text)
+        return files.json_value(text)
     except ValueError:
         return text
 

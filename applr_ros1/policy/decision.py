@@ -30,6 +30,7 @@ class Context:
         twist: (v, w) [m/s, rad/s] of the robot by its odometry.
         goal: (x, y, yaw) [m, m, rad] that was sent.
         plan: (n, >= 2) x, y [m] of the newest global plan, from robot to goal; (0, 2) before the first one.
+        movers: (k, 4) x, y [m], vx, vy [m/s] of what is seen moving, in the same frame.
         space: The parameters that are in theta.
         layout: How ranges see the scan.
     """
@@ -42,6 +43,7 @@ class Context:
     twist: Tuple[float, float] = (0.0, 0.0)
     goal: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     space: Space = SPACE
     layout: Layout = LAYOUT
 
@@ -62,7 +64,7 @@ def period_of(metadata: Mapping[str, Any]) -> float:
     """
     period = metadata.get("period_s", PERIOD)
     if isinstance(period, bool) or not isinstance(period, (int, float)) or not math.isfinite(period):
-        raise ValueError("period_s is %r: a number of seconds is needed" % (period,))
+        raise ValueError("period_s is %.60r: a number of seconds is needed" % (period,))
     if not 0.05 <= period <= 60.0:
         raise ValueError("period_s is %r: 0.05 to 60 s are possible" % period)
     return float(period)

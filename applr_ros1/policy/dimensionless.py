@@ -15,6 +15,7 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple, Type
 
 import numpy as np
 
+from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
@@ -26,10 +27,11 @@ from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
 
 DIMENSIONLESS = "dimensionless"
-VERSION = "dimensionless-1"  # of this form, in the files of policies
+VERSION = "dimensionless-2"  # of this form, in the files of policies
+WITHOUT_MOVERS = "dimensionless-1"  # the form before, whose observations end where those of moving obstacles begin
 JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
-CAP, NEAR_POINT, FAR_POINT, GOAL_CAP = 8.0, 2.0, 5.0, 30.0  # [padded widths]
+CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
 DWA = "DWAPlannerROS"
 
 
@@ -58,7 +60,10 @@ PARAMETERS: Dict[str, Scale] = {
 }
 ALIASES = {"vth_samples": "vtheta_samples", "pdist_scale": "path_distance_bias", "gdist_scale": "goal_distance_bias"}
 MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
-SIZE = 2 * SECTORS + MOVING + len(PARAMETERS) + DESCRIBED  # of an observation
+MOVERS = 3  # the nearest moving obstacles are seen, four numbers each
+BEFORE_MOVERS = 2 * SECTORS + MOVING + len(PARAMETERS) + DESCRIBED
+SIZE = BEFORE_MOVERS + 4 * MOVERS  # of an observation
+SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))  # of movers
 
 
 class DimensionlessForm(Form):
@@ -66,7 +71,8 @@ class DimensionlessForm(Form):
 
     An observation has SIZE numbers in [-1, 1]: the scan now and at the decision before; direction of two points of the
     global plan and of the goal, distance of the goal; speed, turn rate and their changes since the last decision, the
-    way driven since then; the parameters in force; and what describes the robot.
+    way driven since then; the parameters in force; what describes the robot; and place and velocity of the nearest
+    MOVERS moving obstacles in the robot's frame, far ahead and standing where there are fewer.
 
     Args:
         robot, base: As of a Form.
@@ -77,7 +83,7 @@ class DimensionlessForm(Form):
     """
 
     name, redraws_stalled = DIMENSIONLESS, True
-    size, actions, scan, scans, odd = SIZE, len(PARAMETERS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11)
+    size, actions, scan, scans, odd = SIZE, len(PARAMETERS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11, *SIDEWAYS)
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
         if period is None:
@@ -166,8 +172,18 @@ class DimensionlessForm(Form):
             *(w, v, 0.5 * (w - was_w), 0.5 * (v - was_v)),
             *(context.phi / math.pi, 2.0 * driven - 1.0),
         ]
-        rest = np.concatenate([moving, self.action(context.theta), self._described])
+        rest = np.concatenate([moving, self.action(context.theta), self._described, self._movers(context)])
         return np.concatenate([scan, earlier, np.clip(rest, -1.0, 1.0)]).astype(np.float32)
+
+    def _movers(self, context: Context) -> np.ndarray:
+        """x, y, vx, vy of the nearest movers in the robot's frame, (4 MOVERS,), in [-1, 1] up to MOVER_CAP."""
+        x, y, vx, vy = np.asarray(context.movers, dtype=np.float64).reshape(-1, 4).T
+        back = inverse(context.pose)
+        x, y = transform_point(back, x, y)
+        vx, vy = transform_point((0.0, 0.0, back[2]), vx, vy)
+        found = np.column_stack([x, y, vx, vy])[np.argsort(np.hypot(x, y), kind="stable")][:MOVERS]
+        found /= [MOVER_CAP * self.width] * 2 + [self.robot.base.max_speed] * 2
+        return np.concatenate([found, np.tile([1.0, 0.0, 0.0, 0.0], (MOVERS - len(found), 1))]).ravel()
 
     def _scan(self, ranges: np.ndarray) -> np.ndarray:
         """Ranges (beams,) [m] in all sectors of a turn (SECTORS,), in [-1, 1], finer where they are short."""

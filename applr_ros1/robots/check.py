@@ -39,7 +39,7 @@ from applr_ros1.planner.parameters.layers import (
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import NAMES, Robot, geometry, load
 from applr_ros1.robots.description import SpaceParameter, find
-from applr_ros1.robots.mistakes import Rule, apply, at_most, refuse, same_name
+from applr_ros1.robots.mistakes import Rule, apply, at_most, in_one_line, refuse, same_name
 from applr_ros1.robots.parameter_files import FILE
 from applr_ros1.robots.reader import described
 
@@ -54,6 +54,7 @@ SEVERITIES = ("error", "warning", "remark")
 UNITS = 10.0  # a length that is so many times another one is in centimetres or millimetres
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
+EIGHT = np.arange(8) * pi / 4  # directions, to sides and corners
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
 
 
@@ -90,6 +91,10 @@ def examined(name_or_folder: str, setups: Iterable[bool] = (False, True)) -> Tup
     there = [with_map for with_map in setups if robot.move_base.with_map is not None or not with_map]
     found = [finding for with_map in there for finding in findings(robot, with_map, own)]
     found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
+    remarks = [finding for finding in found if finding.severity == "remark"]
+    files = dict.fromkeys(finding.file for finding in remarks)
+    joined = [in_one_line([finding for finding in remarks if finding.file == file]) for file in files]
+    found = [finding for finding in found if finding.severity != "remark"] + joined
     return robot, sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
 
 
@@ -215,36 +220,24 @@ def _parameters(setup: _Setup) -> Iterator[Finding]:
             setup.planner in plugins
         )
         yield setup.placed(Finding("base_local_planner", value, advice))
-        setup.tree["base_local_planner"], setup.planner = plugins[held[0]], held[0]  # for all other findings
+        setup.tree["base_local_planner"], setup.planner = plugins[held[0]], held[0]
     found = check(setup.tree)
     yield from map(setup.placed, found)
+    setup.tree["base_local_planner"] = plugins.get(setup.planner, LOCAL_PLANNERS[0])  # for all other findings
     with suppress(ParameterError):
-        setup.full = complete(without(setup.tree, found))
+        setup.full = complete(without(setup.tree, [f for f in found if f.key != "base_local_planner"]))
 
 
 def _names(setup: _Setup) -> Iterator[Finding]:
     """What is not read, or in vain. A section that a list in the files names is read on the robot."""
     listed = {name for file in setup.robot.files(setup.with_map) for name in _listed(file.values)}
-    unread: Dict[str, List[str]] = {}
-    try:
-        found = warnings(setup.tree)
-    except ParameterError:  # one of _parameters
-        return
-    for finding in found:
-        placed = setup.placed(finding)
-        if finding.value != UNREAD_NAME:
-            yield placed
-        elif finding.key.rpartition("/")[2] in listed:
-            continue
-        elif finding.severity == "remark":
-            keys = unread.setdefault(placed.file, [])
-            keys += [placed.key] * (placed.key not in keys)
-        else:
-            yield placed
-    for file, keys in unread.items():
-        yield Finding(
-            ", ".join(keys), "are not read here" if keys[1:] else "is not read here", severity="remark", file=file
-        )
+    with suppress(ParameterError):  # one of _parameters
+        for finding in warnings(setup.tree):
+            if finding.value != UNREAD_NAME:
+                yield setup.placed(finding)
+            elif finding.key.rpartition("/")[2] not in listed:
+                here = " here" * (finding.severity == "remark")
+                yield setup.placed(finding)._replace(value=finding.value + here)
 
 
 def _listed(tree: Dict[str, Any]) -> Iterator[str]:
@@ -262,7 +255,7 @@ def _rules(setup: _Setup) -> Iterator[Finding]:
     yield from _limits(setup)
     if setup.planner not in setup.full:
         return
-    topic = setup.tree.get(setup.planner, {}).get("odom_topic", setup.robot.topics.odometry)
+    topic = branch(setup.tree, setup.planner).get("odom_topic", setup.robot.topics.odometry)
     values = {**setup.full[setup.planner], "odom_topic": topic}
     yield from setup.judged(PLANNER, setup.planner, values)
     if setup.planner == DWA:
@@ -304,15 +297,14 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
     own, (back, front, right, left) = setup.full[costmap], setup.box
     points = footprint.parse(own["footprint"])
     outline = footprint.pad(points if len(points) else footprint.circle(own["robot_radius"]), own["footprint_padding"])
-    reach, fits = np.ptp(outline, axis=0), False
-    if not {"footprint", "robot_radius"} & {*setup.tree.get(costmap, {}), *setup.tree}:
+    reach, fits, key = np.ptp(outline, axis=0), False, "footprint" if len(points) else "robot_radius"
+    if not {"footprint", "robot_radius"} & {*branch(setup.tree, costmap), *setup.tree}:
         corners = [(back, right), (back, left), (front, left), (front, right)]
         box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
         value = f"is missing, which means a circle of {own['robot_radius']:g} m"
         advice = "give that of body and wheels" if isnan(setup.width) else f"body and wheels fill [{box}], give that"
         yield setup.placed(Finding(f"{costmap}/footprint", value, advice, "warning"))
     elif reach[1] < setup.width / UNITS or reach[1] > setup.width * UNITS:
-        key = "footprint" if len(points) else "robot_radius"
         key = "footprint_padding" if abs(own["footprint_padding"]) > setup.length else key
         advice = f"with padding that is {reach[0]:.3g} x {reach[1]:.3g} m, body and wheels are {setup.length:.3g} x "
         advice += f"{setup.width:.3g} m, give metres"
@@ -331,27 +323,28 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
     found = list(setup.sources(costmap))
     blind = [list(setup.judged(BLIND, path, values)) for path, values in found]
     if found and all(blind):
-        yield blind[0][0]
+        yield from blind[0]
     for path, values in found:
         yield from setup.judged(SOURCE, path, values)
-    if costmap == "local_costmap":
-        if not found:
-            advice = "the robot would not see obstacles, give one"
-            yield setup.placed(Finding(costmap, "has no observation source", advice))
-        yield from _size_of_the_robot(setup, outline) if fits else ()
+    local = costmap == "local_costmap"
+    if not found and (local or not any(setup.layers(costmap, STATIC_LAYER))):
+        advice = "the robot would not see obstacles, give one" if local else "paths lead through obstacles, give one"
+        yield setup.placed(Finding(costmap, "has no observation source", advice, "error" if local else "warning"))
+    if local and fits:
+        yield from _size_of_the_robot(setup, key, outline)
 
 
-def _size_of_the_robot(setup: _Setup, outline: np.ndarray) -> Iterator[Finding]:
-    """Whether the local costmap's padded footprint (n, 2) [m] fits world_scale, body and wheels."""
+def _size_of_the_robot(setup: _Setup, key: str, outline: np.ndarray) -> Iterator[Finding]:
+    """Whether the local costmap's padded footprint (n, 2) [m], which a key gives, fits world_scale, body and wheels."""
     fitting, given = np.ptp(outline[:, 1]) / WIDTH, setup.robot.world_scale
     if abs(given / fitting - 1.0) > SCALE_OFF:
         advice = f"by the footprint's width it is {fitting:.3f}, give that"
         yield Finding("world_scale", f"is {given:g}", advice, "remark", setup.own)
-    back, front, right, left = setup.box
-    beyond = max(*(outline.min(axis=0) - (back, right)), *((front, left) - outline.max(axis=0)))
+    directions = np.array([np.cos(EIGHT), np.sin(EIGHT)])
+    beyond = ((geometry.corners(setup.robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
     if beyond > OUTSIDE:
-        advice = f"body and wheels reach {beyond:.2f} m beyond it, padded"
-        yield setup.placed(Finding("local_costmap/footprint", "is too small", advice, "remark"))
+        advice = f"the box around body and wheels, at which the monitor stops, reaches {beyond:.2f} m beyond it, padded"
+        yield setup.placed(Finding(f"local_costmap/{key}", "is too small", advice, "remark"))
 
 
 def _space(setup: _Setup) -> Iterator[Finding]:
@@ -361,7 +354,7 @@ def _space(setup: _Setup) -> Iterator[Finding]:
     for parameter in setup.robot.space:
         for names, limit, _ in LIMITED:
             first = parameter.sets[0]  # the range includes what the files start with
-            start = find(setup.tree, first.server, first.names) or 0.0
+            start = find(setup.full, first.server, first.names) or 0.0
             most = max(getattr(setup.robot.base, limit), abs(start))
             beyond = max(abs(parameter.low), abs(parameter.high)) > most
             if beyond and any(s.server == setup.planner and s.name in names for s in parameter.sets):
@@ -452,7 +445,7 @@ DWA_PLANNER = (
     ),
 )
 COSTMAP = (
-    same_name("robot_base_frame", "frames.base"),
+    same_name("robot_base_frame", "frames.base", lambda v, m: not m.local),
     same_name("global_frame", "frames.odom", lambda v, m: not m.s.with_map),
     same_name("global_frame", "frames.map", lambda v, m: m.s.with_map and not m.local),
     Rule("resolution", lambda v, m: v.resolution > m.s.width, WIDE),

@@ -6,11 +6,14 @@ The first are what the included policy sets; the last ones, with paper false, ar
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Dict, List, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS
+from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
+from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, find
 
 DWA = "DWAPlannerROS"
@@ -35,13 +38,17 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         body: Its body, whose width is the measure of the inflation radius.
         tree: Its move_base parameters.
     """
+    inflation: List[str] = []
+    with suppress(ParameterError):  # which the check tells
+        tree = arranged(tree)
+        found_layers = [layer for name in COSTMAPS[::-1] for layer in layers(name, branch(tree, name))]
+        inflation = [layer.path for layer in found_layers if layer.kind == INFLATION_LAYER]
     server = str(tree.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
     dwa, speed, turn = server == DWA, base.max_speed, base.max_yaw_rate
     width = max(body.size[1], base.track)
     weight = (0.5, 64.0) if dwa else (0.05, 3.0)
     fast, side = ("max_vel_trans", "vth_samples") if dwa else ("", "vtheta_samples")
     mirrored = [] if dwa else [Setting.model_construct(server=server, name="min_vel_theta", negated=True)]
-    inflation = _inflation_layers(tree)
     ranges: List[Tuple[str, float, float, bool, List[Setting]]] = [
         ("max_vel_x", 0.1 * speed, speed, False, [Setting.model_construct(server=server, name=fast)] if fast else []),
         ("max_vel_theta", 0.1 * turn, turn, False, mirrored),
@@ -95,13 +102,3 @@ def _with_start(
             start = min(max(start, p.min), p.max) if name in p.names else start  # as move_base has it
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings, paper=paper)
-
-
-def _inflation_layers(tree: Dict[str, Any]) -> List[str]:
-    """Their servers, the local costmap's first: the layers named as such, or the one that move_base itself makes."""
-    found = []
-    for costmap in ("local_costmap", "global_costmap"):
-        plugins = branch(tree, costmap).get("plugins", [{"name": "inflation_layer", "type": "InflationLayer"}])
-        listed = [entry for entry in plugins if isinstance(entry, dict)] if isinstance(plugins, list) else []
-        found += [f"{costmap}/{e.get('name')}" for e in listed if str(e.get("type")).endswith("InflationLayer")]
-    return found

@@ -89,6 +89,7 @@ class Body(Section):
     mass: float = real("kg", 0.01, 5000.0, "of all but the driven wheels")
     centre: Place2 = value("m", "of the box, along x and y", (0.0, 0.0))
     bottom: float = real("m", -2.0, 2.0, "its underside above the base frame", 0.0)
+    round: bool = value("", "whether it is an upright cylinder, round or oval, that fills the box", False)
     com: Optional[Place3] = value("m", "centre of mass; without it the middle of the box", None)
     inertia: Optional[Inertia3] = value(
         "kg m^2", "about x, y, z through the centre of mass; without it that of the full box", None
@@ -333,14 +334,7 @@ class Robot:
 
 
 def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
-    """A value of a server in a nested parameter tree under the first of `names` that is there, else None.
-
-    Files without a list of layers ("plugins") give a layer's values beside those of its costmap, as before ROS hydro.
-    """
-    branches = [branch(tree, server)]
-    costmap, _, layer = server.rpartition("/")
-    if layer and costmap and "plugins" not in branch(tree, costmap):
-        branches.append(branch(tree, costmap))
-    found = [branch[name] for branch in branches for name in names if name in branch]
+    """A number of a server in a nested parameter tree (layers.arranged) under the first of `names` that has one."""
+    found = [branch(tree, server).get(name) for name in names]
     numbers = [number for number in found if isinstance(number, (int, float)) and not isinstance(number, bool)]
     return float(numbers[0]) if numbers else None

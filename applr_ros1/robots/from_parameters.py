@@ -8,15 +8,15 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
-import yaml
-
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
-from applr_ros1.planner.parameters.layers import replaced
-from applr_ros1.robots.parameter_files import read_parameters
+from applr_ros1.common.yaml_files import yaml_value
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, replaced
+from applr_ros1.robots.parameter_files import MOVE_BASE, read_parameters
 from applr_ros1.robots.urdf_file import Packages
 
 _COSTMAPS = ("local_costmap", "global_costmap")
@@ -24,11 +24,17 @@ _SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
 _NAVFN = "navfn/NavfnROS"
 _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 # names of which one says what a file is for
-_MOVE_BASE = {"base_local_planner", "base_global_planner", "controller_frequency", "planner_frequency"}
-_MOVE_BASE |= {"recovery_behaviors", "NavfnROS", "GlobalPlanner", *_COSTMAPS, *_PLANNERS}
 _COSTMAP = {"footprint", "robot_radius", "robot_base_frame", "global_frame", "plugins", "observation_sources"}
 _COSTMAP |= {"rolling_window", "obstacle_range", "inflation_radius"}
 _PLANNER = {"max_vel_x", "max_vel_theta", "max_rot_vel", "acc_lim_x", "acc_lim_theta", "sim_time"}
+
+# what other local planners call them, the most usual name last
+_NAMES = {
+    "max_vel_x": ("max_x_vel", "max_vel_lin", "max_vel_x"),
+    "max_vel_theta": ("max_rotation_vel", "max_vel_th", "max_rot_vel", "max_vel_theta"),
+    "acc_lim_x": ("max_acceleration", "acc_lim_x"),
+    "acc_lim_theta": ("max_rotational_acceleration", "acc_lim_th", "acc_lim_theta"),
+}
 
 
 @dataclass
@@ -37,8 +43,8 @@ class Parameters:
 
     files: (path, namespace below move_base), in their order. tree: their values, nested, as move_base has them.
     added: what robot.yaml has to say beside them. limits: of a diff_drive_controller, by field of robot.yaml's section
-    base. driven: joints of wheels that a controller names. changed: values by path of the files with something put in
-    place of $(...). notes: sentences for people.
+    base. driven: joints of wheels that a controller names. stated: values of a local planner that is not here. changed:
+    values by path of the files with something put in place of $(...). notes: sentences for people.
     """
 
     files: List[Tuple[str, str]] = field(default_factory=list)
@@ -46,6 +52,7 @@ class Parameters:
     added: Dict[str, Any] = field(default_factory=dict)
     limits: Dict[str, float] = field(default_factory=dict)
     driven: Set[str] = field(default_factory=set)
+    stated: Dict[str, Any] = field(default_factory=dict)
     changed: Dict[str, Dict[str, Any]] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
 
@@ -61,12 +68,23 @@ class Parameters:
 
     def scans(self) -> List[Dict[str, Any]]:
         """The laser scans among the observation sources of the costmaps."""
-        found = [source for costmap in _COSTMAPS for source in _sources(branch(self.tree, costmap))]
+        found = [source for costmap in used(self.tree).values() for source in _sources(costmap)]
         return [source for source in found if source.get("data_type") == "LaserScan"]
 
     def planner(self) -> Dict[str, Any]:
         """The values of the local planner."""
         return branch(self.tree, str(self.tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2])
+
+
+def used(tree: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
+    """What has observation sources in a tree, by costmap: with `plugins` only the layers that these name."""
+    found = {}
+    for costmap in _COSTMAPS:
+        found[costmap] = here = branch(tree, costmap)
+        if isinstance(here.get("plugins"), list):
+            names = [str(entry.get("name")) for entry in here["plugins"] if isinstance(entry, dict)]
+            found[costmap] = {name: branch(here, name) for name in names}
+    return found
 
 
 def _inserted(value: Any, path: str, arguments: Mapping[str, str]) -> Any:
@@ -87,33 +105,33 @@ def _inserted(value: Any, path: str, arguments: Mapping[str, str]) -> Any:
         elif kind == "env":
             found = os.environ.get(name)
         elif kind == "find":
-            found = Packages(Path(path)).found.get(name)
+            found = _packages(path).get(name)
         return str(match[0]) if found is None else found
 
-    text = re.sub(r"\$\((\w+)\s+(\w+)([^()]*)\)", instead, value.replace("$(dirname)", os.path.dirname(path)))
-    return yaml.safe_load(text) if "$(" not in text else text
+    text = re.sub(r"\$\((\w+)\s+([\w-]+)([^()]*)\)", instead, value.replace("$(dirname)", os.path.dirname(path)))
+    return yaml_value(text, path) if "$(" not in text else text
+
+
+@lru_cache(maxsize=8)
+def _packages(path: str) -> Dict[str, str]:
+    return Packages(Path(path)).found
 
 
 def _insertions(files: Mapping[str, Dict[str, Any]]) -> None:
     """ApplrError, one line, for all that roslaunch would still replace."""
     words = {path: re.findall(r"\$\((\w*)\s*([^)]*)\)", str(values)) for path, values in files.items()}
-    found = {
-        kind: sorted({word.strip() for held in words.values() for one, word in held if one == kind})
-        for kind in ("arg", "env", "find")
-    }
-    held = ", ".join(path for path, inside in words.items() if inside)
     missing = []
-    if found["arg"]:
-        missing.append(f"the launch file gives arguments: add {' '.join(f'{name}:=VALUE' for name in found['arg'])}")
-    if found["env"]:
-        missing.append(f"not set in the environment: {', '.join(found['env'])}; export each")
-    if found["find"]:
-        missing.append(f"packages that are not there: {', '.join(found['find'])}; source the workspace that has them")
-    others = [f"$({one} {word})" for inside in words.values() for one, word in inside if one not in found]
-    if others:
-        missing.append(f"{others[0]} is for roslaunch alone: write the value in a copy of the file")
+    for kind, what, form, remedy in (
+        ("arg", "the launch file gives arguments: add ", "{}:=VALUE", ""),
+        ("env", "not set in the environment: ", "{}", "; export each"),
+        ("find", "packages that are not there: ", "{}", "; source the workspace that has them"),
+    ):
+        names = sorted({word.strip() for held in words.values() for one, word in held if one == kind})
+        missing += [what + " ".join(map(form.format, names)) + remedy] * bool(names)
+    others = [f"$({one} {word})" for held in words.values() for one, word in held if one not in ("arg", "env", "find")]
+    missing += [f"{others[0]} is for roslaunch alone: write the value in a copy of the file"] if others else []
     if missing:
-        raise ApplrError(f"{held}: {'; '.join(missing)}")
+        raise ApplrError(f"{', '.join(path for path, held in words.items() if held)}: {'; '.join(missing)}")
 
 
 def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> Parameters:
@@ -136,7 +154,7 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         limits = _limits(given)
         found.limits.update(limits)
         found.driven |= set(_driven(given))
-        if not namespaces and not limits:
+        if not namespaces and not limits and not any(_driven(given)):
             found.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
         for namespace in namespaces:
             found.files.append((path, namespace))
@@ -147,17 +165,18 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         if "TrajectoryPlannerROS" not in found.tree:
             found.added["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
         else:
-            found.notes.append(
-                "of TrajectoryPlannerROS and DWAPlannerROS in the files move_base takes the first: where your launch "
-                "file sets base_local_planner, give it in move_base.parameters"
-            )
-    local = str(found.tree.get("base_local_planner", _PLANNERS[0]))
+            first = "of TrajectoryPlannerROS and DWAPlannerROS in the files move_base takes the first"
+            found.notes.append(f"{first}: where your launch file says another, give it in move_base.parameters")
+    sections = _sections(found.tree)
+    held = [name for name in _PLANNERS if name in found.tree] or list(sections) or [_PLANNERS[0]]
+    local = str(found.tree.get("base_local_planner", held[0]))
     if local.rpartition("/")[2] not in _PLANNERS:
-        found.added.update(_instead(found.tree, local))
-        found.notes.append(
-            f"DWAPlannerROS drives here, not {local}: with the speeds, accelerations and tolerances of that one's "
-            "section, and else its own defaults; move_base.parameters has them"
-        )
+        theirs = sections.get(local.rpartition("/")[2]) or next(iter(sections.values()), {})
+        ours = {ours: theirs[name] for ours, names in _NAMES.items() for name in names if name in theirs}
+        found.stated = {**theirs, **ours}
+        found.added.update(_instead(found.tree, found.stated))
+        more = " and an inflation layer" * ("local_costmap" in found.added)
+        found.notes.append(f"DWAPlannerROS drives here, not {local}: with its speeds{more}, in move_base.parameters")
     planner = found.tree.get("base_global_planner", _NAVFN)
     if planner != _NAVFN:
         found.added["base_global_planner"] = _NAVFN
@@ -167,33 +186,44 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         # tf2 takes no leading slash
         added = {k: v[1:] for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/")}
         if added:
-            found.added[costmap] = added
+            found.added[costmap] = {**found.added.get(costmap, {}), **added}
     found.tree = merged(found.tree, found.added)
     found.notes += map(str, replaced(found.tree))
     return found
 
 
-def _instead(tree: Dict[str, Any], planner: str) -> Dict[str, Any]:
+def _instead(tree: Dict[str, Any], theirs: Dict[str, Any]) -> Dict[str, Any]:
     """DWAPlannerROS where the files are for a local planner that is not here, with what they say of both."""
-    sections = [
-        branch(tree, planner.rpartition("/")[2]),
-        *(value for value in tree.values() if isinstance(value, dict)),
-    ]
-    theirs = next((section for section in sections if "max_vel_x" in section), {})
     shared = ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta", "xy_goal_tolerance", "yaw_goal_tolerance")
     limits = {name: theirs[name] for name in shared if isinstance(theirs.get(name), (int, float))}
     limits.update({"max_vel_trans": limits["max_vel_x"]} if "max_vel_x" in limits else {})
+    for limit, speed in (("acc_lim_x", "max_vel_x"), ("acc_lim_theta", "max_vel_theta")):
+        if {limit, speed} <= set(limits):  # with less it overshoots a goal by metres
+            limits[limit] = max(limits[limit], limits[speed])
     own = {"min_vel_y": 0.0, "max_vel_y": 0.0, "min_vel_trans": 0.0, "min_vel_theta": 0.0, **limits}
-    return {
+    own.update(path_distance_bias=32.0, goal_distance_bias=24.0)  # with its defaults robots oscillate before a box
+    added = {
         "base_local_planner": "dwa_local_planner/DWAPlannerROS",
         "DWAPlannerROS": branch(tree, "DWAPlannerROS") or own,
     }
+    local, world = (branch(tree, costmap).get("plugins") for costmap in _COSTMAPS)
+    if isinstance(local, list) and "InflationLayer" not in str(local):  # which others do without
+        usual = [{"name": "inflation_layer", "type": INFLATION_LAYER}]
+        inflation = [layer for layer in world or [] if INFLATION_LAYER in str(layer)] or usual
+        added["local_costmap"] = {"plugins": local + inflation}
+    return added
+
+
+def _sections(tree: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
+    """The sections that hold speeds, as a local planner's do."""
+    found = {name: value for name, value in tree.items() if isinstance(value, dict)}
+    return {name: value for name, value in found.items() if set(_NAMES["max_vel_x"]) & set(value)}
 
 
 def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
     """Below which names move_base reads a file: "" is move_base itself; none: it is not for move_base."""
     keys, word = set(given), name.lower()
-    if keys & _MOVE_BASE:
+    if keys & {"controller_frequency", *MOVE_BASE} or _sections(given):
         return [""]
     if keys & _COSTMAP or any(isinstance(v, dict) and "observation_sources" in v for v in given.values()):
         return [costmap for costmap in _COSTMAPS if costmap[:5] in word] or list(_COSTMAPS)
@@ -205,17 +235,19 @@ def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
 
 
 def _driven(given: Dict[str, Any]) -> Iterator[str]:
-    """Joints that a diff_drive_controller's file names: left_wheel, right_wheel or lists of them."""
+    """Joints that controllers' files name: left_wheel, right_wheel or lists of them, or a joint's own velocity."""
     for name, value in given.items():
         if isinstance(value, dict):
             yield from _driven(value)
-        elif re.fullmatch(r"(left|right)_wheel(s|_names)?", name):
+        elif re.fullmatch(r"(left|right)_wheel(s|_names)?", name) or (
+            name == "joint" and "JointVelocityController" in str(given.get("type"))
+        ):
             yield from map(str, value if isinstance(value, list) else [value])
 
 
 def _limits(given: Dict[str, Any]) -> Dict[str, float]:
-    """Limits of a velocity controller's file: {NAME: {linear: {x: ...}, angular: {z: ...}}}."""
-    found = {}
+    """Limits of a velocity controller's file: {NAME: {linear: {x: ...}, angular: {z: ...}}}, below any levels."""
+    found: Dict[str, float] = {}
     for controller in (value for value in given.values() if isinstance(value, dict)):
         for axis, speed, change in (
             ("linear/x", "max_speed", "max_acceleration"),
@@ -225,8 +257,11 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
             for kind, ours in (("velocity", speed), ("acceleration", change)):
                 if stated.get(f"has_{kind}_limits") is True and f"max_{kind}" in stated:
                     found[ours] = stated[f"max_{kind}"]
-        if found and "cmd_vel_timeout" in controller:
-            found["command_timeout"] = controller["cmd_vel_timeout"]
+        usual = 0.5 if "diff_drive_controller" in str(controller.get("type")) else None
+        timeout = controller.get("cmd_vel_timeout", usual)
+        if found and isinstance(timeout, (int, float)):  # 0: it never stops, nor does it within a drive
+            found["command_timeout"] = timeout if timeout <= 60.0 else 0.0
+        found.update(_limits(controller))
     return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
 
 
@@ -243,7 +278,8 @@ def one_scan(tree: Dict[str, Any], topic: str) -> Tuple[Dict[str, Any], Set[str]
     changes: Dict[str, Any] = {}
     others: Set[str] = set()
     names = str(tree.get("observation_sources", "")).split()
-    topics = {name: str(branch(tree, name).get("topic", name)) for name in names}
+    topics = {name: str(branch(tree, name).get("topic", name)).lstrip("/") for name in names}
+    topic = topic.lstrip("/")
     if set(topics.values()) - {topic}:
         changes["observation_sources"] = " ".join(name for name in names if topics[name] == topic)
         others |= set(topics.values()) - {topic}

@@ -5,25 +5,25 @@ urdf_file.py reads the file, training/new_robot.py writes the folder of a robot 
 
 from __future__ import annotations
 
-import contextlib
 import re
 from dataclasses import dataclass, field
-from math import atan2, hypot, pi
+from math import atan2, hypot, inf, isfinite, nan, pi
 from typing import Any, Dict, Iterable, List, Mapping, Set, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots.urdf_file import Box, UrdfFile, around
+from applr_ros1.robots.urdf_file import LASER, Box, UrdfFile, around
 
 _OMNI = re.compile(r"mecanum|omni", re.IGNORECASE)
 _SIDEWAYS_PLUGIN = re.compile(r"mecanum|planar_move|force_based_move", re.IGNORECASE)
 _STEERING = re.compile(r"steer", re.IGNORECASE)
 _WHEEL = re.compile(r"wheel", re.IGNORECASE)
-_LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
+AXES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5**0.5, 0.5**0.5, 0], [0.5**0.5, -(0.5**0.5), 0]])  # and diagonals
 STEEL = 7850.0  # kg/m^3
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 _OURS = "the planners and simulators here are for four wheels on two axles (skid steer) and for two on one axle"
+_CONTROLLER = " (where others drive it, give the controller's file, whose left_wheel and right_wheel are those)"
 _SIDEWAYS = " is of an omni base, which also drives sideways"
 
 
@@ -39,11 +39,7 @@ class Description:
 
 
 def read_urdf(
-    path: str,
-    arguments: Mapping[str, str],
-    base_frame: str = "",
-    laser_frame: str = "",
-    driven: Iterable[str] = (),
+    path: str, arguments: Mapping[str, str], base_frame: str = "", laser_frame: str = "", driven: Iterable[str] = ()
 ) -> Description:
     """The description of the robot in a URDF or xacro file.
 
@@ -61,16 +57,17 @@ def read_urdf(
     description = Description(
         {"base": {}, "body": {}, "laser": {}, "topics": {}, "frames": {"base": base_frame or urdf.base}}
     )
-    if base_frame not in ("", urdf.base):
+    if base_frame and not urdf.link(base_frame):
         description.notes.append(
             f"{path} has no link {base_frame}, which the parameter files name as robot_base_frame: places are in "
             f"{urdf.base}; where a static transform moves or turns one against the other, write robot_base_frame: "
             f"{urdf.base} into a copy of the parameter file"
         )
     wheels = _wheels(urdf, set(driven))
-    fixed = [] if wheels else _loosened(urdf)
+    fixed = {} if wheels else _loosened(urdf)
     if fixed:
-        description.notes.append(f"taken for driven wheels, though they are fixed: {', '.join(fixed)}")
+        kinds = " or ".join(sorted(set(fixed.values())))
+        description.notes.append(f"taken for driven wheels, though they are {kinds}: {', '.join(fixed)}")
         wheels = _wheels(urdf, set(fixed))
     base = description.values["base"]
     found, ahead = _drive(urdf, wheels, description.notes)
@@ -87,7 +84,10 @@ def read_urdf(
         swivels = {joint.name for name in standing for joint in urdf.moving[name]}
         rigid = [name for name in rigid if name not in standing]
         loose = [name for name in loose if not swivels & {joint.name for joint in urdf.moving[name]}]
-    _body(urdf, description, rest, rigid, loose)
+    _body(urdf, description, ahead, rest, rigid)
+    shaped = [name for name in loose if urdf.links[name].collisions]
+    if shaped:
+        description.notes.append(f"links that move are left out of the outline: {', '.join(shaped)}")
     _laser(urdf, description, laser_frame)
     if abs(ahead) > 0.01:
         where = "ahead of" if ahead > 0 else "behind"
@@ -111,48 +111,57 @@ def read_urdf(
 
 def _turns(joint: Any) -> bool:
     """Whether a joint turns for ever, or nearly: a wheel may be revolute with limits of many turns."""
+    return _range(joint) > 4 * pi
+
+
+def _range(joint: Any) -> float:
+    """The angle [rad] by which a joint turns."""
     limit = joint.limit
-    turns = joint.type == "revolute" and limit is not None and None not in (limit.lower, limit.upper)
-    return joint.type == "continuous" or turns and limit.upper - limit.lower > 4 * pi
+    stated = joint.type == "revolute" and limit is not None and None not in (limit.lower, limit.upper)
+    return inf if joint.type == "continuous" else limit.upper - limit.lower if stated else 0.0
 
 
-def _named(urdf: UrdfFile) -> Set[str]:
-    """The joints that transmissions and drive plugins of Gazebo name. ApplrError for a plugin that drives sideways."""
-    found = {joint.get("name", "") for part in urdf.xml.iter("transmission") for joint in part.iter("joint")}
-    for plugin in urdf.xml.iter("plugin"):
-        file = str(plugin.get("filename"))
-        if _SIDEWAYS_PLUGIN.search(file):
-            raise ApplrError(f"{urdf.path}: {file}{_SIDEWAYS}: {_OURS}")
-        if "drive" in file or "skid" in file:
-            found |= {word for element in plugin.iter() for word in re.split(r"[\s,]+", element.text or "")}
-    return found
+def _named(urdf: UrdfFile, driven: Set[str]) -> Set[str]:
+    """The joints that drive: what a controller's file or a drive plugin of Gazebo names, else what transmissions do."""
+    plugins = [part for part in urdf.xml.iter("plugin") if re.search("drive|skid", str(part.get("filename")))]
+    words = {word for part in plugins for inner in part.iter() for word in re.split(r"[\s,]+", inner.text or "")}
+    moved = {joint.get("name", "") for part in urdf.xml.iter("transmission") for joint in part.iter("joint")}
+    known = {joint.name for joint in urdf.joints}
+    named = next(filter(None, (names & known for names in (driven | words, moved))), set())
+    return named | {joint.name for joint in urdf.joints if joint.mimic is not None and joint.mimic.joint in named}
 
 
 def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
     """Joints of the driven wheels and boxes around these, by link.
 
     Driven is what a transmission, drive plugin or controller (driven) names and touches the ground; where none does,
-    all that turns about an axis across the robot and touches the ground.
+    the largest of what turns about an axis across the robot and touches the ground. ApplrError for another base.
     """
-    named = driven | _named(urdf)
+    named = _named(urdf, driven)
     wrong: Dict[str, str] = {}
+    steered: Dict[str, str] = {}  # also those that are not driven
     found: Dict[str, Tuple[Any, Box]] = {}
     for joint in urdf.joints:
         carriers, axis = urdf.moving.get(joint.child, [])[1:], urdf.axis(joint)
-        if joint.name not in named and any(map(_turns, carriers)):
+        swivels = [j for j in carriers if abs(urdf.axis(j)[2]) > 0.7 and j.type != "prismatic"]
+        limited = [j for j in swivels if _range(j) < pi or j.name in named]
+        if joint.name not in named and any(map(_turns, carriers)) and not limited:
             continue  # a caster below its swivel, a roller on a wheel's rim
         if joint.type == "fixed" or abs(axis[2]) > 0.3 or not (_turns(joint) or joint.name in named):
             continue  # a swivel, a turret
         parts = [name for name, joints in urdf.moving.items() if joints[:1] == [joint]]
         boxes = urdf.boxes(parts) or urdf.boxes(parts, "visuals")
-        steering = [j.name for j in carriers if abs(urdf.axis(j)[2]) > 0.7 and j.type != "prismatic"]
-        steering += [
-            j.name for j in urdf.above(joint.child) if j.type == "fixed" and _STEERING.search(j.name)
-        ]  # locked
+        disc = bool(boxes) and _is_disc(around(boxes))
+        across = abs(axis[1]) > 0.95 or disc
+        if not (disc or _turns(joint) and across or _rolls(urdf, parts, axis)):
+            continue  # a leg, a swivel that lies
+        locked = [j for j in urdf.above(joint.child) if j.type == "fixed" and _STEERING.search(j.name)]
         rollers = [j.name for j in urdf.joints if joint in urdf.moving.get(j.child, [])[1:] and _turns(j)]
-        if steering:
-            wrong[joint.child] = f"{steering[0]} steers the wheel of {joint.name}"
-        elif abs(axis[1]) < 0.95:
+        if swivels or locked:
+            wrong[joint.child] = f"{(swivels + locked)[0].name} steers the wheel of {joint.name}"
+            wrong[joint.child] += _CONTROLLER * all(map(_turns, swivels + locked))
+            steered.update({joint.child: wrong[joint.child]} if limited or locked else {})
+        elif not across:
             wrong[joint.child] = f"{joint.name}, which turns about an axis not across the robot,{_SIDEWAYS}"
         elif len(rollers) > 2 or _OMNI.search(f"{joint.name} {joint.child}"):
             wrong[joint.child] = f"{joint.name}{_SIDEWAYS}"
@@ -160,39 +169,55 @@ def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
             found[joint.child] = (joint, around(boxes))
     lowest = min((box[0, 2] for _, box in found.values()), default=0.0)
     found = {name: (j, box) for name, (j, box) in found.items() if box[0, 2] < lowest + (box[1, 2] - box[0, 2]) / 4}
-    found = {name: wheel for name, wheel in found.items() if wheel[0].name in named} or found
-    for name in found:  # what turns above the ground, such as a gripper, is no wheel
-        if name in wrong:
-            raise ApplrError(f"{urdf.path}: {wrong[name]}: {_OURS}")
-    return found
+    most = 0.9 * max((box[1, 2] - box[0, 2] for _, box in found.values()), default=0.0)
+    largest = {name: wheel for name, wheel in found.items() if wheel[1][1, 2] - wheel[1][0, 2] > most}
+    driving = {name: wheel for name, wheel in found.items() if wheel[0].name in named} or largest
+    apart = np.ptp([box.mean(axis=0) for _, box in driving.values()], axis=0) if len(driving) == 2 else np.zeros(2)
+    if apart[0] > apart[1]:
+        links = ["base_footprint"] * ("base_footprint" in urdf.links) + list(urdf.links)
+        ahead = next((name for name in links if abs(urdf.pose(name)[0, 1]) > 0.95), "one that you add")
+        raise ApplrError(
+            f"{urdf.path}: the wheels {' and '.join(driving)} roll along y of {urdf.base}: give as robot_base_frame a "
+            f"link whose x points ahead, such as {ahead}"
+        )
+    refused = [steered[name] for name in found if name in steered] + [wrong[name] for name in driving if name in wrong]
+    plugins = [str(plugin.get("filename")) for plugin in urdf.xml.iter("plugin") if len(driving) != 2]
+    refused += [file + _SIDEWAYS for file in plugins if _SIDEWAYS_PLUGIN.search(file)]
+    if refused:  # what turns above the ground, such as a gripper, is no wheel
+        raise ApplrError(f"{urdf.path}: {refused[0]}: {_OURS}")
+    return driving
 
 
-def _loosened(urdf: UrdfFile) -> List[str]:
-    """Lets the largest things turn that stand on the ground, are round seen from the side and fixed; their joints."""
-    boxes = {joint.name: urdf.boxes([joint.child]) or urdf.boxes([joint.child], "visuals") for joint in urdf.joints}
+def _rolls(urdf: UrdfFile, parts: List[str], axis: np.ndarray) -> bool:
+    """Whether parts are a disc about a level axis."""
+    axes = np.array([np.cross(axis, (0.0, 0.0, 1.0)), axis, (0.0, 0.0, 1.0)])
+    boxes = urdf.boxes(parts, "collisions", axes) or urdf.boxes(parts, "visuals", axes)
+    return bool(boxes) and _is_disc(around(boxes))
+
+
+def _is_disc(box: Box) -> bool:
+    """Whether it is round seen from the side, and narrow."""
+    x, y, z = box[1] - box[0]
+    return bool(abs(x - z) < 0.1 * z and y < 0.9 * z)
+
+
+def _loosened(urdf: UrdfFile) -> Dict[str, str]:
+    """Lets the largest things turn that stand on the ground, are discs, and do not turn; {joint: what it was}."""
     round_ones = {}
-    for joint in (joint for joint in urdf.joints if joint.type == "fixed" and boxes[joint.name]):
-        box = around(boxes[joint.name])
-        x, y, z = box[1] - box[0]
-        if abs(x - z) < 0.1 * z and y < 0.9 * z:
-            round_ones[joint.name] = joint, box[0, 2], z
+    for joint in (j for j in urdf.joints if not _turns(j) or abs(urdf.axis(j)[2]) > 0.3):
+        boxes = urdf.boxes([joint.child]) or urdf.boxes([joint.child], "visuals")
+        if boxes and _is_disc(around(boxes)):
+            (_, _, low), (_, _, high) = around(boxes)
+            round_ones[joint.name] = joint, low, high - low
     lowest = min((low for _, low, _ in round_ones.values()), default=0.0)
     largest = max((z for _, low, z in round_ones.values() if low < lowest + z / 4), default=0.0)
     found = {name: j for name, (j, low, z) in round_ones.items() if low < lowest + z / 4 and z > 0.9 * largest}
+    found = {name: j for name, j in found.items() if not any(above.name in found for above in urdf.above(j.parent))}
+    kinds = {name: joint.type for name, joint in found.items()}
     for joint in found.values():
         joint.type, joint.axis = "continuous", urdf.pose(joint.child)[:3, :3].T @ [0.0, 1.0, 0.0]
     urdf.moving.update((name, [j for j in urdf.above(name) if j.type != "fixed"]) for name in urdf.links)
-    return list(found)
-
-
-def _standing_still(urdf: UrdfFile) -> str:
-    """The joints that do not turn and hold what looks like a wheel, for people."""
-    still = [joint for joint in urdf.joints if not _turns(joint)]
-    shapes = [
-        (j, shape.geometry) for j in still for shape in (*urdf.links[j.child].collisions, *urdf.links[j.child].visuals)
-    ]
-    found = {j.name: j.type for j, shape in shapes if shape is not None and shape.cylinder or _WHEEL.search(j.child)}
-    return ", ".join(f"{name} is {kind}" for name, kind in list(found.items())[:6])
+    return kinds
 
 
 def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str]) -> Tuple[Dict[str, Any], float]:
@@ -201,26 +226,20 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str])
     notes: gets a sentence about what cannot be.
     """
     if not wheels:
-        lost = f" (there is no {sorted(urdf.lost)[0]})" if urdf.lost else ""
-        still = _standing_still(urdf)
-        raise ApplrError(
-            f"{urdf.path} has no wheels: no continuous joint turns a link with a shape{lost} about an axis across "
-            + (
-                f"the robot; {still}: make the wheels' joints continuous"
-                if still
-                else "the robot; give the URDF of the whole robot"
-            )
-        )
+        still = [j for j in urdf.joints if _WHEEL.search(f"{j.name} {j.child}") and not _turns(j)]
+        called = ", ".join(f"{joint.name} is {joint.type}" for joint in still)[:200]
+        turns = "no continuous joint turns a link with a shape about an axis across the robot"
+        remedy = f"{called}: make the wheels' joints continuous" if called else "give the URDF of the whole robot"
+        if urdf.lost and any(map(_turns, urdf.joints)):
+            remedy = f"put the package of {sorted(urdf.lost)[0]} beside its own, or source the workspace that has it"
+        raise ApplrError(f"{urdf.path} has no wheels: {turns}; {remedy}")
     boxes = np.array([box for _, box in wheels.values()])
     middles, sizes = boxes.mean(axis=1), boxes[:, 1] - boxes[:, 0]
     ahead, radius = float(middles[:, 0].mean()), float(sizes[:, 2].mean() / 2)
     front, left = middles[:, 0] > ahead + radius / 4, middles[:, 1] > middles[:, 1].mean()
     pairs = (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum()))
     if pairs not in ((4, 2, 2, 1), (2, 0, 1, 0)):
-        raise ApplrError(
-            f"{urdf.path}: the driven wheels are {', '.join(sorted(wheels))}: {_OURS}; where others are not driven, "
-            "give the controller's file, whose left_wheel and right_wheel are those that are"
-        )
+        raise ApplrError(f"{urdf.path}: the driven wheels are {', '.join(sorted(wheels))}{_CONTROLLER}: {_OURS}")
     found: Dict[str, Any] = {
         "drive": "two_wheel" if len(wheels) == 2 else "skid_steer",
         "wheel_radius": radius,
@@ -256,26 +275,37 @@ def _casters(urdf: UrdfFile, rest: List[str], axle: float, radius: float) -> Tup
     for name in rest:
         for box in urdf.boxes([name]) or urdf.boxes([name], "visuals"):
             x, y = box.mean(axis=0)[:2].tolist()
-            if box[0, 2] > axle - 0.85 * radius or np.max(box[1] - box[0]) > 4 * radius:
-                continue  # above the ground, or a body that hangs low
+            if box[0, 2] > axle - 0.85 * radius or not 0.005 < np.max(box[1] - box[0]) < 4 * radius:
+                continue  # above the ground, the mark of a frame, or a body that hangs low
             standing.add(name)
             if all(hypot(x - other[0], y - other[1]) > radius for other in places):
                 places.append([x, y])
     return places, standing
 
 
-def _body(urdf: UrdfFile, description: Description, rest: List[str], rigid: List[str], loose: List[str]) -> None:
-    boxes = urdf.boxes(rigid)
-    if not boxes:
-        boxes = urdf.boxes(rigid, "visuals")
-        description.notes.append("the body has no collision shapes: its outline is that of what is seen")
-    body = description.values["body"]
-    if boxes:
-        low, high = around(boxes)
-        body.update(size=(high - low).tolist(), centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2]))
-    shaped = [name for name in loose if urdf.links[name].collisions]
-    if shaped:
-        description.notes.append(f"links that move are left out of the outline: {', '.join(shaped)}")
+def _body(urdf: UrdfFile, description: Description, ahead: float, rest: List[str], rigid: List[str]) -> None:
+    """Box around the body, whether it is round, and its mass. What reaches a bit below the ground ends there.
+
+    ahead: x of the wheels' middle [m]. rest: all but the wheels. rigid: what of it is fixed.
+    """
+    base = description.values["base"]
+    ground = base["axle_height"] - base["wheel_radius"]
+    body, kinds = description.values["body"], ("collisions", "visuals")
+    ends = {kind: around(boxes) for kind in kinds for boxes in [urdf.boxes(rigid, kind, AXES)] if boxes}
+    for kind, (low, high) in list(ends.items()):
+        beside = max(low[0] - ahead, ahead - high[0]) > base["wheel_radius"]
+        if beside or high[1] - low[1] < base["track"] / 2:
+            del ends[kind]  # marks of frames, and boxes of sensors
+    if ends:
+        kind, (low, high) = next(iter(ends.items()))
+        low[2] = ground if ground - base["wheel_radius"] / 4 < low[2] < ground else low[2]
+        x, y, z, *diagonals = (high - low).tolist()
+        body.update(size=[x, y, z], centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2]))
+        # along its diagonals a rectangle measures x + y, an ellipse hypot(x, y), both over sqrt(2)
+        if max(diagonals) < (0.15 * (x + y) + 0.85 * hypot(x, y)) / 2**0.5:
+            body["round"] = True
+        if kind == "visuals":
+            description.notes.append("the body has no collision shapes: its outline is that of what is seen")
     mass, centre, inertia = urdf.inertia(rest)
     if mass:
         body.update(mass=mass, com=centre.tolist())
@@ -288,15 +318,15 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
     sensors = {}
     for holder in urdf.xml.findall("gazebo"):
         for sensor in holder.findall("sensor"):
-            flat = float(sensor.findtext(".//vertical/samples") or 1) <= 1
+            flat = not _number(sensor, ".//vertical/samples") > 1
             if sensor.get("type") in _RAYS and flat and _looks_around(urdf, holder.get("reference"), sensor):
                 named = (sensor.findtext("plugin/frameName") or sensor.findtext("plugin/frame_name") or "").strip()
                 sensors[named if named in urdf.links else holder.get("reference")] = sensor
-    named = [name for name in urdf.links if _LASER.search(name)]
+    named = [name for name in urdf.links if LASER.search(name)]
     leaves = [
         name for name in named if not any(name in [joint.parent for joint in urdf.above(other)] for other in named)
     ]
-    candidates = [frame] if frame in urdf.links else list(sensors) or leaves
+    candidates = [urdf.link(frame)] if urdf.link(frame) else list(sensors) or leaves
     if not candidates:
         description.notes.append(
             "there is no laser: no link is named after one, and no sensor of Gazebo has rays" + urdf.choices
@@ -306,13 +336,15 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
     if len(candidates) > 1:
         lasers = ", ".join(candidates)
         description.notes.append(f"of the lasers {lasers} the first is taken: one planar scanner is simulated")
-    frame = candidates[0]
-    pose, laser = urdf.pose(frame), description.values["laser"]
+    link, base = candidates[0], description.values["frames"]["base"]
+    prefix = base[: -len(urdf.base)] if base.endswith("/" + urdf.base) else ""
+    pose, laser = urdf.pose(link), description.values["laser"]
     x, y, z = pose[:3, 3].tolist()
+    frame = frame if urdf.link(frame) else prefix + link
     laser.update(frame=frame, pose=[x, y, atan2(pose[1, 0], pose[0, 0])], height=z)
     if abs(pose[2, 2]) < 0.99:
-        description.notes.append(f"{frame} is tilted: the simulators hold it level")
-    sensor = sensors.get(frame, next(iter(sensors.values())) if len(sensors) == 1 else None)
+        description.notes.append(f"{link} is tilted: the simulators hold it level")
+    sensor = sensors.get(link, next(iter(sensors.values())) if len(sensors) == 1 else None)
     if sensor is None:
         return
     places = {
@@ -324,12 +356,12 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
         "rate": "update_rate",
         "noise": ".//noise/stddev",
     }
-    for name, place in places.items():
-        text = sensor.findtext(place)
-        with contextlib.suppress(TypeError, ValueError):
-            laser[name] = int(float(text)) if name == "beams" else float(text)
-    if pose[2, 2] < 0 and {"first_angle", "last_angle"} <= set(laser):  # upside down
-        laser.update(first_angle=-laser["last_angle"], last_angle=-laser["first_angle"])
+    found = {name: _number(sensor, place) for name, place in places.items()}
+    laser.update((name, int(x) if name == "beams" else x) for name, x in found.items() if isfinite(x))
+    if {"first_angle", "last_angle"} <= set(laser):
+        sign = -1.0 if pose[2, 2] < 0 else 1.0  # upside down
+        ends = sorted((sign * laser["first_angle"], sign * laser["last_angle"]))
+        laser.update(first_angle=ends[0], last_angle=ends[1])
     topic = (sensor.findtext("plugin/topicName") or "").strip()
     if topic:
         description.values["topics"]["scan"] = topic
@@ -337,5 +369,13 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
 
 def _looks_around(urdf: UrdfFile, link: str, sensor: Any) -> bool:
     """Whether it is level and wide: cliff sensors and sonars are rays for Gazebo as well."""
-    ends = [sensor.findtext(f".//horizontal/{name}_angle") or "0" for name in ("min", "max")]
-    return link in urdf.links and abs(urdf.pose(link)[2, 2]) > 0.99 and float(ends[1]) - float(ends[0]) > 0.6
+    first, last = (_number(sensor, f".//horizontal/{name}_angle") for name in ("min", "max"))
+    return link in urdf.links and abs(urdf.pose(link)[2, 2]) > 0.8 and abs(last - first) > 0.6
+
+
+def _number(sensor: Any, place: str) -> float:
+    """What a tag of a sensor holds, nan where that is no number."""
+    try:
+        return float(sensor.findtext(place) or "nan")
+    except ValueError:
+        return nan

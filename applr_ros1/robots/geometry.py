@@ -5,6 +5,7 @@ Both simulators, the monitor's settings, RViz's model and the check of robot.yam
 
 from __future__ import annotations
 
+from math import cos, pi, sin
 from typing import List, Tuple
 
 import numpy as np
@@ -25,7 +26,18 @@ def parts(robot: Robot) -> List[Rectangle]:
     """The rectangles that can touch an obstacle: the body, then the wheels."""
     base, body = robot.base, robot.body
     wheels = [(x, y, base.wheel_radius, base.wheel_width / 2) for x, y in wheel_places(base)]
-    return [(*body.centre, body.size[0] / 2, body.size[1] / 2)] + wheels
+    # the corners of four rectangles are those of a polygon of 16 sides around an ellipse
+    turns = pi / 16 * np.arange(1, 8, 2) if body.round else ()
+    shares = [(cos(turn) / cos(pi / 16), sin(turn) / cos(pi / 16)) for turn in turns] or [(1.0, 1.0)]
+    return [(*body.centre, a * body.size[0] / 2, b * body.size[1] / 2) for a, b in shares] + wheels
+
+
+def corners(robot: Robot) -> np.ndarray:
+    """(n, 2) corners of all parts [m]; of a body with corners those of the bounding box, around it and the wheels."""
+    if robot.body.round:
+        return np.array([(x + i * a, y + j * b) for x, y, a, b in parts(robot) for i in (1, -1) for j in (1, -1)])
+    back, front, right, left = bounding_box(robot)
+    return np.array([(front, left), (front, right), (back, right), (back, left)])
 
 
 def bounding_box(robot: Robot) -> Tuple[float, float, float, float]:
@@ -45,7 +57,7 @@ def supports(base: Base) -> np.ndarray:
 
 
 def balance(robot: Robot) -> Tuple[float, Tuple[float, float], np.ndarray]:
-    """Mass [kg], centre of mass (x, y) [m], and the load (n,) [N] of each support at rest; none may be 0 or less."""
+    """Mass [kg], centre of mass (x, y) [m], and the load (n,) [N] of each support at rest; none may be below 0."""
     base, body = robot.base, robot.body
     mass = body.mass + base.wheels * base.wheel_mass
     com = (body.mass / mass * body.centre_of_mass[0], body.mass / mass * body.centre_of_mass[1])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -24,6 +24,7 @@ DELAYS, LAGS = np.arange(0.0, 0.4, STEP), (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.
 LIMITS = (math.inf, 5.0, 3.5, 2.5, 1.8, 1.3, 1.0, 0.7, 0.5, 0.35, 0.25)  # [m/s^2]
 CLEARLY = 0.8  # of the error without a limit that one with it may leave
 HELD, WITHIN = 0.25, 0.3  # s for which a command has to stay within this share to show what the base makes of it
+PARTS, PART = 3, 3.0  # of a drive, for the spread, and their least length [s]
 LEAST = 0.3  # rad/s or m/s; slower commands show mostly friction
 
 
@@ -58,8 +59,13 @@ class Value(NamedTuple):
     def __str__(self) -> str:
         return f"{self.value:.3g} {self.unit}".rstrip() + f" +- {self.spread:.2g} ({self.how})"
 
+    def contradicts(self, given: Optional[float]) -> bool:
+        """Whether a given value is none, or more than twice the spread away."""
+        return given is None or abs(given - self.value) > 2.0 * self.spread
+
 
 Fields = Dict[Tuple[str, str], Value]  # by section and field
+FOLLOWS = "simulation.command_delay", "odometry.lag", "base.max_acceleration", "monitor.deceleration"  # a Response
 
 
 def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
@@ -150,6 +156,42 @@ def followed(time: np.ndarray, command: np.ndarray, at: np.ndarray, speed: np.nd
         (np.abs(middle) >= LEAST) & (np.ptp(told, axis=0) <= WITHIN * np.abs(middle)) & (at - late - HELD > time[0])
     )
     return np.column_stack([told[0, steady], speed[steady] / told[0, steady]])
+
+
+def base(time: np.ndarray, command: np.ndarray, at: np.ndarray, twist: np.ndarray, some: int) -> Fields:
+    """What a drive says of a base, where it does.
+
+    Args:
+        time: (n,) of the commands [s], rising.
+        command: (n, 2) [m/s, rad/s].
+        at: (m,) of the odometry [s], rising.
+        twist: (m, 2) [m/s, rad/s].
+        some: samples that a value needs.
+    """
+    how, found = response(time, command[:, 0], at, twist[:, 0]), {}
+    parts = [part for part in np.array_split(np.arange(len(time)), PARTS) if np.ptp(command[part, 0]) >= LEAST]
+    each = [response(time[p], command[p, 0], at, twist[:, 0]) for p in parts if np.ptp(time[p]) > PART]
+    for n, place in enumerate(FOLLOWS):
+        if math.isfinite(how[n + 1]):
+            section, name = place.split(".")
+            off = [abs(one[n + 1] - how[n + 1]) for one in each if math.isfinite(one[n + 1])]
+            spread = max(STEP if n < 2 else 0.0, 1.4826 * float(np.median(off or [0.0])))
+            found[section, name] = Value(how[n + 1], "s" if n < 2 else "m/s^2", spread, f"{len(time)} commands")
+    for column, name, unit in ((0, "max_speed", "m/s"), (1, "max_yaw_rate", "rad/s")):
+        follows = followed(time, command[:, column], at, twist[:, column], how.delay + how.lag)
+        fast = np.abs(follows[:, 0]) > 0.9 * np.max(np.abs(follows[:, 0]), initial=0.0)
+        if column and len(follows) >= some:
+            found["monitor", "turn_gain"] = middle(np.clip(follows[:, 1], 0.5, 3.0), "", "moments of steady turns")
+        elif fast.sum() >= some and np.median(follows[fast, 1]) < FELL:
+            driven = np.abs(follows[fast].prod(axis=1))
+            found["base", name] = middle(driven, unit, "moments in which it was told more")
+    return found
+
+
+def middle(values: Any, unit: str, what: str) -> Value:
+    """The median of values, with the standard deviation that their quartiles have of a normal distribution."""
+    quartiles = np.percentile(values, (25, 50, 75))
+    return Value(float(quartiles[1]), unit, float(quartiles[2] - quartiles[0]) / 1.35, f"{len(values)} {what}")
 
 
 def written(text: str, fields: Mapping[Tuple[str, str], Any]) -> str:

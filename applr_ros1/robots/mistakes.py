@@ -5,6 +5,7 @@ reader.py calls `of_schema` and `contradictions`; check.py has the rules about t
 
 from __future__ import annotations
 
+import re
 from math import pi
 from operator import attrgetter
 from types import SimpleNamespace
@@ -50,6 +51,18 @@ def refuse(findings: Iterable[Finding], file: str = "") -> None:
     found = [finding._replace(file=finding.file or file) for finding in findings if finding.severity == "error"]
     if found:
         raise RobotError(found)
+
+
+def in_one_line(findings: List[Finding]) -> Finding:
+    """Findings about one file as one, which says once what they say of several keys."""
+    alike: Dict[Tuple[str, str], List[str]] = {}
+    for finding in findings:
+        alike.setdefault((finding.value, finding.advice), []).append(finding.key)
+    texts = []
+    for (value, advice), keys in alike.items():
+        value = re.sub("^is ", "are ", re.sub("^has ", "have ", value)) if keys[1:] else value
+        texts.append(str(Finding(", ".join(keys), value, advice)))
+    return findings[0]._replace(key="; ".join(texts), value="", advice="")
 
 
 def of_schema(model: Any, error: ValidationError) -> List[Finding]:
@@ -118,10 +131,7 @@ def same_name(key: str, field: str, when: Callable[[Any, Any], Any] = always, se
     given, wanted = attrgetter(key), attrgetter(field)
     advice = f"{field} in robot.yaml is {{m.{field}}}, give that" + " or leave it out" * (severity == "remark")
     return Rule(
-        key,
-        lambda v, m: when(v, m) and wanted(m) and given(v).strip("/") != wanted(m).strip("/"),
-        advice,
-        severity,
+        key, lambda v, m: when(v, m) and wanted(m) and given(v).strip("/") != wanted(m).strip("/"), advice, severity
     )
 
 
@@ -218,5 +228,6 @@ def contradictions(robot: Robot) -> List[Finding]:
     m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)
     m.laser_depth = min(size / 2 - abs(at - middle) for at, middle, size in zip((x, y), body.centre, body.size))
     stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
-    m.tips = stands and geometry.balance(robot)[2].min() <= 0.0
+    mass, _, loads = geometry.balance(robot) if stands else (0.0, (), np.zeros(1))
+    m.tips = loads.min() < -1e-4 * mass * geometry.GRAVITY  # right above the axle it stands
     return list(apply(RULES, robot, m))

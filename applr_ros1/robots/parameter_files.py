@@ -10,20 +10,23 @@ import os
 import re
 from typing import Any, Callable, Dict, Optional, Tuple
 
-import yaml
 from pydantic import Field, model_validator
 from typing_extensions import Annotated
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
+from applr_ros1.common.yaml_files import MAX_LEVELS, Yaml, yaml_value
 from applr_ros1.robots.description import PATH, LoadedFile, MoveBaseSetup, Section
 
 FILE = "robot.yaml"
+# names that stand at move_base itself alone
+MOVE_BASE = {"base_local_planner", "base_global_planner", "planner_frequency", "recovery_behaviors", "NavfnROS"}
+MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
 MAX_BYTES = 2**17
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(Yaml):
     """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
 
 
@@ -32,11 +35,11 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
 
     def read(loader: Any, node: Any) -> float:
         text = re.sub(r"^(?:deg|rad)\((.*)\)$", r"\1", loader.construct_scalar(node).strip())
-        if not re.fullmatch(r"(?:[-+*/(). ]|pi|\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)+", text) or "**" in text or "//" in text:
+        if len(text) > 100 or not re.fullmatch(r"(?:[-+*/(). \deE]|pi)+", text) or "**" in text or "//" in text:
             raise ValueError(f"{text[:40]} is no angle: give a number, or a fraction of pi")
         try:
             return float(eval(text, {"__builtins__": {}}, {"pi": math.pi})) * unit  # numbers, pi and + - * / alone
-        except (SyntaxError, TypeError, ArithmeticError) as error:
+        except (SyntaxError, TypeError, NameError, AttributeError, ArithmeticError) as error:
             raise ValueError(f"{text[:40]} is no angle ({error})") from None
 
     return read
@@ -49,31 +52,49 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
 
 def read_yaml(path: str) -> Dict[str, Any]:
     """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
-    text = files.read_bytes(path, MAX_BYTES)
-    try:
-        found = yaml.load(text, _Loader)  # one that holds plain values only
-    except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:  # ValueError: such as a date 2001-99-99
-        raise ApplrError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+    return _mapping(_text(path), path)
+
+
+def _text(path: str) -> str:
+    return files.read_bytes(path, MAX_BYTES).decode("utf-8-sig", "replace")  # comments may be of another encoding
+
+
+def _mapping(text: str, path: str) -> Dict[str, Any]:
+    found = yaml_value(text, path, _Loader)
     if not isinstance(found or {}, dict):
         raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
     return found or {}
 
 
 def read_parameters(path: str) -> Dict[str, Any]:
-    """The parameters of move_base in a YAML file, without the levels above it of one that is loaded beside the node."""
+    """The parameters of move_base in a YAML file, as rosparam loads it, without the levels above those of move_base."""
     found: Dict[str, Any] = {}
-    for name, value in read_yaml(path).items():
-        for part in reversed(str(name).strip("/").split("/")):  # rosparam takes a/b: 1 for a: {b: 1}
+    text = re.sub(r"^%.*", "", _text(path), flags=re.MULTILINE)
+    if text.lstrip().startswith("<"):
+        raise ApplrError(f"{path} is no YAML; of a launch file give what this writes: roslaunch --dump-params {path}")
+    for document in re.split(r"^---(?=\s|$)", text, flags=re.MULTILINE):
+        content = _mapping(document, path)
+        space = str(content.pop("_ns", ""))  # rosparam's name of the level that a document is loaded below
+        found = merged(found, _levels({f"{space}/{name}".strip("/"): value for name, value in content.items()}, path))
+    levels = [found]
+    for here in levels:
+        if isinstance(here.get("move_base"), dict):
+            return here["move_base"]
+        levels += [below for below in here.values() if isinstance(below, dict)]
+    return next((here for here in levels if MOVE_BASE & set(here)), found)
+
+
+def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:
+    """A mapping in which a/b: 1 is a: {b: 1}, as rosparam takes it; a name that begins with / is another node's."""
+    found: Dict[str, Any] = {}
+    for name, value in content.items():
+        parts = [name] if str(name).startswith("/") else str(name).rstrip("/").split("/")
+        if len(parts) > MAX_LEVELS:
+            raise ApplrError(f"{path}: a name of {len(parts)} levels; give at most {MAX_LEVELS}")
+        value = _levels(value, path) if isinstance(value, dict) else value
+        for part in reversed(parts):
             value = {part: value}
         found = merged(found, value)
-    here = found
-    while isinstance(here.get("move_base", here), dict):
-        if "move_base" in here:
-            return here["move_base"]
-        inner = list(here.values())
-        if len(inner) != 1 or not isinstance(inner[0], dict):
-            break
-        here = inner[0]
     return found
 
 

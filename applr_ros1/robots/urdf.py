@@ -19,7 +19,9 @@ _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
 def urdf(robot: Robot) -> str:
     """The URDF of a robot, a text."""
     base, body, laser = robot.base, robot.body, robot.laser
-    shapes = [_visual((*body.centre, body.bottom + body.size[2] / 2), _box(body.size), "body")]
+    length, width, height = body.size
+    shape = _cylinder((length + width) / 4, height) if body.round else _box(body.size)
+    shapes = [_visual((*body.centre, body.bottom + height / 2), shape, "body")]
     for x, y in geometry.wheel_places(base):
         wheel = _cylinder(base.wheel_radius, base.wheel_width)
         shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))

@@ -15,10 +15,15 @@ import numpy as np
 from defusedxml import ElementTree
 
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.common.files import read_bytes
+from applr_ros1.common.files import plain_xml, read_bytes
 from applr_ros1.robots.xacro_file import MAX_TEXT, expand
 
-MAX_DEPTH = 100  # levels of tags
+LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
+MAX_DEPTH = 100  # levels of tags, joints from a link to the root, and files that a xacro file includes
+MAX_LINKS = 2000
+MAX_MESH, MAX_MESHES = 64 * 2**20, 256 * 2**20  # bytes of one, of all
+MANIFESTS = ("package.xml", "manifest.xml")  # of a package; the latter's name is its folder's
+MESHES = ("stl", "dae", "obj")  # what RViz and Gazebo read; of others, archives among them, nothing bounds the size
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
@@ -27,14 +32,15 @@ class Packages:
 
     def __init__(self, path: Path):
         above = path.resolve().parents
-        own = next((folder for folder in above if (folder / "package.xml").is_file()), above[0])
+        own = next((folder for folder in above if any((folder / name).is_file() for name in MANIFESTS)), above[0])
         roots = [own, own.parent, own.parent.parent]
         roots += [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
         self.missing: Set[str] = set()
         self.found: Dict[str, str] = {}
-        for file in (file for root in roots for depth in range(3) for file in root.glob("*/" * depth + "package.xml")):
-            with contextlib.suppress(ElementTree.ParseError, OSError):
-                name = (ElementTree.parse(file).findtext("name") or "").strip()
+        places = ["*/" * depth + kind for kind in MANIFESTS for depth in range(3)]
+        for file in (file for root in roots for place in places for file in root.glob(place)):
+            with contextlib.suppress(ElementTree.ParseError, ValueError):  # also of a file with entities, or a pipe
+                name = (ElementTree.fromstring(read_bytes(file, MAX_TEXT)).findtext("name") or file.parent.name).strip()
                 self.found.setdefault(name, str(file.parent))
 
     def folder(self, name: str) -> str:
@@ -46,12 +52,10 @@ class Packages:
 
 def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     """The URDF in a file, which xacro has gone over where it is for xacro."""
-    try:
-        text = read_bytes(path, MAX_TEXT).decode("utf-8-sig").lstrip()  # as TinyXML, which passes over both
-    except UnicodeDecodeError:
-        raise ApplrError(f"{path} is no text: give a URDF or xacro file") from None
-    if "xacro" not in text:
+    text = plain_xml(read_bytes(path, MAX_TEXT))
+    if "xacro" not in text and "${" not in text:
         return text
+    old = re.search(r"<(include|property|macro)\b", text)
     text, problem, packages.missing = expand(path, arguments, packages.found)
     if problem:
         needed = re.search(r"Undefined substitution argument (\S+)", problem)
@@ -59,6 +63,7 @@ def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
             raise ApplrError(f"{path} needs the argument {needed[1]}: give {needed[1]}:=VALUE")
         absent = ", ".join(sorted(packages.missing))
         there = f"; put {absent} beside its package, or source the workspace that has them" if absent else ""
+        there += f"; it has <{old[1]}>, and since Noetic xacro takes its tags with xacro: alone" if old else ""
         raise ApplrError(f"{path}: xacro refuses it: {problem}{there}")
     return text
 
@@ -70,6 +75,8 @@ def _check_tree(path: str, root: Element) -> None:
         depth, level = depth + 1, [child for element in level for child in element]
     if level:
         raise ApplrError(f"{path} has over {MAX_DEPTH} levels of tags; a URDF has six")
+    if len(root.findall("link")) + len(root.findall("joint")) > 2 * MAX_LINKS:
+        raise ApplrError(f"{path} has over {MAX_LINKS} links: give the URDF of one robot")
     ends = [
         [end.get("link") for tag in ("child", "parent") for end in j.findall(tag)[:1]] for j in root.findall("joint")
     ]
@@ -78,35 +85,50 @@ def _check_tree(path: str, root: Element) -> None:
         at, steps = link, 0
         while at in above:
             at, steps = above[at], steps + 1
-            if steps > len(above):
-                raise ApplrError(f"{path}: the joints above the link {at} lead back to it; take one of them out")
-    roots = [link.get("name") for link in root.findall("link") if link.get("name") not in above]
+            if steps > MAX_DEPTH:
+                what = f"lead back to it, or are over {MAX_DEPTH}; take one of them out"
+                raise ApplrError(f"{path}: the joints above the link {at} {what}")
+    links = [link.get("name") for link in root.findall("link")]
+    absent = sorted({str(end) for pair in ends for end in pair if end not in links})
+    if absent:
+        raise ApplrError(f"{path}: joints name {', '.join(absent)}, which is no link there; take each such joint out")
+    roots = [link for link in links if link not in above]
     if len(roots) > 1:  # robot_state_publisher refuses it, too
-        raise ApplrError(
-            f"{path}: no joint leads to {', '.join(map(str, roots[1:]))}, nor to {roots[0]}: a robot has one root"
-        )
+        others = ", ".join(map(str, roots[1:]))[:200]
+        raise ApplrError(f"{path}: no joint leads to {others}, nor to {roots[0]!s:.60}: a robot has one root")
 
 
-def _choices(path: str, packages: Packages) -> str:
+def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     """What to say where a part may be switched off: arguments and environment variables that a xacro file reads.
 
-    Files that it includes are looked through, too, as far as they are there.
+    Files that it includes are looked through, too, as far as they are there. Named are those that decide on a laser,
+    else those that have to do with one, else all.
     """
     texts: Dict[str, str] = {}
+    defaults: Dict[str, str] = {}
     files = [path]
     for file in files:
         with contextlib.suppress(ApplrError, OSError, UnicodeDecodeError):
-            texts[file] = read_bytes(file, MAX_TEXT).decode("utf-8-sig")
-            for name in re.findall(r"<xacro:include\b[^>]*?\bfilename\s*=\s*[\"']([^\"']+)", texts[file]):
-                name = re.sub(r"\$\(find\s+(\w+)\)", lambda match: packages.folder(match[1]), name)
+            texts[file] = plain_xml(read_bytes(file, MAX_TEXT))
+            defaults.update(re.findall(r"<xacro:arg\s+name=[\"'](\w+)[\"']\s+default=[\"']([^\"']*)", texts[file]))
+            for name in re.findall(r"<xacro:include\b[^<>]*?\bfilename\s*=\s*[\"']([^\"']+)", texts[file]):
+                name = re.sub(
+                    r"\$\(arg\s+(\w+)\)", lambda match: arguments.get(match[1], defaults.get(match[1], "")), name
+                )
+                name = re.sub(r"\$\(find\s+([\w-]+)\)", lambda match: packages.folder(match[1]), name)
                 name = os.path.normpath(os.path.join(os.path.dirname(file), name))
-                files += [name] * (name not in files)
+                files += [name] * (len(files) < MAX_DEPTH and name not in files)
     found = []
     for words, pattern, form in (
-        ("the file takes", r"<xacro:arg\b[^>]*?\bname\s*=\s*[\"'](\w+)", "{}:="),
+        ("the file takes", r"<xacro:arg\b[^<>]*?\bname\s*=\s*[\"'](\w+)", "{}:="),
         ("it reads", r"\$\(\s*(?:opt)?env\s+(\w+)", "{}"),
     ):
         names = sorted({name for text in texts.values() for name in re.findall(pattern, text)})
+        deciding = {
+            name for text in texts.values() for name in re.findall(r"<xacro:(?:if|unless)\b[^<>]*" + pattern, text)
+        }
+        names = [name for name in names if LASER.search(name)] or names
+        names = [name for name in names if name in deciding] or names
         end = " from the environment" if words == "it reads" else ""
         found += [f"; {words} {', '.join(map(form.format, names))}{end}"] * bool(names)
     return "".join(found)
@@ -121,6 +143,9 @@ def _bare(text: str) -> bytes:
         kept = ("origin", "parent", "child", "axis", "limit", "mimic", "inertial", "visual", "collision")
         for inner in [inner for inner in part if inner.tag not in kept]:
             part.remove(inner)
+        for axis in part.findall("axis"):
+            if not any(float(number) for number in (axis.get("xyz") or "1").split()):
+                part.remove(axis)  # (0, 0, 0), which says nothing
         for material in [(shape, inner) for shape in part for inner in shape.findall("material")]:
             material[0].remove(material[1])
     return ElementTree.tostring(xml)
@@ -146,8 +171,11 @@ class UrdfFile:
             ) from None
         self.path, self.packages = path, Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
+        self._meshes: Dict[str, np.ndarray] = {}  # corners (n, 3) [m] of files that were read
+        self._left = MAX_MESHES
+        self._poses: Dict[str, np.ndarray] = {}
         text = _text(path, arguments, self.packages)
-        self.choices = _choices(path, self.packages)
+        self.choices = _choices(path, arguments, self.packages)
         try:
             self.xml = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
@@ -157,16 +185,23 @@ class UrdfFile:
                 f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF or xacro file, whose is <robot>"
             )
         _check_tree(path, self.xml)
+        if self.xml.find("link") is None:
+            raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
         try:
             self.urdf = yourdfpy.URDF.load(io.BytesIO(_bare(text)), load_meshes=False)
         except Exception as error:  # the library says of a missing tag that None has no attribute
-            raise ApplrError(f"{path} cannot be read as URDF: {type(error).__name__}: {reason(error)}") from None
+            problem = f"{type(error).__name__}: {reason(error)}; ask check_urdf for the place"
+            raise ApplrError(f"{path} cannot be read as URDF: {problem}") from None
         self.links, self.joints = self.urdf.link_map, self.urdf.robot.joints
         self.joint_to = {joint.child: joint for joint in self.joints}
         usual = [name for name in ("base_link", "base_footprint") if name in self.links]
-        self.base = base_frame if base_frame in self.links else (usual or [self.urdf.base_link])[0]
+        self.base = self.link(base_frame) or (usual or [self.urdf.base_link])[0]
         self.moving = {name: [j for j in self.above(name) if j.type != "fixed"] for name in self.links}
+
+    def link(self, frame: str) -> str:
+        """The link of a frame, which may have a prefix in tf; "" where there is none."""
+        return next((name for name in (frame, frame.rpartition("/")[2]) if name in self.links), "")
 
     def above(self, link: str) -> Iterator[Any]:
         """The joints from a link to the root."""
@@ -176,27 +211,29 @@ class UrdfFile:
 
     def pose(self, link: str) -> np.ndarray:
         """(4, 4) of a link in the base frame."""
-        return self.urdf.get_transform(link, self.base)
+        if link not in self._poses:
+            self._poses[link] = self.urdf.get_transform(link, self.base)
+        return self._poses[link]
 
     def axis(self, joint: Any) -> np.ndarray:
         """(3,) the direction of a joint's axis in the base frame."""
         direction = self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
         return direction / (np.linalg.norm(direction) or 1.0)
 
-    def boxes(self, names: Iterable[str], kind: str = "collisions") -> List[Box]:
-        """A box around each shape of some links that can be read. kind: collisions or visuals."""
+    def boxes(self, names: Iterable[str], kind: str = "collisions", axes: Any = np.eye(3)) -> List[Box]:  # noqa: B008
+        """The ends along axes (n, 3) of each shape of some links that can be read. kind: collisions or visuals."""
         shapes = [(name, shape) for name in names for shape in getattr(self.links[name], kind)]
-        found = [self._box(name, shape) for name, shape in shapes if shape.geometry is not None]
+        found = [self._box(name, shape, axes) for name, shape in shapes if shape.geometry is not None]
         return [box for box in found if box is not None]
 
-    def _box(self, link: str, shape: Any) -> Optional[Box]:
+    def _box(self, link: str, shape: Any, axes: np.ndarray) -> Optional[Box]:
         geometry = shape.geometry
         pose = self.pose(link) @ (np.eye(4) if shape.origin is None else shape.origin)
-        turn, middle = pose[:3, :3], pose[:3, 3]
+        turn, middle = axes @ pose[:3, :3], axes @ pose[:3, 3]
         if geometry.box is not None:
             half = np.abs(turn) @ (np.asarray(geometry.box.size) / 2)
         elif geometry.sphere is not None:
-            half = np.full(3, geometry.sphere.radius)
+            half = np.full(len(axes), geometry.sphere.radius)
         elif geometry.cylinder is not None:
             along = np.abs(turn[:, 2])
             half = geometry.cylinder.length / 2 * along
@@ -210,24 +247,33 @@ class UrdfFile:
 
     def _mesh(self, mesh: Any) -> Optional[np.ndarray]:
         """(n, 3) the corners of a mesh, scaled [m]; None, and noted, where it cannot be read."""
-        import trimesh
-
-        package, _, inside = mesh.filename.partition("package://")[2].partition("/")
-        try:
-            if package:
-                file = os.path.join(self.packages.folder(package), inside)
-            else:
-                file = os.path.join(os.path.dirname(self.path), re.sub("^file://", "", mesh.filename))
-            loaded: Any = trimesh.load(file, force="mesh", skip_materials=True)
-            corners = np.asarray(loaded.vertices)
-            if file.lower().endswith(".dae"):  # which RViz and Gazebo read in its own unit
-                corners = corners * trimesh.units.unit_conversion(loaded.units or "meters", "meters")
-        except Exception:  # of the readers of a dozen formats
-            corners = np.empty((0, 3))
+        if mesh.filename not in self._meshes:
+            try:
+                self._meshes[mesh.filename] = self._corners(mesh.filename)
+            except Exception:  # of the readers of a dozen formats
+                self._meshes[mesh.filename] = np.empty((0, 3))
+        corners = self._meshes[mesh.filename]
         if not len(corners):
             self.lost.add(mesh.filename)
             return None
         return corners * (1.0 if mesh.scale is None else np.asarray(mesh.scale))
+
+    def _corners(self, name: str) -> np.ndarray:
+        import trimesh
+
+        package, _, inside = name.partition("package://")[2].partition("/")
+        if package:
+            file = os.path.join(self.packages.folder(package), inside)
+        else:
+            file = os.path.join(os.path.dirname(self.path), re.sub("^file://", "", name))
+        kind = os.path.splitext(file)[1][1:].lower()
+        content = read_bytes(file, min(MAX_MESH, self._left)) if kind in MESHES else b""
+        self._left -= len(content)
+        loaded: Any = trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", skip_materials=True)
+        corners = np.asarray(loaded.vertices)
+        if kind == "dae":  # which RViz and Gazebo read in its own unit
+            corners = corners * trimesh.units.unit_conversion(loaded.units or "meters", "meters")
+        return corners
 
     def inertia(self, names: Iterable[str]) -> Tuple[float, np.ndarray, np.ndarray]:
         """Mass, (3,) centre of mass, and (3,) moments about x, y, z through it, of some links together."""

@@ -17,6 +17,7 @@ import resource
 import subprocess
 import sys
 import types
+from subprocess import DEVNULL, PIPE
 from typing import Any, Callable, Dict, List, Mapping, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError, reason
@@ -53,7 +54,7 @@ def expand(path: str, arguments: Mapping[str, str], packages: Mapping[str, str])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         answer = subprocess.run(
-            command, input=given, capture_output=True, text=True, env=environment, timeout=PATIENCE, check=False
+            command, input=given, stdout=PIPE, stderr=DEVNULL, text=True, env=environment, timeout=PATIENCE, check=False
         )
         text, problem, missing = json.loads(answer.stdout)
     except (subprocess.TimeoutExpired, ValueError):
@@ -91,7 +92,7 @@ def _program() -> List[Any]:
     for name, limit in LIMITS.items():
         resource.setrlimit(getattr(resource, "RLIMIT_" + name), (limit, limit))
     try:
-        with contextlib.redirect_stdout(sys.stderr):  # what a file has to say
+        with contextlib.redirect_stdout(sys.stderr):  # what a file has to say, which can be endless
             text = xacro.process_file(path, mappings=given["arguments"]).toxml()
     except Exception as error:  # what a file of expressions raises can be anything
         cause = getattr(error, "exc", None) or error

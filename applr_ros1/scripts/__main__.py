@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """What `rosrun applr_ros1 NAME.py` runs: CMakeLists.txt installs this file under each name of NODES and COMMANDS.
 
-Without an installation `python -m applr_ros1.scripts NAME` does the same.
+`applr-ros1 NAME`, which pip installs, and `python -m applr_ros1.scripts NAME` do the same.
 """
 
 import sys
 from pathlib import Path
 
+import applr_ros1
 from applr_ros1.common.errors import run_script
 
 NODES = {  # take nothing but NAME:=VALUE
@@ -38,8 +39,19 @@ COMMANDS = {
     "tune_robot": "training.tune_robot",
 }
 
-if __name__ == "__main__":
-    if Path(sys.argv[0]).name == "__main__.py":
+
+def main():
+    """Runs the program that this file is called, else the one that the first argument names."""
+    programs = {**NODES, **COMMANDS}
+    if Path(sys.argv[0]).stem not in programs:
         sys.argv.pop(0)
-    name = Path(sys.argv[0]).stem
-    run_script(NODES.get(name) or COMMANDS[name], node=name in NODES)
+    name = Path(sys.argv[0]).stem if sys.argv else "--help"
+    if name in programs:
+        run_script(programs[name], node=name in NODES)
+    usage = f"applr-ros1 NAME [ARGUMENT ...]; NAME is one of {', '.join(programs)}"
+    texts = {"--help": usage, "--version": f"applr_ros1 {applr_ros1.__version__}"}
+    print(texts[name]) if name in texts else sys.exit(f"{name} is not known: {usage}")
+
+
+if __name__ == "__main__":
+    main()

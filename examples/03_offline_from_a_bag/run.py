@@ -1,7 +1,7 @@
 """Makes a dataset of recorded drives, and trains a policy from it, offline.
 
-`./applr demo method:=random record:=$PWD/drive.bag` records a drive in simulation, `record:=drive.bag` of the launch
-file one of a real robot.
+`record:=drive.bag` of the launch file records a drive of a real robot, `./applr demo method:=random record:=drive.bag`
+one in simulation. Without a bag some drives with random parameters are recorded here.
 """
 
 import argparse
@@ -9,22 +9,50 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def record(bag: Path, courses: int, decisions: int) -> None:
+    """Drives `courses` built-in worlds for at most `decisions` decisions each, and records what a robot would."""
+    sys.path.insert(0, str(ROOT))  # where the tests' recorder is
+    import sim_bridge
+    import worlds
+    from applr_ros1.planner.move_base import MoveBase
+    from applr_ros1.policy.parameter_space import SPACE
+    from applr_ros1.robots import JACKAL
+    from tests.support.recording import RecordingEpisode, StackWriter
+
+    random = np.random.default_rng(0)
+    with StackWriter(bag) as writer:
+        simulator, planner = sim_bridge.make("kinematic"), MoveBase(JACKAL.parameters())
+        episode = RecordingEpisode(simulator, planner, writer, period=2.0, limit=decisions)
+        for number in range(courses):
+            outcome = episode.reset(worlds.load(f"generated:{number}"), seed=number)
+            while not outcome.over:
+                outcome = episode.decide(SPACE.to_theta(random.uniform(-1.0, 1.0, len(SPACE))))
+
 
 def main() -> None:
     """Convert, train."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("bags", nargs="+", help="recorded drives")
+    parser.add_argument("bags", nargs="*", type=Path, help="recorded drives (default: three of simulation)")
     parser.add_argument("--gradient-steps", default="300", help="gradient steps (default %(default)s)")
     parser.add_argument("--net-arch", nargs="+", default=["256", "256"], help="hidden layers (default 256 256)")
     parser.add_argument("--out", default="offline", help="folder to write; must be new (default %(default)s)")
     options = parser.parse_args()
 
+    if not options.bags:
+        Path(options.out).mkdir(parents=True)
+        options.bags = [Path(options.out) / "drives.bag"]
+        record(options.bags[0], courses=3, decisions=20)
     dataset, run = str(Path(options.out) / "dataset"), str(Path(options.out) / "run")
-    convert = [sys.executable, "-m", "training.bags_to_dataset", *options.bags, "--out", dataset, "--finish", "5.925"]
-    train = [sys.executable, "-m", "training.train", "--dataset", dataset, "--out", run, "--eval-worlds", "none"]
+    convert = ["applr_ros1.training.bags_to_dataset", *map(str, options.bags), "--out", dataset, "--finish", "5.925"]
+    train = ["applr_ros1.training.train", "--dataset", dataset, "--out", run, "--eval-worlds", "none"]
     train += ["--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch, "--bc-alpha", "2.5"]
     for command in (convert, train):
-        subprocess.run(command, check=True)
+        subprocess.run([sys.executable, "-m", *command], check=True)
     print(f"{run}/actor.safetensors: drive it with method:=applr policy:=...")
 
 

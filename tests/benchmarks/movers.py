@@ -55,13 +55,15 @@ class Judge:
         self.last, self.since = None, {}
 
     def see(self, scan, truth):
-        """A scan (LaserScan), and (n, 5) x, y, radius, vx, vy of the movers in its frame."""
+        """A scan (LaserScan), and (n, 5) x, y, radius, vx, vy of the movers in its frame; None: nothing is judged."""
         began = process_time()
         movers = self.tracker.update(scan)
         self.took.append(process_time() - began)
         dt = scan.stamp - self.last if self.last is not None else 0.0
         self.last = scan.stamp
         self.seconds += dt
+        if truth is None:
+            return
         points, wrong = hits(scan), np.ones(len(movers.id), bool)
         for i, (x, y, r, vx, vy) in enumerate(truth.tolist()):
             distances = np.hypot(movers.x - x, movers.y - y)
@@ -104,9 +106,11 @@ class Judge:
 
 
 def truth(simulator, scan):
-    """(n, 5) as Judge.see takes it; none while the robot touches one, since its odometry is wrong then."""
-    if simulator.state.contact or not simulator.world.movers:
+    """(n, 5) as Judge.see takes it; None while the robot touches one, since its odometry is wrong then."""
+    if not simulator.world.movers:
         return np.empty((0, 5))
+    if simulator.state.contact:
+        return None
     to_odom = compose(scan.sensor_pose, inverse(laser_pose(simulator.state.pose, simulator.robot.laser)))
     now, dt = simulator.state.time, 0.01
     here, after = simulator.mover_circles(now), simulator.mover_circles(now + dt)

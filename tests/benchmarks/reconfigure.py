@@ -18,7 +18,7 @@ def reconfigure_all():
     node = ros.node("move_base", "cmd_vel:=/cmd_vel")
     client = ReconfigureClient()
     try:
-        wait_for(lambda: client.connected or not node.alive() or not client.connect(), 120.0, "parameter servers")
+        wait_for(lambda: client.connected or not node.alive() or not client.connect(), "parameter servers")
         assert node.alive(), node.text
         rng = np.random.default_rng(0)
         took = np.empty(COUNT)

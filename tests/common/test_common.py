@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from applr_ros1.common import angles, files, user_module
+from applr_ros1.common import angles, files, user_module, yaml_files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
@@ -98,6 +98,37 @@ def test_only_regular_files_are_read_within_a_bound_and_written(tmp_path):
     with pytest.raises(files.StorageError, match="not JSON"):
         files.read_json(tmp_path / "text")
     assert (tmp_path / "pipe").is_fifo()
+
+
+DOUBLED = "a0: &a0 {x: 1}\n"  # 2**k of level k
+
+
+@pytest.mark.fault("18c")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (DOUBLED + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40)), "more than 100000 values"),
+        (DOUBLED + "".join(f"a{k + 1}: &a{k + 1} {{<<: [*a{k}, *a{k}]}}\n" for k in range(40)), "more than 100000"),
+        ("a: &a [*a]", "50 levels"),
+        ("a: " + "[" * 60 + "]" * 60, "50 levels"),
+        ("a: 0x" + "f" * 400, "over 308 digits"),
+        ("a: !!timestamp foo", "not readable as YAML"),
+        ("a: 2001-99-99", "not readable as YAML"),
+        ("a: !!python/object/apply:os.getcwd []", "could not determine a constructor"),
+    ],
+)
+def test_yaml_is_plain_values_and_bounded(tmp_path, text, words):
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(files.StorageError, match=f"a.yaml: .*{words}"):
+        yaml_files.read_yaml(tmp_path / "a.yaml")
+    assert yaml_files.yaml_value("a: &a [1, 2]\nb: *a", "b") == {"a": [1, 2], "b": [1, 2]}
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "1" + "0" * 400, "1" + "0" * 5000])
+def test_json_is_bounded(text):
+    with pytest.raises(ValueError, match=r"."):
+        files.json_value(text)
+    assert files.json_value("[1, 1e400]") == [1, math.inf]
 
 
 def test_numbers_within_bounds():
@@ -188,13 +219,13 @@ for command in sys.argv[1:]:
 
 def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_one_line(tmp_path):
     pytest.importorskip("training.evaluate")
-    commands = ("appld", "bags_to_dataset", "compare_recording", "demonstrate", "static_search", "train", "tune_robot")
+    commands = ("appld", "bags_to_dataset", "demonstrate", "static_search", "train", "tune_robot")
     program = [sys.executable, "-c", WITHOUT_EXTRAS, *commands]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
-    assert "the report is without pictures: Python's matplotlib is not installed" in said[-9]
+    assert "the report is without pictures: Python's matplotlib is not installed" in said[-8]
     assert (tmp_path / "results/report/table_1.csv").exists()
     for line in said[-len(commands) :]:
         assert line.startswith("ended with: Python's "), line

@@ -16,7 +16,7 @@ from tests.faults.relay import Relay
 from tests.support.fake_robot import decided
 from tests.support.jackal import JACKAL
 from tests.support.move_base_stack import goal
-from tests.support.ros_harness import slowness, wait_for
+from tests.support.ros_harness import LONGEST, slowness, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
@@ -61,8 +61,8 @@ class Stack:
         for name in NODES:
             self.wait_until_up(name)
         self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-        assert self.client.wait_for_server(rospy.Duration(20.0))
-        wait_for(lambda: self.relay.truth, 10.0, "the robot")
+        assert self.client.wait_for_server(rospy.Duration(LONGEST))
+        wait_for(lambda: self.relay.truth, "the robot")
 
     def start(self, name, wait=True):
         """Starts a node of NODES, also after it was killed, with the parameters that a launch file gives it."""
@@ -80,8 +80,7 @@ class Stack:
                 return any(topic == READY[name] for topic, _ in rosgraph.Master("/up").getPublishedTopics(""))
             return "ready" in child.text
 
-        wait_for(lambda: not child.alive() or up(), 150.0, name)
-        assert child.alive(), child.text
+        child.until(up)
 
     def said(self, name):
         """What a node has printed so far."""
@@ -90,7 +89,7 @@ class Stack:
     def back_to_the_start(self):
         self.give_up()
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
-        wait_for(lambda: abs(self.relay.x) < 0.1, 3.0, "the start")
+        wait_for(lambda: abs(self.relay.x) < 0.1, "the start")
         self.relay.touched = False
 
     @property
@@ -101,21 +100,22 @@ class Stack:
         """Ends the goal. A cancel of all goals, on a connection of its own, could also end the next one."""
         if not self.goal_is_over:
             self.client.cancel_goal()
-            self.until(lambda: self.goal_is_over, 5.0, "the end of the goal")
+            self.until(lambda: self.goal_is_over, "the end of the goal")
 
     def send(self, x=GOAL):
         self.client.send_goal(goal(x))
 
     def under_way(self, speed=0.6, room=7.0):
         """The robot drives to the goal at `speed` [m/s] or more, with so much room [m] before it."""
-        if self.goal_is_over or not (self.relay.speed > 0.1 and self.relay.x < GOAL - room):
-            if self.relay.x > 2.0:
-                self.back_to_the_start()
-            self.send()
-        self.until(lambda: self.relay.speed > speed or self.goal_is_over, 15.0, "motion")
-        if self.relay.speed <= speed:  # what an earlier test did to the nodes has ended this goal, too
-            self.send()
-            self.drives_again(15.0, speed)
+
+        def drives():
+            if self.goal_is_over or self.relay.x > GOAL - room:
+                if self.relay.x > 2.0:
+                    self.back_to_the_start()
+                self.send()
+            return self.relay.speed > speed
+
+        self.until(drives, "motion")
 
     def longest_gap(self):
         """The longest time between two of the planner's commands that the relay still has [s]."""
@@ -125,19 +125,19 @@ class Stack:
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
         broken = self.relay.now
         break_it()
-        self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, 2 * within + 1, "standstill")
+        self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
         now = self.relay.now  # what is later was before the simulator began anew
         took = next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < 0.01) - broken
         assert took < within * slowness()
         return took
 
-    def drives_again(self, seconds=10.0, speed=0.3):
-        self.until(lambda: self.relay.speed > speed, seconds, "motion")
+    def drives_again(self, speed=0.3):
+        self.until(lambda: self.relay.speed > speed, "motion")
 
-    def until(self, condition, seconds, what):
+    def until(self, condition, what):
         """Waits as wait_for does; a failure says where the robot is and what collision monitor and move_base did."""
         try:
-            return wait_for(condition, seconds, what)
+            return wait_for(condition, what)
         except AssertionError as late:
             relay, client = self.relay, self.client
             ended = (

@@ -8,7 +8,7 @@ import time
 import pytest
 import rosgraph
 
-from tests.support.ros_harness import RosMaster, slowness, wait_for
+from tests.support.ros_harness import LONGEST, RosMaster, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -26,14 +26,15 @@ def test_the_processor_is_busy(stack, measured):
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * os.cpu_count())]
     try:
         time.sleep(2.0)
+        slow = slowness()
     finally:
         for loop in loops:
             loop.kill()
             loop.wait()
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")
-    assert gap < 0.5 * slowness()
-    wait_for(lambda: "cycles left out" in move_base.text[said:], 6.0, "a line about the cycles that were missed")
+    assert gap < 0.5 * slow
+    wait_for(lambda: "cycles left out" in move_base.text[said:], "a line about the cycles that were missed")
     stack.drives_again()
 
 
@@ -44,8 +45,7 @@ def test_two_stacks_on_one_machine(stack, measured):
     other = RosMaster()
     try:
         bridge = other.node("sim_bridge", "_simulator:=kinematic")
-        wait_for(lambda: "ready" in bridge.text or not bridge.alive(), 30.0, "the other robot")
-        assert bridge.alive(), bridge.text
+        bridge.until("ready")
         stack.under_way(room=10.0)
         publishers = rosgraph.Master("/looks", other.uri).getSystemState()[0]
         assert {node for _, nodes in publishers for node in nodes} == {"/sim_bridge"}
@@ -54,13 +54,13 @@ def test_two_stacks_on_one_machine(stack, measured):
             env=other.env,
             capture_output=True,
             text=True,
-            timeout=20,
+            timeout=LONGEST,
             check=True,
         )
         speed = abs(float(truth.stdout.split()[0]))
         measured("speed of the robot that was not sent anywhere", speed, "m/s")
         assert speed < 0.01
-        assert stack.relay.speed > 0.1 or stack.relay.x > 10.0
+        stack.under_way()
     finally:
         other.close()
     stack.under_way()

@@ -5,18 +5,11 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import stable_baselines3
 import torch
 
-import sim_bridge
-import worlds
-from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load
-from applr_ros1.policy.parameter_space import SPACE
-from applr_ros1.robots import JACKAL
 from tests.support import HANGS, ROOT
-from tests.support.recording import RecordingEpisode, StackWriter
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
 LIBRARIES = (stable_baselines3, torch)  # what they need beside the package
@@ -52,12 +45,8 @@ def test_own_method(tmp_path):
 
 
 def test_offline_from_a_bag(tmp_path):
-    random = np.random.default_rng(0)
-    with StackWriter(tmp_path / "drive.bag") as writer:
-        simulator, planner = sim_bridge.make("kinematic"), MoveBase(JACKAL.parameters())
-        episode = RecordingEpisode(simulator, planner, writer, period=2.0, limit=4)
-        outcome = episode.reset(worlds.load("generated:0"), seed=0)
-        while not outcome.over:
-            outcome = episode.decide(SPACE.to_theta(random.uniform(-1.0, 1.0, len(SPACE))))
-    run("03_offline_from_a_bag", tmp_path, "drive.bag", "--gradient-steps", 5, "--net-arch", 16, 16, "--out", "out")
-    assert load(tmp_path / "out" / "run" / "actor.safetensors")
+    options = "--gradient-steps", 5, "--net-arch", 16, 16, "--out"
+    run("03_offline_from_a_bag", tmp_path, *options, "recorded")
+    run("03_offline_from_a_bag", tmp_path, tmp_path / "recorded" / "drives.bag", *options, "given")
+    for name in ("recorded", "given"):
+        assert load(tmp_path / name / "run" / "actor.safetensors")

@@ -69,7 +69,7 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     assert (made.missing_map, list(made.sources)) == ("", [robot.topics.scan])
     assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
     recorded = recording.topics(False, robot=robot)
-    assert {"/" + robot.topics.scan, "/" + robot.topics.odometry} <= set(recorded)
+    assert {"/" + robot.topics.scan, "/" + robot.topics.odometry, "/applr/tracked"} <= set(recorded)
     servers = dict(space_of(robot).places())
     assert {os.path.normpath("/move_base/%s/parameter_updates" % server) for server in servers} <= set(recorded)
 
@@ -150,7 +150,9 @@ def test_install_space(tmp_path):
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
         unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
+        export NUMBA_DISABLE_JIT=1  # it would compile all kernels, which takes minutes
         catkin_make -C {ws} -DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF install
+        unset NUMBA_DISABLE_JIT
         rm -rf {ws}/src {ws}/devel {ws}/build
         . {ws}/install/setup.sh
         cd /

@@ -13,9 +13,8 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
-from tests.support import HANGS
 from tests.support.fake_robot import Robot
-from tests.support.ros_harness import session, wait_for
+from tests.support.ros_harness import LONGEST, session, slowness, wait_for
 from tests.support.weights import make_weights
 
 pytestmark = pytest.mark.ros
@@ -51,8 +50,7 @@ def stack(ros, robot, tmp_path):
     def start_fake(*args):
         fake = ros.python("tests/support/fake_move_base.py", *args)
         started.append(fake)
-        wait_for(lambda: "up" in fake.text or not fake.alive(), 10.0, "stand-in")
-        assert fake.alive(), fake.text
+        fake.until("up")
         return fake
 
     def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):
@@ -65,11 +63,10 @@ def stack(ros, robot, tmp_path):
         started.append(node)
         if not ready:
             return node, move_base, None
-        wait_for(lambda: robot.values or not node.alive(), 10.0, "applr node")
-        assert node.alive(), node.text
+        node.until(lambda: robot.values)
         client = ReconfigureClient()
         clients.append(client)
-        wait_for(lambda: not client.connect(), 5.0, "servers")
+        wait_for(lambda: not client.connect(), "servers")
         return node, move_base, client
 
     clients = []
@@ -86,13 +83,19 @@ def stack(ros, robot, tmp_path):
             rospy.delete_param(name)
 
 
-def says(robot, message, seconds=4.0):
-    wait_for(lambda: robot.values.get("message") == message, seconds, "diagnostics: " + message)
+def says(robot, message):
+    wait_for(lambda: robot.values.get("message") == message, "diagnostics: " + message)
 
 
 def as_set(robot, client):
     """Whether the planner has what the newest decision said."""
     return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
+
+
+def knows_what_it_set(robot):
+    """Whether the newest decision began with what the one before it had set."""
+    before, newest = robot.decisions[-2:]
+    return newest["theta_prev"] == before["theta"]
 
 
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
@@ -101,24 +104,26 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert not robot.decisions  # nothing is decided without a goal
     assert np.array_equal(client.theta(), THETA_0)
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), 5.0, "five decisions")
+    wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), "five decisions")
     first, last = robot.decisions[0], robot.decisions[4]
     assert first["theta_prev"] == SPACE.as_dict(THETA_0)
-    assert robot.decisions[1]["theta_prev"] == first["theta"]
-    elapsed = float(last["stamp"]) - float(first["stamp"])
-    assert elapsed / 1e9 == pytest.approx(4 * PERIOD, abs=PERIOD)
+    wait_for(lambda: knows_what_it_set(robot), "what was set is seen at the next decision")
+    periods = (float(last["stamp"]) - float(first["stamp"])) / 1e9 / PERIOD
+    assert 3.0 < periods < 5.0 * slowness()
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
     planner = client._servers[PLANNER.split("/")[-1]].values
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
-    inflation = {client._servers[role].values["inflation_radius"] for role in client.servers if "inflater" in role}
-    assert inflation == {client.theta()[7]} != {0.3}
-    assert len(robot.beats) >= 4
-    wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
-    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), 3.0, "the parameters as they are set")
+    inflaters = [server for role, server in client._servers.items() if "inflater" in role]
+    wait_for(
+        lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3}, "both costmaps'"
+    )
+    wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
+    wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
+    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters as they are set")
     assert robot.count("failed") == 0
     robot.goal = None  # the course is over: the next one starts on theta_0
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0 after the goal")
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
     count = len(robot.decisions)
     time.sleep(2 * PERIOD)
     assert len(robot.decisions) == count
@@ -127,7 +132,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
 def test_other_names_of_the_cpp_move_base(robot, stack):
     _, _, client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer"))
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
     names = {i: name for i, _, name in client._servers[PLANNER.split("/")[-1]].settings}
     assert names[5] == "pdist_scale"
     assert client.servers["local_costmap/inflater_layer"].endswith("inflation_layer")
@@ -136,8 +141,7 @@ def test_other_names_of_the_cpp_move_base(robot, stack):
 def test_another_local_planner_is_named_in_one_line(robot, stack):
     node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
     line = f"{PLANNER} has no parameter vtheta_samples"
-    wait_for(lambda: line in node.text, 25.0, "one line")
-    assert node.alive()
+    node.until(line)
     assert node.text.count(line) == 1
 
 
@@ -146,15 +150,15 @@ def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights, period=0.6)
-    wait_for(lambda: len(robot.values["servers"].split(", ")) == 5, 8.0, "the node has found the servers")
-    time.sleep(0.3)  # and has set theta_0
-    client.apply(SPACE.from_dict({"max_vel_x": 0.7}))
+    says(robot, "idle: no goal")
+    time.sleep(0.3)  # it has found the servers and theta_0 there
+    wait_for(lambda: client.apply(SPACE.from_dict({"max_vel_x": 0.7})).ok, "a person's value")
     robot.goal = "one"
-    wait_for(lambda: robot.decisions, 5.0, "a decision")
-    assert client.theta()[0] == 0.7
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    assert robot.decisions[1]["theta_prev"]["max_vel_x"] == 0.7
     assert "not finite" in robot.decisions[0]["refused"]
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0 once the policy is lost")
-    wait_for(lambda: robot.count("refused") >= 3, 3.0, "diagnostics")
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 once the policy is lost")
+    wait_for(lambda: robot.count("refused") >= 3, "diagnostics")
     assert robot.values["level"] == 2
     assert "not finite" in node.text
 
@@ -166,14 +170,14 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     path.write_bytes(path.read_bytes()[:1000])
     node, _, client = stack(policy=str(path))
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
     errors = [line for line in node.text.splitlines() if "ERROR" in line]
     assert len(errors) == 1
     assert str(path) in errors[0]
     assert "theta_0" in errors[0]
-    wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], 3.0, "diagnostics")
+    wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], "diagnostics")
 
 
 @pytest.mark.fault("11")
@@ -183,7 +187,7 @@ def test_fault_11_odd_scans(robot, stack):
     robot.goal = "one"
     for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
         robot.ranges, count = odd, len(robot.decisions)
-        wait_for(lambda count=count: len(robot.decisions) >= count + 2, 5.0, "decisions")
+        wait_for(lambda count=count: len(robot.decisions) >= count + 2, "decisions")
         assert np.all(np.isfinite(robot.observations[-1]))
     for odd, line in (
         (np.full(720, np.nan, np.float32), "all 720 beams"),
@@ -191,29 +195,29 @@ def test_fault_11_odd_scans(robot, stack):
         (good[:0], "0 beams"),
     ):
         robot.ranges = odd
-        wait_for(lambda line=line: line in node.text, 5.0, line)
+        node.until(line)
         assert node.text.count(line) <= 2
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0")
-    wait_for(lambda: robot.count("unusable") >= 1, 3.0)
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+    wait_for(lambda: robot.count("unusable") >= 1, "diagnostics")
     robot.ranges, count = good, len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "recovery")
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "recovery")
     assert "Traceback" not in node.text
 
 
 def test_dwa_leaves_the_planner_alone(robot, stack):
     _, _, client = stack("dwa")
-    wait_for(lambda: "TrajectoryPlannerROS" in robot.values.get("servers", ""), 5.0, "servers")
-    client.apply(SPACE.from_dict({"max_vel_x": 0.9}))  # a person tries something
+    wait_for(lambda: "TrajectoryPlannerROS" in robot.values.get("servers", ""), "servers")
+    wait_for(lambda: client.apply(SPACE.from_dict({"max_vel_x": 0.9})).ok, "what a person tries")
     robot.goal = "one"
-    wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], 5.0, "the search to end")
+    wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
     count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= count + 2, "decisions")
     assert client.theta()[0] == 0.9
 
 
 def test_wrong_parameters_end_the_node_in_one_line(robot, stack):
     node, _, _ = stack(fake=None, ready=False, max_speed=0.05)
-    wait_for(lambda: not node.alive(), 10.0, "end")
+    wait_for(lambda: not node.alive(), "end")
     assert node.process.returncode == 1
     assert "max_speed is 0.05: give at least 0.2 m/s" in node.text
     assert len(node.text.splitlines()) == 1
@@ -223,7 +227,7 @@ def test_wrong_parameters_end_the_node_in_one_line(robot, stack):
 def service(name, kind, *arguments):
     import rospy
 
-    rospy.wait_for_service("/applr/" + name, 5.0)
+    rospy.wait_for_service("/applr/" + name, LONGEST)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
 
 
@@ -233,20 +237,20 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     node, _, client = stack("random")
     says(robot, "idle: no goal")
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
     says(robot, "deciding")
     assert service("enable", SetBool, False).message == "off: theta_0"
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0")
-    count = len(robot.decisions)
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
     says(robot, "switched off: theta_0")
+    count = len(robot.decisions)
     time.sleep(2 * PERIOD)
-    assert len(robot.decisions) <= count + 1
+    assert len(robot.decisions) == count
     assert np.array_equal(client.theta(), THETA_0)
     assert service("enable", SetBool, True).success
-    wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), 5.0, "decisions again")
+    wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), "decisions again")
     assert not np.array_equal(client.theta(), THETA_0)
     assert node.end() == 0
-    assert np.array_equal(client.theta(), THETA_0)
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
     assert "Traceback" not in node.text
 
 
@@ -259,10 +263,10 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
     _, _, client = stack("random", max_speed=1.9)
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     answer = service("set_method", SetMethod, "fixed:%s" % (tmp_path / "set.json"))
     assert (answer.success, answer.message) == (True, "method fixed:%s" % (tmp_path / "set.json"))
-    wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
+    wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
     (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
     own = str(tmp_path / "own.py") + ":Class"
     for method, words in (
@@ -280,16 +284,16 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     assert client.theta()[0] == 1.5  # nothing was changed
     count = len(robot.decisions)
     assert service("set_method", SetMethod, "random").success
-    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "decisions")
-    wait_for(lambda: robot.values["method"] == "random", 2.0, "diagnostics, which come once a second")
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions")
+    wait_for(lambda: robot.values["method"] == "random", "diagnostics, which come once a second")
 
 
 def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
     node, _, client = stack("fixed:%s" % (tmp_path / "set.json"), max_speed=0.3)
-    wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], 4.0, "the capped set")
+    wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
     assert node.end() == 0
-    assert client.theta()[0] == 0.3  # theta_0 is 0.5
+    wait_for(lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0, whose speed is .5, capped")
 
 
 @pytest.mark.fault("14c")
@@ -308,15 +312,15 @@ def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, sta
     """A decision every 6 s: our move_base, which expects a heartbeat every 2 s, must not take the node for dead."""
     before = len(robot.beats)
     stack("random", period=6.0)
-    wait_for(lambda: len(robot.beats) >= before + 2, 4.0, "a second heartbeat")
-    assert robot.beats[-1] - robot.beats[-2] == pytest.approx(2.0, abs=0.3)
+    wait_for(lambda: len(robot.beats) >= before + 2, "a second heartbeat")
+    assert 1.5 < robot.beats[before + 1] - robot.beats[before] < 2.3 * slowness()
 
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
     node, _, _ = stack("dwa", fake=None, ready=False)
-    wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], 25.0, "trouble")
+    wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], "trouble")
     stack.fake()
-    says(robot, "idle: no goal", 8.0)
+    says(robot, "idle: no goal")
     assert robot.values["level"] == 0
 
 
@@ -329,6 +333,7 @@ def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
     for _ in range(5):
         robot.now -= 3.0
         time.sleep(0.4)
+    node.until("jumped back")
     assert node.text.count("jumped back") == 1
 
 
@@ -342,29 +347,33 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
     robot.goal = "one"
-    wait_for(lambda: as_set(robot, client), 5.0, "decisions")
-    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], 5.0, "says that it found nothing")
+    wait_for(lambda: as_set(robot, client), "decisions")
+    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], "says that it found nothing")
     rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
     rows[:, 0] = 0.05 * rows[:, 0]
-    wait_for(lambda: publisher.get_num_connections(), 5.0, "the node listens")
-    values = client.values()
-    rows[:, 6] = rows[:, 3:6] @ (values[[5, 6, 4]] * [0.05, 0.05, 1.0])
-    publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
-    wait_for(lambda: "pdist_scale x 2.5" in robot.values["meter_scoring"], 5.0, "what is sent instead")
+
+    def found_out():
+        """Whether the node has found out by a cloud of what the planner has now."""
+        rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
+        publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
+        time.sleep(0.1)
+        return "pdist_scale x 2.5" in robot.values["meter_scoring"]
+
+    wait_for(found_out, "what is sent instead")
     factors = [{"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0) for n in SPACE.names]
 
     def made_up_for():
         return np.allclose(client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values()))
 
     count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), 5.0, "the next sets mean the same")
-    assert robot.decisions[-1]["theta_prev"] == robot.decisions[-2]["theta"]
-    assert not publisher.get_num_connections()
+    wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), "the next sets mean the same")
+    wait_for(lambda: knows_what_it_set(robot), "what was set is seen at the next decision")
+    wait_for(lambda: not publisher.get_num_connections(), "it listens no more")
     assert node.text.count("count per metre") == 1
     robot.goal = None
-    wait_for(lambda: client.values()[5] == 0.75 * 2.5, 3.0, "theta_0 is made up for, too")
+    wait_for(lambda: client.values()[5] == 0.75 * 2.5, "theta_0 is made up for, too")
     assert node.end() == 0
-    assert np.array_equal(client.theta(), THETA_0)
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 as it was")
 
 
 # -- other robots, and methods of a person's own ----------------------------------------------------------------------
@@ -375,30 +384,44 @@ def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(
     space = space_of(husky)
     node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
     client = ReconfigureClient(space=space)
-    wait_for(lambda: not client.connect(), 5.0, "servers")
+    wait_for(lambda: not client.connect(), "servers")
     best = space.clip(methods.make("static", husky).theta(None))
-    wait_for(lambda: np.array_equal(client.theta(), best), HANGS, "the static set")
+    wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
     fake.kill()
     stack.fake("--robot", "husky")
-    wait_for(lambda: robot.count("restarts") and np.array_equal(client.theta(), best), HANGS, "the set again")
+    wait_for(lambda: robot.count("restarts") and np.array_equal(client.theta(), best), "the set again")
     assert node.end() == 0, node.text
-    assert np.array_equal(client.theta(), space.theta0)
+    wait_for(lambda: np.array_equal(client.theta(), space.theta0), "the defaults")
     assert "Traceback" not in node.text
     client.close()
 
 
 def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
+    import rospy
+    from applr_ros1.msg import Movers
+    from std_msgs.msg import Header
+
     (tmp_path / "teller.py").write_text(
         "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
-        "        print(json.dumps([*context.pose, *context.twist, *context.goal, *context.plan[-1]]), flush=True)\n"
+        "        told = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
+        "        print(json.dumps(told), flush=True)\n"
         "        return context.theta\n"
     )
     node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
-    told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     end = robot.path[-1]  # move_base stated its goal before the node heard it: the plan's end stands for it
-    assert told[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end])
+    tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
+
+    def told(*movers):
+        """Whether the newest decision saw this; movers: x, y, vx, vy of each, which are said now."""
+        x, y, vx, vy = np.reshape(movers, (-1, 4)).T
+        tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
+        lines = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
+        return lines[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end, *movers])
+
+    for movers in ((), (1.0, 2.0, 0.5, -0.5, 3.0, 0.0, 0.0, 1.0), ()):
+        wait_for(lambda movers=movers: told(*movers), "what moves")
     assert node.text.count("decision refused") == 0
 
 
@@ -419,10 +442,10 @@ class Restless:
 def test_methods_of_ones_own_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
     (tmp_path / "faulty.py").write_text(FAULTY)
     node, _, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
-    wait_for(lambda: "gave no parameters: AttributeError" in robot.values["message"], 4.0, "diagnostics")
+    wait_for(lambda: "gave no parameters: AttributeError" in robot.values["message"], "diagnostics")
     assert np.array_equal(client.theta(), THETA_0)
     assert node.end() == 0
     node, _, _ = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None)
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     assert "cannot begin a course: RuntimeError: no map" in node.text

@@ -8,7 +8,7 @@ import rospy
 from applr_ros1.msg import Decision
 
 from tests.support.jackal import JACKAL
-from tests.support.ros_harness import session, wait_for
+from tests.support.ros_harness import session, slowness, wait_for
 from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import read_bag
 
@@ -21,22 +21,21 @@ def test_a_recorded_drive_is_rebuilt_as_the_node_saw_it(tmp_path):
     ros, bag = session(), tmp_path / "drive.bag"
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
-    robot = "_world:=" + WORLD, "_simulator:=kinematic", "_real_time_factor:=2"
+    robot = "_world:=" + WORLD, "_simulator:=kinematic", "_real_time_factor:=%g" % (2.0 / slowness())
     nodes = [ros.node("record", bag)]
     nodes.append(ros.node("move_base", "odom:=odometry/filtered"))
     nodes.append(ros.node("sim_bridge", *robot))
     nodes.append(ros.node("applr", "_method:=random", "_seed:=3"))
     for node in nodes[1:]:
-        wait_for(lambda node=node: "ready" in node.text or not node.alive(), 180.0, "the stack")
-        assert node.alive(), node.text
+        node.until("ready")
     decided = []
     rospy.Subscriber("/applr/decision", Decision, decided.append)
     goal = ros.node("send_goal", "_goal:=auto", "_world:=" + WORLD)
-    wait_for(lambda: len(decided) > 4 or not goal.alive(), 60.0, "decisions")
+    wait_for(lambda: len(decided) > 4 or not goal.alive(), "decisions")
     for child in (goal, *reversed(nodes)):
         child.end()
         assert "Traceback" not in child.text, child.text
-    wait_for(bag.exists, 10.0, "the bag")
+    wait_for(bag.exists, "the bag")
     report = BagReport()
     assert list(trajectories(read_bag(bag), report=report))
     assert report.transitions >= 3, report

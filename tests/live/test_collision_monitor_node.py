@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import session, slowness, wait_for
+from tests.support.ros_harness import LONGEST, session, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -31,73 +31,73 @@ def stack():
     commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     actions = []
     subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    wait_for(lambda: commands.get_num_connections() or not child.alive(), 60.0, "collision monitor")
-    assert child.alive(), child.text
+    child.until(lambda: commands.get_num_connections())
     yield jackal, commands, actions
     child.end()
     subscriber.unregister()
     jackal.close()
 
 
-def drive(stack, v, seconds):
+def send(stack, v):
+    """One of twenty commands a second; the speed [m/s] that the base has been told last."""
     jackal, commands, _ = stack
-    end = time.time() + seconds
-    while time.time() < end:
-        message = Twist()
-        message.linear.x = v
-        commands.publish(message)
-        time.sleep(0.05)
-    return jackal.robot.pose
+    message = Twist()
+    message.linear.x = v
+    commands.publish(message)
+    time.sleep(0.05)
+    return jackal.commands[-1][1]
+
+
+def drive(stack, v):
+    """From far before the wall, until the base is told just this speed [m/s] and has it."""
+    jackal, _, _ = stack
+    wait_for(lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)), "the speed")
 
 
 def test_drives_to_the_wall_and_stands_before_it(stack):
     jackal, _, actions = stack
-    wait_for(lambda: jackal.commands, 2.0, "a stop before the first command: it may have begun after one that died")
+    wait_for(lambda: jackal.commands, "a stop before the first command: it may have begun after one that died")
     assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
-    jackal.put((0.0, 0.0, 0.0))
-    drive(stack, 1.0, 0.5)
+    drive(stack, 1.0)
     assert max(v for _, v, _ in jackal.commands) == 1.0
-    x, _, _ = drive(stack, 1.0, 2.5)
-    assert 1.5 - 0.075 - 0.229 - 0.15 < x < 1.5 - 0.075 - 0.229
-    assert actions[-1].startswith("stop: an obstacle")
+    wall = 1.5 - 0.075 - 0.229
+    wait_for(lambda: send(stack, 1.0) == 0.0 and jackal.robot.pose[0] > wall - 0.15, "the wall")
+    wait_for(lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"), "what it stands for")
     said = []
     subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: said.append(m.data))
-    drive(stack, 1.0, 0.5)
-    assert said.count(True) > 3, "with each command, so that a new goal does not lose it"
+    wait_for(lambda: send(stack, 1.0) == 0.0 and said.count(True) > 3, "with each command: a new goal must not lose it")
     subscriber.unregister()
+    assert jackal.robot.pose[0] < wall
 
 
 @pytest.mark.fault("14d")
 def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured):
     """Zeros come at the monitor's own rate, so that a base without a time-out stands, too."""
     jackal, _, actions = stack
-    jackal.put((0.0, 0.0, 0.0))
-    drive(stack, 0.5, 0.5)
+    drive(stack, 0.5)
+    wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), "zero")
     last = max(at for at, v, _ in jackal.commands if v == 0.5)
-    wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), 2.0, "zero")
-    took = jackal.commands[-1][0] - last
+    took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > last) - last
     measured("zero after", took, "s")
     assert took < (0.15 + 0.05 + 0.5 / 1.9) * slowness(), "silence is noticed, and the base braked from .5 m/s"
-    assert actions[-1].startswith("stop: no command has come for 0.1")
+    wait_for(lambda: actions[-1].startswith("stop: no command has come for 0.1"), "why")
     count = len(jackal.commands)
-    wait_for(lambda: len(jackal.commands) > count + 3, 2.0, "more zeros")
-    drive(stack, 0.5, 0.3)
-    assert jackal.commands[-1][1] == 0.5
+    wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
+    drive(stack, 0.5)
 
 
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
 def test_a_monitor_that_does_not_live_stops_the_base_and_is_started_anew(stack, kind, measured):
-    jackal, commands, _ = stack
-    jackal.put((0.0, 0.0, 0.0))
-    drive(stack, 0.5, 0.5)
+    jackal, _, _ = stack
+    drive(stack, 0.5)
     os.kill(node_pid("/collision_monitor"), kind)
     began = time.time()
-    wait_for(lambda: jackal.commands[-1][1] == 0.0 and jackal.commands[-1][0] > began, 5.0, "zero")
-    measured("zero after", time.time() - began, "s")
-    assert time.time() - began < 0.5 * slowness()
-    jackal.put((0.0, 0.0, 0.0))
-    wait_for(lambda: drive(stack, 0.3, 0.3) and jackal.commands[-1][1] > 0.0, 60.0, "commands that pass again")
+    wait_for(lambda: jackal.commands[-1][1] == 0.0 and jackal.commands[-1][0] > began, "zero")
+    took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > began) - began
+    measured("zero after", took, "s")
+    assert took < 0.5 * slowness()
+    drive(stack, 0.3)  # once it lives again
 
 
 def node_pid(name):
@@ -109,18 +109,17 @@ def test_says_which_node_sends_commands_past_it(stack):
     """Such as a C++ move_base that was started without the remapping."""
     messages = []
     subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: messages.append(m.status[0]))
-    wait_for(lambda: messages, 5.0, "diagnostics")
+    wait_for(lambda: messages, "diagnostics")
     assert "unchecked" not in messages[-1].message
     past = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-    wait_for(lambda: "unchecked commands come from " + rospy.get_name() in messages[-1].message, 8.0, "the warning")
+    wait_for(lambda: "unchecked commands come from " + rospy.get_name() in messages[-1].message, "the warning")
     assert messages[-1].level == DiagnosticStatus.WARN
     ages = {pair.key: pair.value for pair in messages[-1].values}
     assert all("largest" in ages[what + "_age_s"] for what in ("scan", "pose", "twist"))
-    count = len(stack[0].commands)
-    time.sleep(0.3)
-    assert len(stack[0].commands) == count, "a base that stands is left to the other node"
+    told = stack[0].commands
+    wait_for(lambda: (len(told), time.sleep(0.3))[0] == len(told), "a base that stands is left to the other node")
     past.unregister()
-    wait_for(lambda: "unchecked" not in messages[-1].message, 8.0, "its end")
+    wait_for(lambda: "unchecked" not in messages[-1].message, "its end")
     subscriber.unregister()
 
 
@@ -137,8 +136,7 @@ def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(st
     )
     commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
     subscriber = rospy.Subscriber("/monitor_of_two/action", String, lambda m: actions.append(m.data))
-    wait_for(lambda: commands.get_num_connections() or not child.alive(), 60.0, "collision monitor")
-    assert child.alive(), child.text
+    child.until(lambda: commands.get_num_connections())
     stack[0].put((0.0, 0.0, 0.0))
     message = Twist()
     message.linear.x = 0.1
@@ -148,10 +146,10 @@ def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(st
         time.sleep(0.05)
         return actions and words in actions[-1]
 
-    wait_for(lambda: says("rear/scan: no scan has come yet"), 10.0, "a stop")
+    wait_for(lambda: says("rear/scan: no scan has come yet"), "a stop")
     rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
     relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
-    wait_for(lambda: says("pass"), 10.0, "a command that passes")
+    wait_for(lambda: says("pass"), "a command that passes")
     for one in (relay, rear, subscriber, commands):
         one.unregister()
     child.end()
@@ -167,6 +165,6 @@ def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(st
 )
 def test_unknown_and_impossible_parameters_are_one_line(argument, words):
     child = session().node("collision_monitor", argument, "__name:=wrong_monitor")
-    assert child.process.wait(30.0) == 1
+    assert child.process.wait(LONGEST) == 1
     assert words in child.text
     assert "Traceback" not in child.text

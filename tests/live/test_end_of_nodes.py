@@ -13,7 +13,7 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import Float64, String, Time
 
 from tests.support.jackal import JACKAL
-from tests.support.ros_harness import session, wait_for
+from tests.support.ros_harness import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -55,14 +55,14 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     for k in range(times):
         nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
         for node in nodes[:2]:
-            wait_for(lambda node=node: "ready" in node.text or not node.alive(), 90.0, "nodes")
-        wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), 90.0, "subscribers")
+            node.until("ready")
+        wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), "subscribers")
         if not k:
             sender.start()
         over.wait(1.0)
         for node in nodes:
             os.kill(node.pid, signal.SIGINT)
-        ended = [node.process.wait(30.0) for node in nodes]
+        ended = [node.process.wait(LONGEST) for node in nodes]
         text = "".join(node.text for node in nodes)
         if "Traceback" in text or any(ended):
             break

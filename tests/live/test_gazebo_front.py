@@ -13,7 +13,7 @@ from std_msgs.msg import String
 
 from applr_ros1.common.angles import yaw_of
 from tests.support.gazebo_client import GazeboSimulation, Training, goal, model_state
-from tests.support.ros_harness import ROOT, session, wait_for
+from tests.support.ros_harness import LONGEST, ROOT, session, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -30,12 +30,11 @@ def gazebo():
         "gui:=false",
         APPLR_SIMULATOR="kinematic",
     )
-    wait_for(lambda: "sim_bridge: ready" in child.text or not child.alive(), 90.0, "the simulated robot")
-    assert child.alive(), child.text
-    rospy.wait_for_service("/gazebo/set_model_state", 20.0)
+    child.until("sim_bridge: ready")
+    rospy.wait_for_service("/gazebo/set_model_state", LONGEST)
     yield child
     rospy.set_param("/use_sim_time", False)
-    child.end(15.0)
+    child.end()
     assert "Traceback" not in child.text, child.text
 
 
@@ -59,28 +58,31 @@ def test_starts_at_the_challenges_start_and_refuses_in_words_what_it_cannot_do(g
 
 
 def odometry():
-    return rospy.wait_for_message("/odometry/filtered", Odometry, 5.0)
+    return rospy.wait_for_message("/odometry/filtered", Odometry, LONGEST)
 
 
 def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     simulation = GazeboSimulation(START)
     publisher = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-    wait_for(publisher.get_num_connections, 5.0, "connection")
+    wait_for(publisher.get_num_connections, "connection")
     command = Twist()
     command.linear.x = 0.5
-    for _ in range(20):
+
+    def speed():
         publisher.publish(command)
         time.sleep(0.05)
-    assert simulation.state().twist.linear.y == pytest.approx(0.5, abs=0.1)  # heading +y, in the world's axes
-    publisher.publish(Twist())
-    time.sleep(0.4)
-    before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, 5.0).clock
+        return simulation.state().twist.linear.y
+
+    wait_for(lambda: speed() == pytest.approx(0.5, abs=0.1), "the speed to +y, where it heads, in the world's axes")
+    command.linear.x = 0.0
+    wait_for(lambda: abs(speed()) < 0.02, "standstill")
+    before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
     after = odometry().pose.pose.position
     assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.03)
-    assert rospy.wait_for_message("/clock", Clock, 5.0).clock > clock
+    assert rospy.wait_for_message("/clock", Clock, LONGEST).clock > clock
     publisher.unregister()
 
 
@@ -88,7 +90,7 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
     """Odometry does not jump with it: what stood around it would hold it for ever where it stands now."""
     monitor = session().node("collision_monitor", "scan:=front/scan", "odom:=odometry/filtered")
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
-    wait_for(lambda: publisher.get_num_connections() or not monitor.alive(), 60.0, "the collision monitor")
+    monitor.until(lambda: publisher.get_num_connections())
     set_state, simulation = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState), GazeboSimulation(START)
 
     def send(v, w):
@@ -101,10 +103,10 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
     actions = []
     subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
     assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # before the side wall, which it turns away from
-    wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, 20.0, "a turn by 180 degrees")
-    wait_for(lambda: send(-0.5, 0.0) and "stop: an obstacle" in actions[-1], 20.0, "the wall behind the robot")
+    wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
+    wait_for(lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1], "the wall behind the robot")
     assert simulation.reset().success
-    wait_for(lambda: send(-0.5, 0.0).twist.linear.y < -0.05, 3.0, "creeping back where no scan has looked")
+    wait_for(lambda: send(-0.5, 0.0).twist.linear.y < -0.05, "creeping back where no scan has looked")
     subscriber.unregister()
     publisher.unregister()
     monitor.end()
@@ -115,16 +117,14 @@ def test_paused_time_stands_and_goes_on(gazebo):
     simulation = GazeboSimulation(START)
     clocks = []
     subscriber = rospy.Subscriber("/clock", Clock, lambda message: clocks.append(message.clock))
-    wait_for(lambda: clocks, 5.0, "the clock")
+    wait_for(lambda: clocks, "the clock")
     simulation.pause()
-    time.sleep(0.2)
+    wait_for(lambda: (clocks[-1], time.sleep(0.5))[0] == clocks[-1], "it to stand")
     stands = clocks[-1]
-    time.sleep(0.5)
-    assert clocks[-1] == stands
     assert simulation.reset().success  # services answer meanwhile
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     simulation.unpause()
-    wait_for(lambda: clocks[-1] > stands, 5.0, "the clock")
+    wait_for(lambda: clocks[-1] > stands, "the clock")
     subscriber.unregister()
 
 
@@ -132,10 +132,9 @@ def test_paused_time_stands_and_goes_on(gazebo):
 def move_base(gazebo):
     """Under the name that launch files start, move_base/move_base."""
     child = session().spawn("roslaunch", str(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch"))
-    wait_for(lambda: "move_base: ready" in child.text or "ready" in child.text or not child.alive(), 120.0, "move_base")
-    assert child.alive(), child.text
+    child.until("ready")
     yield child
-    child.end(15.0)
+    child.end()
 
 
 def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
@@ -143,7 +142,7 @@ def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
     training = Training(simulation, GOAL)
     simulation.reset()
     training._action.send_goal(goal(*GOAL))
-    wait_for(lambda: simulation.place()[1] > START[1] + 0.2, 20.0, "the robot")
+    wait_for(lambda: simulation.place()[1] > START[1] + 0.2, "the robot")
     simulation.pause()
     said = len(move_base.text)
     place = simulation.place()
@@ -153,7 +152,7 @@ def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
     assert "WARN" not in said, said
     assert "ERROR" not in said, said
     simulation.unpause()
-    wait_for(lambda: math.dist(simulation.place(), place) > 0.2, 20.0, "the robot")
+    wait_for(lambda: math.dist(simulation.place(), place) > 0.2, "the robot")
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.long)])

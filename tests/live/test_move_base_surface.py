@@ -3,13 +3,12 @@
 import json
 import math
 import time
-import xmlrpc.client
 
 import pytest
 
 from tests.support import DATA
-from tests.support.move_base_stack import PLANNER
-from tests.support.ros_harness import wait_for
+from tests.support.move_base_stack import PLANNER, node_api
+from tests.support.ros_harness import LONGEST, wait_for
 
 pytestmark = pytest.mark.ros
 pytest_plugins = ("tests.support.move_base_stack",)
@@ -24,12 +23,6 @@ OWN_TOPICS = (  # beside those of the C++ node
 
 
 # -- surface -------------------------------------------------------------------------------------------------------
-def node_api(master):
-    """The node's own XML-RPC server."""
-    uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
-    return xmlrpc.client.ServerProxy(uri)
-
-
 @pytest.mark.parametrize(("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
 def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
     ours = [(topic, kind) for topic, kind in getattr(node_api(master), call)("/test")[2] if topic not in OWN_TOPICS]
@@ -48,9 +41,9 @@ def test_a_server_describes_the_cpp_parameters(stack):
     from dynamic_reconfigure.client import Client
 
     server = PLANNER
-    client = Client(server, timeout=5.0)
-    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
-    values = client.get_configuration(timeout=5.0)
+    client = Client(server, timeout=LONGEST)
+    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=LONGEST)}
+    values = client.get_configuration(timeout=LONGEST)
     client.close()
     for p in SURFACE["dynamic_reconfigure"][server]:
         mine = got.pop(p["name"])
@@ -63,10 +56,9 @@ def test_a_server_describes_the_cpp_parameters(stack):
 def test_parameters_are_on_the_server(stack):
     import rospy
 
-    wait_for(lambda: rospy.get_param("/move_base/aggressive_reset/reset_distance", 0) == 1.84, 5.0, "mirror")
     for server, parameters in SURFACE["dynamic_reconfigure"].items():
-        for p in parameters:
-            assert rospy.get_param(server + "/" + p["name"]) == p["jackal"], p["name"]
+        for name, value in ((server + "/" + p["name"], p["jackal"]) for p in parameters):
+            wait_for(lambda name=name, value=value: rospy.get_param(name, None) == value, name)
 
 
 # -- dynamic_reconfigure -------------------------------------------------------------------------------------------
@@ -82,12 +74,12 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
     from dynamic_reconfigure import DynamicReconfigureCallbackException
     from dynamic_reconfigure.client import Client
 
-    client = Client(server, timeout=5.0)
-    before = client.get_configuration(timeout=5.0)
+    client = Client(server, timeout=LONGEST)
+    before = client.get_configuration(timeout=LONGEST)
     try:
         assert client.update_configuration({name: value})[name] == value
-        wait_for(lambda: client.get_configuration()[name] == value, 3.0, "update")
-        wait_for(lambda: rospy.get_param(server + "/" + name) == value, 3.0, "mirror")
+        wait_for(lambda: client.get_configuration()[name] == value, "update")
+        wait_for(lambda: rospy.get_param(server + "/" + name) == value, "mirror")
         assert client.update_configuration({name: beyond})[name] == bound
         said = len(idle.node.text)
         with pytest.raises(DynamicReconfigureCallbackException):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import rospy
+from applr_ros1.msg import Movers
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -31,26 +32,30 @@ class Walker(FakeJackal):
 def test_says_where_a_walker_will_be_and_nothing_once_all_stand():
     ros, jackal = session(), Walker(WALL)
     node = ros.node("movers")
-    clouds, shown = [], []
+    clouds, shown, tracked = [], [], []
+    rospy.Subscriber("/applr/tracked", Movers, tracked.append)
     rospy.Subscriber("/applr/predicted", PointCloud2, clouds.append)
     rospy.Subscriber("/applr/movers", MarkerArray, lambda message: shown.append(message.markers))
     try:
-        wait_for(lambda: len(clouds) > 5 or not node.alive(), 60.0, "clouds")
-        assert node.alive(), node.text
+        node.until(lambda: len(clouds) > 5 and shown and tracked)
         assert {cloud.header.frame_id for cloud in clouds} == {"odom"}
         assert not any(cloud.width for cloud in clouds), "nothing moves"
+        assert {(message.header.frame_id, len(message.x)) for message in tracked} == {("odom", 0)}
         jackal.walks = True
 
         def met():
-            """Marks ahead of one who walks to the left, and an arrow that points there."""
+            """Marks ahead of one who walks to the left, an arrow that points there, and the policy is told."""
             marked, (points, *arrows) = points_of(clouds[-1]), shown[-1]
             ways = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
             ahead = [point for point in points.points if point.y > jackal.y + 0.5]
-            return len(marked) and marked[:, 1].max() > jackal.y + 0.5 and ahead and 0.6 < max(ways, default=0.0) < 1.4
+            told = zip(*(getattr(tracked[-1], name) for name in ("x", "vx", "vy", "radius")))
+            known = [row for row in told if row == pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)]
+            marks = len(marked) and marked[:, 1].max() > jackal.y + 0.5 and ahead
+            return known and marks and 0.6 < max(ways, default=0.0) < 1.4
 
-        wait_for(met, 20.0, "marks")
+        wait_for(met, "marks")
         jackal.walks = False
-        wait_for(lambda: not clouds[-1].width, 10.0, "an empty cloud")
+        wait_for(lambda: not clouds[-1].width, "an empty cloud")
         assert "Traceback" not in node.text
     finally:
         assert node.end() == 0, node.text

@@ -9,9 +9,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from applr_ros1.nodes.applr import reconfigure_client
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.ros_harness import session, slowness, wait_for
+from tests.support.ros_harness import LONGEST, session, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 PLANNER = "/move_base/TrajectoryPlannerROS"
@@ -22,7 +23,7 @@ COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 @pytest.fixture(scope="module")
 def fake():
     child = session().python("tests/support/fake_move_base.py")
-    wait_for(lambda: "up" in child.text or not child.alive(), 10.0, "stand-in")
+    child.until("up")
     yield child
     child.thaw()
     child.kill()
@@ -31,19 +32,25 @@ def fake():
 @pytest.fixture(scope="module")
 def connected(fake):
     client = ReconfigureClient()
-    wait_for(lambda: not client.connect(), 10.0, "servers")
+    wait_for(lambda: not client.connect(), "servers")
     yield client
     client.close()
 
 
 @pytest.fixture
-def client(connected):
+def client(connected, monkeypatch):
     import rospy
 
+    monkeypatch.setattr(reconfigure_client, "ANNOUNCED", 5.0)
     if rospy.has_param("/fake"):
         rospy.delete_param("/fake")
-    assert connected.apply(THETA_0).ok
+    assert applied(connected, THETA_0)
     return connected
+
+
+def applied(client, theta):
+    """Whether a set comes into force, however long a busy machine takes."""
+    return client.apply(theta, LONGEST).ok
 
 
 @contextmanager
@@ -52,21 +59,19 @@ def started(on_report=lambda report: None):
     client = ReconfigureClient(on_report=on_report)
     client.start()
     try:
-        wait_for(lambda: client.connected, 10.0, "servers")
+        wait_for(lambda: client.connected, "servers")
         yield client
     finally:
         client.close()
 
 
 def test_values_are_read_back(client):
-    report = client.apply(SPACE.high)
+    report = client.apply(SPACE.high, LONGEST)
     assert report.ok
     assert report.error == ""
     assert np.array_equal(client.theta(), SPACE.high)
     assert set(client.servers.values()) == {PLANNER, *LAYERS, *COSTMAPS}
-    wait_for(
-        lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14, 1.0, "the other direction"
-    )
+    wait_for(lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14, "the other direction")
 
 
 @pytest.fixture
@@ -88,7 +93,7 @@ def calls(client):
         seen.clear()
         return found
 
-    wait_for(lambda: len(seen) == len(topics), 5.0, "the latched messages")
+    wait_for(lambda: len(seen) == len(topics), "the latched messages")
     look()
     yield look
     for topic in topics:
@@ -99,13 +104,13 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     theta = THETA_0.copy()
     theta[0] = 1.5
     for expected in ({PLANNER}, set()):
-        assert client.apply(theta).ok
+        assert applied(client, theta)
         assert calls() == expected
     local = client._servers["local_costmap"]
     local._client.update_configuration({"footprint_padding": 0.02})  # a person's
+    wait_for(lambda: local.values["footprint_padding"] == 0.02, "the person's value")
     assert calls() == {COSTMAPS[0]}
-    wait_for(lambda: local.values["footprint_padding"] == 0.02, 1.0, "the person's value")
-    assert client.apply(theta).ok
+    assert applied(client, theta)
     assert calls() == {COSTMAPS[0]}
     assert np.array_equal(client.theta(), theta)
 
@@ -114,7 +119,7 @@ def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client,
     description = client._servers["local_costmap"]._client.param_description
     client._servers["local_costmap"]._on_description(description)
     for expected in ({COSTMAPS[0]}, set()):
-        assert client.apply(THETA_0).ok
+        assert applied(client, THETA_0)
         assert calls() == expected
 
 
@@ -122,13 +127,13 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
     import rospy
 
     rospy.set_param("/fake/late", [PLANNER])
-    assert client.apply(SPACE.high).ok
+    assert applied(client, SPACE.high)
     assert np.array_equal(client.theta(), SPACE.high)
     with started() as client:  # a newer request while the first is under way
         for theta in (SPACE.low, THETA_0):
             client.request(theta)
             time.sleep(0.05)
-        wait_for(lambda: not client.busy, 5.0, "both sets")
+        wait_for(lambda: not client.busy, "both sets")
         assert np.array_equal(client.theta(), THETA_0)
 
 
@@ -140,8 +145,8 @@ def test_a_refused_set_is_given_up_where_one_server_alone_was_called(client):
     rospy.set_param("/fake/refuse", [PLANNER])
     with started(reports.append) as client:
         client.request(theta)
-        wait_for(lambda: not client.busy, 5.0, "the end of the attempts")
-    assert len(reports) == 3
+        wait_for(lambda: not client.busy, "the end of the attempts")
+    assert sum(report.refused and not report.unanswered for report in reports) == 3
 
 
 def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):
@@ -153,20 +158,16 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
         assert "does not answer" in report.error
         assert time.monotonic() - began < 1.2 * slowness()
     fake.thaw()
-    began = time.monotonic()
-    assert client.apply(SPACE.high).ok
-    assert time.monotonic() - began < 0.5 * slowness()
+    assert applied(client, SPACE.high)
     time.sleep(0.2)
     assert np.array_equal(client.theta(), SPACE.high)  # none of the abandoned calls came through
 
 
 @pytest.mark.fault("2")
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
-    report = client.apply(np.full(len(SPACE), 1e9))
-    assert report.ok
+    assert applied(client, np.full(len(SPACE), 1e9))
     assert np.array_equal(client.theta(), SPACE.high)
-    report = client.apply(np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1]))
-    assert report.ok
+    assert applied(client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1]))
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 
 
@@ -175,11 +176,11 @@ def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake)
     with started(reports.append) as client:
         fake.freeze()
         client.request(SPACE.low)
-        wait_for(lambda: reports and reports[-1].unanswered, 3.0, "a call that is given up")
+        wait_for(lambda: reports and reports[-1].unanswered, "a call that is given up")
         client.request(SPACE.high)
         time.sleep(0.3)
         fake.thaw()
-        wait_for(lambda: not client.busy, 3.0, "the newer set")
+        wait_for(lambda: not client.busy, "the newer set")
         time.sleep(0.3)
         assert np.array_equal(client.theta(), SPACE.high)
 
@@ -190,7 +191,7 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
     import rospy
 
     rospy.set_param("/fake/" + fault, [server])
-    report = client.apply(SPACE.high)
+    report = client.apply(SPACE.high, LONGEST)
     assert not report.ok
     assert server in report.error
     assert "\n" not in report.error
@@ -199,7 +200,7 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
         for i, sign, name in settings:
             assert values[name] == sign * THETA_0[i], (role, name)
     rospy.delete_param("/fake/" + fault)
-    assert client.apply(SPACE.high).ok
+    assert applied(client, SPACE.high)
 
 
 def test_a_node_without_servers_is_a_move_base_that_starts(connected):
@@ -212,12 +213,24 @@ def test_a_node_without_servers_is_a_move_base_that_starts(connected):
         assert client.starting == starting, namespace
 
 
+def test_nothing_that_a_server_says_is_run(tmp_path):
+    """dynamic_reconfigure's client evaluates the edit_method of a parameter that it sets to a text."""
+    mark = tmp_path / "ran"
+    evil = session().python("tests/support/fake_move_base.py", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
+    evil.until("up")
+    client = ReconfigureClient("/evil")
+    wait_for(lambda: "not as a number" in client.connect() or client.connected, "the servers")
+    client.apply(SPACE.high)
+    evil.kill()
+    assert not mark.exists()
+
+
 def test_servers_that_are_gone_are_named_and_what_is_requested_is_kept_for_them(client, fake):
     reports = []
     with started(reports.append) as asking:
         fake.kill()
         asking.request(SPACE.high)
-        wait_for(lambda: len(reports) >= 5, 10.0, "attempts")
+        wait_for(lambda: len(reports) >= 5, "attempts")
         assert asking.busy
     report = client.apply(SPACE.high)
     assert not report.ok

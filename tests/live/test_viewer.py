@@ -13,13 +13,16 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Odometry
+from visualization_msgs.msg import MarkerArray
 
+from applr_ros1.movers.tracker import Movers
+from applr_ros1.nodes.movers.node import shown
 from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.nodes.viewer.pilot import METHODS
 from applr_ros1.nodes.viewer.race import RaceTab, TimedDrive, verdict
 from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import free_port, session, wait_for
+from tests.support.ros_harness import LONGEST, free_port, session, wait_for
 from worlds import Course
 
 viser = pytest.importorskip("viser")
@@ -36,6 +39,13 @@ def viewer(ros):
     made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
     yield made
     made.close()
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """Services of a busy machine take their time, and so does what the applr node sent before it was switched off."""
+    monkeypatch.setattr("applr_ros1.nodes.viewer.listening.ANSWER", LONGEST)
+    monkeypatch.setattr("applr_ros1.nodes.viewer.pilot.SETTLED", LONGEST)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +70,7 @@ def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(vi
     where = viewer.address.split("/")
     port = int(where[2].rpartition(":")[2])
     path, host, origin = (t and t.replace("TOKEN", where[3]).replace("PORT", str(port)) for t in (path, host, origin))
-    page = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    page = http.client.HTTPConnection("127.0.0.1", port, timeout=LONGEST)
     page.request("GET", path, headers={"Host": host, **({"Origin": origin} if origin else {})})
     answer = page.getresponse()
     assert answer.status == (403 if reason else 200)
@@ -74,7 +84,7 @@ def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(vi
 @pytest.mark.parametrize("header", ["Origin", "Host"])
 def test_a_header_that_is_there_twice_is_refused(viewer, header):
     _, _, where, token, _ = viewer.address.split("/")
-    page = http.client.HTTPConnection("127.0.0.1", int(where.rpartition(":")[2]), timeout=10.0)
+    page = http.client.HTTPConnection("127.0.0.1", int(where.rpartition(":")[2]), timeout=LONGEST)
     page.putrequest("GET", f"/{token}/", skip_host=True)
     for name, value in {"Host": where, "Origin": "http://" + where}.items():
         for _ in range(1 + (name == header)):
@@ -119,6 +129,24 @@ def drive(who, seconds, touched=False):
 def test_a_race_ends_with_who_was_best_by_how_much(of_policy, of_default, says):
     assert verdict([drive("default parameters", *of_default), drive("policy", *of_policy)]) == says
     assert verdict([drive("policy", *of_policy)]) == ""
+
+
+def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
+    row = np.array([[7.0, 1.0, 2.0, 0.0, 1.5, 0.3, 0.1]]).T  # at (1, 2), to the left at 1.5 m/s
+    said = SimpleNamespace(movers=Movers(*row), marks=np.array([(1.0, 2.5, 0.2), (1.0, 3.0, 0.2)], np.float32))
+    publisher, scene = rospy.Publisher("applr/movers", MarkerArray, queue_size=1), viewer.scene
+
+    def drawn():
+        publisher.publish(shown(said, "odom", rospy.get_rostime()))
+        scene.draw(0.0, True)
+        return scene._arrows.handle.visible
+
+    wait_for(drawn, "an arrow")
+    np.testing.assert_allclose(sorted(scene._arrows.handle.points[0, :, :2].tolist()), [(1.0, 2.0), (1.0, 3.5)])
+    np.testing.assert_allclose(scene._marks.points[:, :2], said.marks[:, :2])
+    said.movers, said.marks = Movers(*row[:, :0]), said.marks[:0]
+    wait_for(lambda: not drawn(), "no arrow where nothing moves")
+    assert not scene._marks.visible
 
 
 class Track:
@@ -202,10 +230,10 @@ def test_the_end_of_the_course_is_drawn(viewer, finish):
 def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     goals = []
     hears = rospy.Subscriber("/move_base/goal", MoveBaseActionGoal, goals.append)
-    wait_for(viewer._world._goal.get_num_connections, 20.0, "the connection")
+    wait_for(viewer._world._goal.get_num_connections, "the connection")
     ray = {"ray_origin": (1.0, 0.0, 2.0), "ray_direction": (0.5, 0.5, -1.0)}
     viewer._world.clicked(SimpleNamespace(**ray), (1.0, 1.0, 0.0))
-    wait_for(lambda: goals, 10.0, "the goal")
+    wait_for(lambda: goals, "the goal")
     hears.unregister()
     target = goals[0].goal.target_pose
     assert target.header.frame_id == "odom"
@@ -235,22 +263,24 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
     move_base = ros.python("tests/support/fake_move_base.py")
     applr = ros.node("applr", "_method:=dwa")
     try:
-        wait_for(lambda: viewer.pilot.client.connected, 20.0, "the servers")
-        wait_for(lambda: "default parameters" in state(viewer), 20.0, "the method")
+        wait_for(lambda: viewer.pilot.client.connected, "the servers")
+        wait_for(lambda: "default parameters" in state(viewer), "the method")
         slider, name = viewer.panel.sliders["inflation_radius"], "inflation_radius"
         assert slider.value == 0.3
         by_hand(slider, 0.45)
         at = viewer.pilot.space.names.index(name)
-        wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, 5.0, "the value in move_base")
+        wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, "the value in move_base")
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
-        wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, 5.0, "both costmaps'")
-        assert "parameters by hand" in state(viewer)
-        assert viewer.pilot.client.values()[at] == 0.45  # the applr node's last words have not undone it
+        wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
+        wait_for(lambda: "parameters by hand" in state(viewer), "that somebody sets them")
+        wait_for(
+            lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, "again, if the applr node undid it"
+        )
         by_hand(viewer.panel._method, "best single set")
         best = viewer.pilot.space.theta0
-        wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), 5.0, "its values")
-        wait_for(lambda: "best single set" in state(viewer), 5.0, "the method")
-        wait_for(lambda: state(viewer) and slider.value != 0.45, 5.0, "the slider follows")
+        wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), "its values")
+        wait_for(lambda: "best single set" in state(viewer), "the method")
+        wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
     finally:
         applr.kill()
         move_base.kill()
@@ -260,12 +290,11 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
     move_base = ros.python("tests/support/fake_move_base.py", "--robot", "turtlebot3_waffle_pi")
     made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", "127.0.0.1", free_port())
     try:
-        wait_for(lambda: state(made) and made.pilot.client.connected, 20.0, "the servers")
+        wait_for(lambda: state(made) and made.pilot.client.connected, "the servers")
         assert list(made.panel.sliders) == list(made.pilot.space.names)
         by_hand(made.panel.sliders["max_vel_x"], 0.2)
         wait_for(
             lambda: state(made) and rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.2,
-            5.0,
             "the value in move_base",
         )
     finally:
@@ -279,18 +308,17 @@ def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
     made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
     try:
         odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
-        wait_for(lambda: "the page is at" in node.text or not node.alive(), 20.0, "the node")
-        assert node.alive(), node.text
+        node.until("the page is at")
         alone = odometry.get_num_connections()
-        wait_for(lambda: state(made) and made.scene.pose, 10.0, "the robot")
-        assert odometry.get_num_connections() == alone + 1
-        wait_for(lambda: state(made) and made.scene._scan.visible, 10.0, "the scan")
+        wait_for(lambda: state(made) and made.scene.pose, "the robot")
+        wait_for(lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone")
+        wait_for(lambda: state(made) and made.scene._scan.visible, "the scan")
         x, y, _ = made.scene._scan.points.T
         assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
         assert "no scan" not in state(made)
         jackal.put((0.2, 0.0, 0.0))
-        wait_for(lambda: state(made) and made.scene.pose[0] > 0.1, 5.0, "the robot has moved")
-        assert len(made.scene._trail) >= 2
+        wait_for(lambda: state(made) and made.scene.pose[0] > 0.1, "the robot has moved")
+        wait_for(lambda: state(made) and len(made.scene._trail) >= 2, "its trail")
     finally:
         made.close()
         assert node.end() == 0, node.text

@@ -281,8 +281,11 @@ def test_scale_is_the_largest_safe_one():
 
 
 def test_settings_are_checked():
-    with pytest.raises(ValueError, match="deceleration is 0"):
-        replace(SETTINGS, deceleration=0.0)
+    for name, value in (("deceleration", 0.0), ("deceleration", 1e-300), ("turn_gain", 1e300), ("margin", math.nan)):
+        with pytest.raises(ValueError, match=f"{name} is .*: give a number from"):
+            replace(SETTINGS, **{name: value})
+    with pytest.raises(ValueError, match="memory_radius is 1000000000.0"):
+        replace(SETTINGS, memory_radius=1e9)
     with pytest.raises(ValueError, match="three"):
         CollisionMonitor(replace(SETTINGS, body=((0, 0), (1, 1))))
 

@@ -7,8 +7,18 @@ import numpy as np
 import pytest
 
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
+from applr_ros1.monitor.scan_matching import beam_at
+from applr_ros1.monitor.seen import CELL
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import EVERYTHING, half_planes, safe_scale
+from applr_ros1.monitor.stopping import (
+    EVERYTHING,
+    _is_deeper,
+    _is_seen,
+    edge_points,
+    half_planes,
+    penetration,
+    safe_scale,
+)
 from applr_ros1.robots import JACKAL
 from tests.monitor.test_collision_monitor import scan_of, seen_all_around, wall
 
@@ -75,6 +85,44 @@ def test_a_slide_ends_with_the_drive(side):
     assert least(0.0, 1.0, passes) == pytest.approx(0.6 * (0.15 + 0.5 / 1.9), abs=0.02)
 
 
+def test_a_slide_may_end_in_a_turn_that_is_faster_than_commanded():
+    """It slides to the left, away from a post, and turns to the right."""
+    post, planes = np.array([[0.5, -0.3]]), half_planes(SETTINGS.body)
+    rest = (post, planes, MARGIN, (1.0, 0.0), (1.0, -0.5), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
+    assert safe_scale(*rest, (0.0, 1.0, 0.0, 0.6))[0] == 1.0
+    assert safe_scale(*rest, (0.0, 2.0, 0.0, 0.6))[0] < 1.0
+
+
+def moving(velocity, **changes):
+    """A monitor of an empty room whose poses show this velocity (v, w, s)."""
+    monitor = seen_all_around(wall(9.0), replace(SETTINGS, **changes))
+    monitor.motion.take, monitor.motion.velocity = lambda *_: None, velocity
+    return monitor
+
+
+def test_a_slide_is_what_poses_show_beyond_their_own_turn():
+    """About a point .13 m ahead of the origin; the odometry's turn, which is newer, has no part in it."""
+    monitor = moving((1.0, 1.0, 0.2), turn_ahead=0.13)
+    assert monitor._twists((1.0, 1.3)) == [(1.0, 1.3, pytest.approx(0.33))]
+
+
+def test_wheels_that_slip_are_braked_from_the_speed_of_the_poses():
+    """Commanded 1 m/s a tenth of a second ago; the wheels nearly stand, or turn back."""
+    for stated in (0.2, -0.1):
+        monitor = moving((-1.0, 0.0, 0.0))
+        monitor._given = -0.1, -1.0, 0.0
+        verdict = monitor.filter(0.0, HERE, (-stated, 0.0), (0.0, 0.0))
+        assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
+
+
+def test_poses_faster_than_any_command_are_a_stop_at_once():
+    """The odometry was set to a place 1 km away; reckoning with that speed would take minutes."""
+    monitor = seen_all_around(wall(9.0), SETTINGS)
+    for stamp, x in ((-0.1, 0.0), (0.0, 1000.0)):
+        verdict = monitor.filter(stamp, (x, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
+    assert (verdict.action, verdict.reason) == (STOP, "the poses say 10000 m/s and 0 rad/s, which cannot be")
+
+
 @pytest.mark.parametrize(
     ("scan", "ages", "way"),
     [  # at 1 m/s; what is old adds to the reaction, the pose's age also to what was driven since
@@ -107,3 +155,37 @@ def test_turning_into_the_unseen_is_as_slow_as_creeping():
     assert verdict.action == SLOW
     assert "creeping" in verdict.reason
     assert verdict.command == pytest.approx((0.0, SETTINGS.creep_speed / math.hypot(FRONT, SIDE)))
+
+
+def test_what_is_computed_in_rows_is_what_one_point_at_a_time_gives():
+    """To the last bit: points in the body, cells under its edge, the beam to a bearing."""
+    random, planes, edge = np.random.default_rng(3), half_planes(SETTINGS.body), edge_points(SETTINGS.body)
+    n, outcomes = 60, set()
+    for _ in range(300):
+        (x, y, yaw), rows = random.uniform(-0.3, 0.3, 3), random.uniform(-0.6, 0.6, (6, 20))
+        c, s, rows[2] = math.cos(yaw), math.sin(yaw), random.uniform(0.0, 0.3, 20)
+        depths = [
+            penetration(planes, MARGIN, c * (px - x) + s * (py - y), c * (py - y) - s * (px - x))
+            for px, py in rows[:2].T
+        ]
+        deeper = any(depth > most for depth, most in zip(depths, rows[2]))
+        assert _is_deeper(rows, planes, MARGIN, x, y, c, s) == deeper
+
+        cells = (random.random((n, n)) > 0.002).astype(np.uint8)
+        corner, pose = random.integers(-200, 200, 2), (0.0, 0.0, random.uniform(-3.0, 3.0))
+        pose = (*(CELL * (corner + random.uniform(8.0, n - 8.0, 2))), pose[2])
+        pc, ps, seen = math.cos(pose[2]), math.sin(pose[2]), True
+        for ahead, aside in edge:
+            ex, ey = x + c * ahead - s * aside, y + s * ahead + c * aside
+            place = (pose[0] + pc * ex - ps * ey) / CELL, (pose[1] + ps * ex + pc * ey) / CELL
+            i, j = map(math.floor, place)
+            window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
+            seen = seen and window and bool(cells[i % n, j % n])
+        assert _is_seen((cells, *map(int, corner), edge, pose), x, y, c, s) == seen
+        outcomes |= {("deeper", deeper), ("seen", seen)}
+
+        first, step, bearing = random.uniform(-3.2, 3.2), random.choice([-1.0, 1.0]) * 0.01, random.uniform(-20.0, 20.0)
+        plain = bearing - first
+        plain = plain % (2.0 * math.pi) if step > 0.0 else -((-plain) % (2.0 * math.pi))
+        assert beam_at(first, step, bearing) == plain / step
+    assert len(outcomes) == 4

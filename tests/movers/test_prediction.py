@@ -45,20 +45,23 @@ def test_marks_lie_on_discs_carried_on_step_by_step_where_the_laser_sees(told):
     prediction, tracker = told
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
-    cloud = prediction.see(robot.scan())
+    cloud = prediction.see(replace(robot.scan(), sensor_height=0.4))
     points, times = prediction.marks.astype(float), STEP * np.arange(1, 1 + HORIZON // STEP)
     off = np.array([np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times])
     assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
     assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
     assert times[-1] == pytest.approx(0.9)
     place = np.array(robot.sensor_pose()[:2])
-    assert cloud.origin[:2] == tuple(place)
+    assert cloud.origin == (*place, 0.4)
     assert np.array_equal(cloud.points, prediction.marks), "no beam is without return"
     towards, far = points[:, :2] - place, np.hypot(*(points[:, :2] - place).T)
     bearings = np.arctan2(towards[:, 1], towards[:, 0]) - robot.pose[2]
     beams = robot.scan().angle_min + robot.scan().angle_increment * np.arange(720)
     for bearing, distance in zip(bearings, far):
         assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], "before what the laser sees now"
+    tracker.rows.append((*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3))  # behind the robot all the time
+    prediction.see(robot.scan())
+    assert np.array_equal(prediction.marks[:, :2], points[:, :2].astype(np.float32))
 
 
 def test_nothing_is_marked_that_the_laser_does_not_see(told):
@@ -70,15 +73,12 @@ def test_nothing_is_marked_that_the_laser_does_not_see(told):
         assert (len(prediction.marks) > 50) == marked, ranges
 
 
-@pytest.mark.parametrize("name", ["jackal", "husky", "turtlebot3_burger"])
-def test_no_disc_is_marked_at_the_robot_itself(name, monkeypatch):
+@pytest.mark.parametrize(("name", "room"), [("jackal", 0.45), ("husky", 0.81), ("turtlebot3_burger", 0.21)])
+def test_no_disc_is_marked_at_the_robot_itself(name, room, monkeypatch):
     tracker, robot = Perfect(), robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
-    half = np.hypot(*robot.body.size[:2]) / 2
-    assert half + 0.05 < prediction.room < half + 0.3
-    if name == "jackal":
-        assert prediction.room == pytest.approx(0.45, abs=0.005)  # as measured, docs/explanation/movers.md
+    assert prediction.room == pytest.approx(room, abs=0.005)  # as measured, docs/explanation/movers.md
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
     tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # through the robot, and on
     prediction.see(scan)
@@ -108,6 +108,10 @@ def test_marks_go_when_they_are_no_longer_said(told, walls):
     for name in ("local_costmap", "global_costmap"):
         here, there = (made.costmaps[name].cells for made in (with_marks, without))
         assert np.array_equal(here, there) if walls else not here.any(), name
+    for seconds, clears in ((2.4, not walls), (2.6, False)):  # the last mover was seen 0.5 s ago
+        points = prediction.see(replace(robot.scan(), stamp=robot.time + seconds)).points
+        assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), "where nothing is marked"
+        assert (len(points) > 0) == clears
 
 
 def test_where_nothing_moves_planners_are_equal_bit_for_bit(told):

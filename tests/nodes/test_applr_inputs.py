@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from applr_ros1.msg import Movers
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
@@ -59,9 +60,9 @@ class Beside:
             message.poses[-1].pose.position.x = x
         self.inputs._on_plan(packed(message))
 
-    def snapshot(self):
+    def snapshot(self, scanned=None):
         scan = LaserScan(angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 501)
-        self.inputs._on_scan(packed(stamped(scan, self.time, "front_laser")))
+        self.inputs._on_scan(packed(stamped(scan, self.time if scanned is None else scanned, "front_laser")))
         self.inputs._on_odometry(stamped(Odometry(child_frame_id="base_link"), self.time, "odom"))
         return self.inputs.snapshot(self.time)
 
@@ -75,6 +76,7 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().plan[-1, 0] == 5.0
+    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # a driver without stamps
     beside.now += 0.4
     beside.plan(5.0)
     beside.now += 0.02
@@ -110,3 +112,30 @@ def test_a_static_transform_has_no_age(beside):
     transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
     transforms.buffer.set_transform_static(transform, "test")
     assert transforms.newest("map", "base_link", 1.0).rotation.w == 1.0
+
+
+def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
+    """The odometry's frame lies a quarter of a turn to the left in the map, half a metre along y."""
+    beside.goal("one", 5.0)
+    for child, parent in (("odom", "map"), ("base_link", "odom")):
+        transform = TransformStamped(child_frame_id=child)
+        transform.header.frame_id, transform.transform.translation.y = parent, 0.5
+        transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5
+        beside.inputs._transforms.buffer.set_transform_static(transform, "test")
+    told = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
+    beside.inputs._on_movers(stamped(told, beside.time, "odom"))
+    for frame, moving in (
+        ("odom", [(1.0, 2.0, 0.5, 0.0), (3.0, 0.0, 0.0, -1.0)]),
+        ("map", [(-2.0, 1.5, 0.0, 0.5), (0.0, 3.5, 1.0, 0.0)]),
+    ):
+        beside.plan(5.0, frame)
+        seen = beside.snapshot()
+        np.testing.assert_allclose(seen.movers, moving, atol=1e-9)
+        assert seen.motion[-1] is seen.movers
+        assert seen.movers_stamp == beside.time
+    beside.now += 1.1
+    beside.plan(5.0)
+    seen = beside.snapshot()
+    assert (seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
+    beside.inputs._on_movers(stamped(Movers(), beside.time, "odom"))
+    assert beside.snapshot().movers.shape == (0, 4)

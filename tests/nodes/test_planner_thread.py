@@ -14,6 +14,7 @@ from dynamic_reconfigure.msg import DoubleParameter
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.move_base import reconfigure_server
 from applr_ros1.nodes.move_base.planner_thread import PlannerThread
+from tests.support.ros_harness import wait_for
 
 
 @pytest.fixture
@@ -137,19 +138,18 @@ def test_a_scan_that_becomes_ready_wakes_the_thread(monkeypatch):
         began.append((now.to_sec(), turn.to_sec()))
         ready.clear()
 
-    times = (lambda: bool(ready)), (lambda: (scans[-1], scans[-1] + 0.45))
-    planner = PlannerThread(cycle, lambda: 2.0, nothing, nothing, nothing, *times)
+    times = (lambda: bool(ready)), (lambda: (scans[-1], scans[-1] + 1.8))
+    planner = PlannerThread(cycle, lambda: 0.5, nothing, nothing, nothing, *times)
     thread = threading.Thread(target=planner.run)
     thread.start()
     try:
-        time.sleep(0.45)
+        time.sleep(1.8)
         scans.append(rospy.get_time())
         ready.append(True)
         planner.wake()
-        time.sleep(0.1)
-        assert len(began) == 2
-        assert began[1][0] - began[0][0] < 0.5
-        assert began[1][1] - began[0][0] == pytest.approx(0.5, abs=1e-3)
+        wait_for(lambda: len(began) > 1, "a second cycle")
+        assert began[1][0] - began[0][0] < 2.0
+        assert began[1][1] - began[0][0] == pytest.approx(2.0, abs=1e-3)
     finally:
         ended.set()
         planner.wake()

@@ -81,6 +81,24 @@ def test_of_several_the_newest_that_can_be_placed_counts_and_newer_ones_wait(rob
     assert robot.sensors.observations() == {}
 
 
+def test_scans_without_stamps_count_from_when_they_come_as_in_cpp(robot):
+    for now in (100.5, 100.6):
+        robot.time(now)
+        robot.tf(now)
+        robot.scan(0.0)
+        assert [scan.stamp for scan in robot.sensors.observations().values()] == [pytest.approx(now)]
+
+
+def test_a_line_about_a_scan_says_stamp_age_and_reason(robot):
+    assert robot.sensors.newest("scan") == "none has come"
+    robot.time(103.0)
+    robot.tf(102.9)
+    robot.scan(100.0)
+    assert robot.sensors.observations() == {}
+    begin = "the newest is stamped 100.000, 3.00 s ago; transform odom <- base at 100.000: "
+    assert robot.sensors.newest("scan").startswith(begin)
+
+
 def test_when_the_next_scan_is_expected(robot):
     for t in (100.0, 100.02):
         robot.time(t + 0.005)

@@ -70,7 +70,7 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
 def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp_path, monkeypatch):
     shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
     with open(tmp_path / "mine" / "planner.yaml", "a") as file:
-        file.write("\ncontroller_frequency: fast\n")
+        file.write("\ncontroller_frequency: 0\n")
     node = importlib.import_module(module)
     given = {"robot": str(tmp_path / "mine")}
     monkeypatch.setattr(node, "init_node", lambda name: None)
@@ -116,7 +116,7 @@ def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
     troubles = []
     client = Searching(on_trouble=lambda line: troubles.append(client.searches))
     client.start()
-    ros_harness.wait_for(lambda: client.searches >= 80, 10.0, "searches")
+    ros_harness.wait_for(lambda: client.searches >= 80, "searches")
     client.stop()
     assert troubles[0] == 50 + reconfigure_client.PATIENCE
 
@@ -155,16 +155,16 @@ rospy.spin()
 def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
     with ros_harness.RosMaster() as master:
         child = master.python("-c", HANGING_NODE)
-        ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
+        child.until("ready")
         os.kill(child.pid, signal.SIGINT)
-        assert child.process.wait(10.0) == 1
+        assert child.process.wait(HANGS) == 1
         assert 'File "<string>", line 6 in <lambda>' in child.text
 
 
 LOCKING_NODE = """
 import threading, time, rospy
 from applr_ros1.common import ros_node
-ros_node.LONGEST = 6.0
+ros_node.LONGEST = 60.0
 ros_node.init_node("locks")
 lock = threading.Lock()
 rospy.on_shutdown(lock.acquire)
@@ -178,6 +178,6 @@ with lock:
 def test_a_lock_that_the_main_thread_holds_does_not_keep_a_node_from_ending():
     with ros_harness.RosMaster() as master:
         child = master.python("-c", LOCKING_NODE)
-        ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
+        child.until("ready")
         os.kill(child.pid, signal.SIGINT)
-        assert child.process.wait(10.0) == 0, child.text
+        assert child.process.wait(HANGS) == 0, child.text

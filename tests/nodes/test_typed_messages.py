@@ -34,9 +34,9 @@ def published(monkeypatch):
 
 def decide(topics, number, theta, refused=""):
     now = rospy.Time(100 + number, 5)
-    stamps = [rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3)]
+    *stamps, movers = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
     ranges = np.full(720, 2.0, np.float32)
-    seen = Snapshot(ranges, (1.0, 2.0, 0.5), np.zeros((2, 2)), "odom", *stamps)
+    seen = Snapshot(ranges, (1.0, 2.0, 0.5), np.zeros((2, 2)), "odom", *stamps, movers_stamp=movers)
     observation = np.linspace(0.0, 1.0, 729, dtype=np.float32) + np.float32(number)
     topics.decision(number, now, "goal 7", seen, (1.5, -0.25), observation, THETA_0, theta, refused)
     return now
@@ -58,6 +58,7 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     theta = SPACE.clip(np.linspace(0.4, 1.9, len(SPACE)))
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
+    assert [m.movers.to_nsec() % 10**9 for topic, m in published if topic == "applr/decision"] == [4, 4]
     recording = written(tmp_path / "a.bag", published)
     decisions = [{key: d[key] for key in d if key not in ("at", "observation")} for d in recording.decisions]
     assert decisions == [

@@ -63,8 +63,9 @@ def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp():
     listed = [{"name": name, "type": RECOVERY_TYPES[kind]} for name, kind in (("own", 0), ("own", 1), ("last", 1))]
     tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
     assert check(tree) == []
-    (finding,) = warnings(tree)
+    finding, unread = warnings(tree)
     assert (finding.key, finding.value) == ("recovery_behaviors", "has the name 'own' more than once")
+    assert (unread.key, unread.value) == ("own", "is not read")
     built = recovery.build(complete(tree))
     assert [b.name for b in built] == USUAL
 

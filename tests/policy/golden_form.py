@@ -55,6 +55,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
         "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
         "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
         "seconds": np.array([1.0, 1.0, 0.35, 0.6]),
+        "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4)) * ([6.0 * scale] * 2 + [robot.base.max_speed] * 2),
     }
 
 
@@ -80,7 +81,8 @@ def _context(form: DimensionlessForm, given: Arrays, i: int, theta: np.ndarray) 
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, given["plans"][i], form.space)
+    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from none to more than are shown
+    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, form.space)
 
 
 def _reward(form: Any, reward: Reward, given: Arrays, i: int, before: np.ndarray, after: np.ndarray) -> list:

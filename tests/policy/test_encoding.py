@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy import methods
+from applr_ros1.policy import actor, methods
 from applr_ros1.policy.actor import Policy, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, PARAMETERS, SIZE, DimensionlessForm
-from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.description import Setting, SpaceParameter
@@ -33,7 +33,8 @@ def context(robot, rng, side=1.0):
     goal = (plan[-1, 0], plan[-1, 1], 0.0)
     moving = (0.4 * robot.base.max_speed, side * turn)
     pose = (x, side * y, side * yaw)
-    return Context(ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, form.space)
+    movers = rng.uniform(-4.0, 4.0, (rng.integers(1, 6), 4)) * (1.0, side, 1.0, side)
+    return Context(ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, movers, form.space)
 
 
 def network(rng):
@@ -83,6 +84,31 @@ def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
         golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
     for key, found in golden_form.outputs(robot, golden).items():
         np.testing.assert_array_equal(found, golden[key], key)
+
+
+def test_the_nearest_movers_are_seen_from_the_robot():
+    """It looks along y; one ahead that comes closer, a farther one to the left that goes there, others are farther."""
+    form, rng = DimensionlessForm(JACKAL, 1.0), np.random.default_rng(0)
+    movers = np.array([(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)])
+    here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
+    length, fast = 15.0 * form.width, JACKAL.base.max_speed
+    ahead, left = (2.0 / length, 0.0, -0.5 / fast, 0.0), (0.0, 3.0 / length, 0.0, 1.0 / fast)
+    right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, which is as far as one is seen
+    np.testing.assert_allclose(form.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
+    np.testing.assert_array_equal(form.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
+
+
+@pytest.mark.parametrize("images", [False, True], ids=["alone", "with its mirror image"])
+def test_a_file_of_before_movers_were_seen_answers_as_it_did(tmp_path, images):
+    rng, path = np.random.default_rng(0), tmp_path / "old.safetensors"
+    weights = network(rng)
+    weights["0.weight"] = weights["0.weight"][:, :519].copy()
+    mirror = Mirror.of(480, 39, 2, (0, 2, 4, 7, 9, 11))
+    kept = with_mirror_images({name: value[None] for name, value in weights.items()}, mirror) if images else weights
+    actor._write(path, kept, actor.FORMAT, {"observation": "dimensionless-1", "period_s": 1.0}, mirror)
+    policy, seen = load_policy(path), DimensionlessForm(JACKAL, 1.0).observe(context(JACKAL, rng))
+    before = np.tanh(forward(layers_of(kept, 519, len(PARAMETERS), "it"), seen[:519]))
+    np.testing.assert_allclose(policy.action(seen), before, atol=1e-6)
 
 
 def test_a_scene_of_twice_the_size_looks_alike():

@@ -19,7 +19,8 @@ def scenes(method, count=8):
         phi, theta = draw.uniform(-np.pi, np.pi), method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
         pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
         plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
-        shown = (0.1 * k, 0.0), goal, plan, method.space, method.layout
+        movers = draw.normal(0.0, 2.0, (k // 2, 4))
+        shown = (0.1 * k, 0.0), goal, plan, movers, method.space, method.layout
         found.append(methods.Context(ranges, phi, theta, 2.0 * k, pose, *shown))
     return found
 
@@ -38,7 +39,7 @@ def test_methods_of_the_package(spec):
     assert course(7, contexts) == first
     assert np.array_equal(method.space.clip(first), first)
     for context, fresh in zip(contexts, scenes(method)):
-        for name in ("observation", "ranges", "theta", "plan"):
+        for name in ("observation", "ranges", "theta", "plan", "movers"):
             assert np.array_equal(getattr(context, name), getattr(fresh, name)), name
     if method.static:
         assert first == [method.theta(None).tolist()] * len(contexts)

@@ -1,14 +1,21 @@
 """A robot's folder, written from its URDF or xacro file and its parameter files."""
 
+import os
 import re
+import time
+import zipfile
+from textwrap import indent
 from xml.sax.saxutils import escape
 
+import numpy as np
 import pytest
 import yaml
 
 from applr_ros1 import robots
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots import xacro_file
 from applr_ros1.robots.default_space import default_space
+from applr_ros1.robots.urdf import urdf as urdf_of
 from applr_ros1.robots.urdf_file import UrdfFile
 from training import check_robot, new_robot
 
@@ -87,6 +94,10 @@ crate_controller:
 """
 
 
+ONE_EACH = "".join(
+    f"{side}_motor: {{type: velocity_controllers/JointVelocityController, joint: {side}_joint}}\n"
+    for side in ("left", "right")
+)
 DIFF_DRIVE = "crate_controller: {left_wheel: [left_joint], right_wheel: right_joint}\n"
 
 
@@ -94,12 +105,12 @@ DIFF_DRIVE = "crate_controller: {left_wheel: [left_joint], right_wheel: right_jo
 def make(tmp_path, capsys):
     """Writes the files and the robot's folder: (exit status, what was printed, robot.yaml)."""
 
-    def run(urdf, *words, head=HEAD, tail="", **parameters):
+    def run(urdf, *words, head=HEAD, tail="", out="my_robot", **parameters):
         files = {"costmap_common.yaml": COMMON, "costmap_local.yaml": LOCAL, "dwa.yaml": PLANNER, **parameters}
         for name, text in files.items():
             (tmp_path / name).write_text(text)
         (tmp_path / "crate.urdf").write_text(head + urdf + (tail or "</robot>" * (head == HEAD)))
-        out = tmp_path / "my_robot"
+        out = tmp_path / out
         arguments = [str(tmp_path / "crate.urdf"), *words, "--out", str(out), "--parameters"]
         status = new_robot.main([*arguments, *[str(tmp_path / name) for name in files]])
         said = capsys.readouterr()
@@ -215,9 +226,10 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
     urdf += wheel("gripper", ".1 0 .3", parent="arm")  # turns as a wheel does, above the ground
     urdf += link("scanner") + joint("scanner", ".1 0 .2", turn="3.14159265 0 .5")
     rays = RAYS.replace("$(arg reach)", "1.2")
+    deeper = "robot:\n" + indent(CONTROLLER, "  ")
     status, said, file = make(
         urdf + rays,
-        **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link"), "control.yaml": CONTROLLER},
+        **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link"), "control.yaml": deeper},
     )
     assert status == 0, said
     assert "leave out 1 values" in said
@@ -234,6 +246,42 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
     assert (robot.monitor.deceleration, robot.monitor.yaw_deceleration) == (1.5, 12.0)
 
 
+def test_what_lies_beside_a_urdf_is_bounded(make, tmp_path):
+    """Archives that unpack to any size, a pipe, a package.xml with entities, and what regular expressions go over."""
+    mesh = tmp_path / "body.zip"
+    with zipfile.ZipFile(mesh, "w") as archive:
+        archive.writestr("body.obj", trimesh.creation.box((1, 1, 1)).export(file_type="obj"))
+    for name in ("pipe", "entities"):
+        (tmp_path / name).mkdir()
+    os.mkfifo(tmp_path / "pipe" / "package.xml")
+    entity = '<!DOCTYPE a [<!ENTITY b "c">]><package><name>&b;</name></package>'
+    (tmp_path / "entities" / "package.xml").write_text(entity)
+    status, said, _ = make("".join(link(f"l{k}") for k in range(5000)))
+    assert (status, "has over 2000 links" in said) == (1, True)
+    before = time.process_time()
+    comment = "<!--" + "<xacro:include " * 50_000 + "<xacro:arg " * 50_000 + "-->"
+    includes = "".join(f'<xacro:include filename="{k}"/>' for k in range(100_000))
+    text = (
+        comment
+        + f"<extra><![CDATA[{includes}]]></extra>"
+        + TWO.replace('<box size=".3 .2 .1"/>', '<mesh filename="body.zip"/>')
+    )
+    status, said, _ = make(text)
+    assert (status, "body.zip" in said) == (0, True)
+    assert time.process_time() - before < 10.0
+
+
+def test_all_meshes_together_are_bounded_and_each_is_read_once(tmp_path, monkeypatch):
+    (tmp_path / "a.stl").write_bytes(stl := trimesh.creation.box((1, 1, 1)).export(file_type="stl"))
+    (tmp_path / "b.stl").write_bytes(stl)
+    monkeypatch.setattr("applr_ros1.robots.urdf_file.MAX_MESHES", len(stl) + 1)
+    text = "".join(link(name, f'<mesh filename="{name[0]}.stl"/>') for name in ("a", "a2", "b"))
+    text += joint("a2", "0 0 0", "a") + joint("b", "0 0 0", "a")
+    (tmp_path / "a.urdf").write_text(f'<robot name="a">{text}</robot>')
+    urdf = UrdfFile(str(tmp_path / "a.urdf"), {})
+    assert (len(urdf.boxes(urdf.links)), urdf.lost) == (2, {"b.stl"})
+
+
 def test_a_collada_mesh_has_its_own_unit(tmp_path):
     mesh = trimesh.creation.box((400, 300, 100)).export(file_type="dae").decode()
     (tmp_path / "hull.dae").write_text(mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>'))
@@ -242,8 +290,10 @@ def test_a_collada_mesh_has_its_own_unit(tmp_path):
     assert (box[1] - box[0]).tolist() == pytest.approx([0.4, 0.3, 0.1])
 
 
-def test_a_robot_without_laser_is_asked_for_one(make):
-    urdf = TWO[: TWO.index('<link name="scanner">')] + '<xacro:arg default="$(optenv LIDAR 0)" name="with_laser"/>'
+def test_a_robot_without_laser_is_asked_for_one(make, tmp_path):
+    urdf = TWO[: TWO.index('<link name="scanner">')] + '<xacro:arg default="$(optenv LASER_RPY 0)" name="with_laser"/>'
+    urdf += '<xacro:arg name="kind" default="more"/><xacro:include filename="$(arg kind).xacro"/>'
+    (tmp_path / "more.xacro").write_text(HEAD + '<xacro:if value="$(optenv LIDAR 0)"/></robot>')
     common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: /mast,")
     status, said, file = make(urdf, **{"costmap_common.yaml": common})
     assert status == 0
@@ -253,27 +303,69 @@ def test_a_robot_without_laser_is_asked_for_one(make):
     assert "  # beams: " in file.read_text()
 
 
+LYING = TWO.replace("-1.5707963", "0").replace("left", "wheel_left")
+PLAIN = TWO + RAYS.replace("$(arg reach)", "1.4")
+FAR_MESH = '<mesh filename="package://far/w.stl"/>'
+NAMED = "<transmission name='{0}'><joint name='{0}_joint'/></transmission>"
+BY_TRANSMISSIONS = PLAIN + wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
+BY_TRANSMISSIONS += NAMED.format("left") + NAMED.format("right")
+RIGHT_AFTER = '<axis xyz="0 0 1"/></joint><link name="right"'
+ODD_HEAD = ' \n<!-- a -- b --><?xml version="1.0"?><robot name="crate">'
+MANY_TURNS = '<axis xyz="0 0 1"/><limit lower="-1e16" upper="1e16" effort="1" velocity="1"/>'
+SPRUNG = link("arm") + joint("arm", "0 0 0", kind="prismatic", axis="0 0 1") + PLAIN
+DRIVE = '<gazebo><plugin name="d" filename="libdiff_drive.so"><leftJoint>left_joint</leftJoint>'
+DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
+MOVED_SIDEWAYS = '<gazebo><plugin name="m" filename="libplanar_move.so"/></gazebo>'
+LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/></joint>'
+KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 0 1").replace("</joint>", LIMIT)
+KNUCKLE += wheel("steered", "0 0 0", parent="knuckle")
+TURNED = PLAIN.replace(
+    'rpy="0 0 0"/><axis xyz="0 1 0"/></joint><link name="base_link"', 'rpy="0 0 1.57"/></joint><link name="base_link"'
+)
+LEG = link("leg", '<box size=".02 .02 .1"/>') + joint("leg", "0 .1 0", kind="revolute").replace("</joint>", LIMIT)
+IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind="continuous")
+
+
 @pytest.mark.parametrize(
     ("urdf", "more", "line"),
     [
         ("wheels: 2\n", {"head": ""}, "is no XML"),
         ("<sdf/>", {"head": ""}, "outermost tag is <sdf>"),
-        ("<joint/>", {}, "cannot be read as URDF"),
+        (link("a") + "<joint/>", {}, "cannot be read as URDF: .*; ask check_urdf for the place"),
         (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
         (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
         (TWO.replace('"left"', '"mecanum_left"'), {}, "left_joint is of an omni base"),
-        (TWO.replace("continuous", "fixed").replace("-1.5707963", "0"), {}, "left_joint is fixed, .*make"),
+        (TURNED, {}, "wheels left and right roll along y of base_footprint: give .* such as base_link$"),
         (
-            TWO.replace('name="swivel_joint" type="continuous"', 'name="swivel_joint" type="revolute"'),
+            link("base_link") + link("base_footprint") + joint("base_footprint", "0 0 0") + LEG + NAMED.format("leg"),
             {},
-            "swivel_joint steers",
+            "no wheels: .* URDF of the whole",
         ),
+        (
+            PLAIN + NAMED.format("swivel") + NAMED.format("roller"),
+            {},
+            r"swivel_joint steers .*\(where others drive it,",
+        ),
+        (LYING.replace("continuous", "fixed"), {}, "wheel_left_joint is fixed: make the"),
+        (
+            LYING.replace('<cylinder radius=".05" length=".02"/>', FAR_MESH),
+            {},
+            "put the package of package://far/w.stl",
+        ),
+        (link("base_link") + link("wheel") + joint("wheel", "0 .1 0", kind="continuous"), {}, "give the URDF of the"),
+        (PLAIN + KNUCKLE + NAMED.format("left") + NAMED.format("right"), {}, "knuckle_joint steers the wheel of"),
+        (PLAIN + wheel("more", ".1 .12 0") + MOVED_SIDEWAYS, {}, "libplanar_move.so is of an omni base"),
+        (PLAIN + joint("nowhere", "0 0 0"), {}, "joints name nowhere, which is no link there; take each"),
         (TWO + RAYS, {}, "needs the argument reach: give reach:=VALUE"),
+        ('<xacro:macro name="m"><link name="a"/></xacro:macro>', {}, "no links, .*: give the file that uses them"),
+        ('<property name="a" value="1"/><link name="${a}"/>', {}, "it has <property>, and since Noetic xacro takes"),
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
         (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
         (TWO + joint("base_footprint", "0 0 0", "scanner"), {}, "joints above the link scanner lead back"),
+        (TWO + "".join(joint(f"l{k}", "0 0 0", f"l{k + 1}") for k in range(102)), {}, "over 100; take one"),
         (TWO + "<link name='loose'/>", {}, "no joint leads to loose, nor to base_footprint: a robot has one root"),
+        (TWO, {"dwa.yaml": "<launch/>"}, "dwa.yaml is no YAML; of a launch file give .*: roslaunch --dump-params"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, "dwa.yaml: .*add fast:=VALUE"),
         (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml: \$\(eval 1\+1\) is for roslaunch alone"),
         (TWO, {"dwa.yaml": "max_vel_x: $(env UNSET_SPEED)\n"}, "dwa.yaml: not set .*: UNSET_SPEED; export each"),
@@ -328,48 +420,42 @@ def test_a_xacro_file_calculates(tmp_path):
     assert re.findall('<link name="(.*?)"', urdf) == [str(value) for value in (*wanted.values(), 6)], problem
 
 
-PLAIN = TWO + RAYS.replace("$(arg reach)", "1.4")
-NAMED = "<transmission name='{0}'><joint name='{0}_joint'/></transmission>"
-BY_TRANSMISSIONS = PLAIN + wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
-BY_TRANSMISSIONS += NAMED.format("left") + NAMED.format("right")
-MANY_TURNS = '<axis xyz="0 0 1"/><limit lower="-1e16" upper="1e16" effort="1" velocity="1"/>'
-SPRUNG = link("arm") + joint("arm", "0 0 0", kind="prismatic", axis="0 0 1") + PLAIN
-DRIVE = '<gazebo><plugin name="d" filename="libdiff_drive.so"><leftJoint>left_joint</leftJoint>'
-DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
+BELOW_ARM = ('<parent link="base_link"/><child link="left"/>', '<parent link="arm"/><child link="left"/>')
+DRIVEN = {
+    "transmissions": BY_TRANSMISSIONS,
+    "plugin": BY_TRANSMISSIONS.replace("transmission", "other") + DRIVE,
+    "controller": BY_TRANSMISSIONS.replace("transmission", "other"),
+    "omni": PLAIN.replace('"roller"', '"omni_wheel"'),
+    "many turns": PLAIN.replace(RIGHT_AFTER, MANY_TURNS + '</joint><link name="right"'),
+    "sprung": SPRUNG.replace(*BELOW_ARM),
+    "harmless parts": PLAIN + "<material/><gazebo reference='nothing'><sensor/></gazebo>",
+    "all fixed": PLAIN.replace("continuous", "fixed"),
+    "revolute without limits": PLAIN.replace("continuous", "revolute"),
+    "axes along the robot": PLAIN.replace('axis xyz="0 0 1"', 'axis xyz="1 0 0"'),
+    "axes that say nothing": PLAIN.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'),
+    "small ones that idle": PLAIN + IDLE + link("mark", '<box size=".002 .002 .002"/>') + joint("mark", "0 0 -.05"),
+    "plugin before transmissions": PLAIN + DRIVE + NAMED.format("swivel") + NAMED.format("roller"),
+    "one joint of each controller": PLAIN + NAMED.format("swivel") + NAMED.format("roller"),
+    "mimic": PLAIN.replace(RIGHT_AFTER, f"<mimic joint='right_joint'/>{RIGHT_AFTER}")
+    + wheel("idle", "-.15 .05 0")
+    + NAMED.format("right")
+    + IDLE.replace("idle", "other"),
+    "hubs": PLAIN.replace("continuous", "fixed")
+    + link("hub", '<cylinder radius=".05" length=".01"/>')
+    + joint("hub", "0 0 0", "left"),
+    "moved sideways in Gazebo": PLAIN + MOVED_SIDEWAYS,
+    "blank and comment": "\n" + PLAIN,
+}
 
 
-@pytest.mark.parametrize(
-    ("urdf", "more"),
-    [
-        (BY_TRANSMISSIONS, {}),
-        (BY_TRANSMISSIONS.replace("transmission", "other") + DRIVE, {}),
-        (BY_TRANSMISSIONS.replace("transmission", "other"), {"control.yaml": DIFF_DRIVE}),
-        (PLAIN.replace('"roller"', '"omni_wheel"'), {}),
-        (PLAIN.replace('<axis xyz="0 0 1"/></joint><link name="right"', MANY_TURNS + '</joint><link name="right"'), {}),
-        (
-            SPRUNG.replace(
-                '<parent link="base_link"/><child link="left"/>', '<parent link="arm"/><child link="left"/>'
-            ),
-            {},
-        ),
-        (PLAIN + "<material/><gazebo reference='nothing'><sensor/></gazebo>", {}),
-        (PLAIN.replace("continuous", "fixed"), {}),
-        ("\n" + PLAIN, {"head": ' \n<?xml version="1.0"?><robot name="crate">', "tail": "</robot>"}),
-    ],
-    ids=[
-        "transmissions",
-        "plugin",
-        "controller",
-        "omni",
-        "many turns",
-        "sprung",
-        "harmless parts",
-        "all fixed",
-        "blank",
-    ],
-)
-def test_driven_wheels(make, urdf, more):
-    status, said, file = make(urdf, **more)
+@pytest.mark.parametrize("kind", DRIVEN)
+def test_driven_wheels(make, kind):
+    more = {
+        "controller": {"control.yaml": DIFF_DRIVE},
+        "one joint of each controller": {"control.yaml": ONE_EACH},
+        "blank and comment": {"head": ODD_HEAD, "tail": "</robot>"},
+    }
+    status, said, file = make(DRIVEN[kind], **more.get(kind, {}))
     assert status == 0, said
     base = yaml.safe_load(file.read_text())["base"]
     assert (base["drive"], base["track"], base["wheel_radius"]) == ("two_wheel", 0.24, 0.05)
@@ -401,17 +487,24 @@ def test_a_laser_below_the_base_frame_has_its_place_in_the_root(make):
 
 
 def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_path):
-    (tmp_path / "package.xml").write_text("<package><name>crate_nav</name></package>")
+    (tmp_path / "package.xml").write_text("<package><name>crate-nav</name></package>")
     monkeypatch.setenv("TURN", "0.7")
     angles = PLANNER.replace("max_vel_theta: 1.5", "max_vel_theta: rad(pi/2)").replace("0.1}", "!degrees 9.0, %s}")
     nested = "robot: {move_base: {NavfnROS: {allow_unknown: $(arg unknown)}}}\nmove_base/planner_frequency: 2.0\n"
+    nested += "---\n_ns: move_base/NavfnROS\ndefault_tolerance: 0.3\n"
     local = LOCAL.replace("odom_comb", "$(arg prefix)odom").replace("width: 5", "width: 5, map_type: voxel")
     angles = angles.replace("x: 0.4", "x: $(optenv SLOW 0.3)").replace(
         "acc_lim_theta: 3.0", "acc_lim_theta: $(env TURN)"
     )
-    angles %= 'global_frame_id: "$(find crate_nav)/a"'
-    files = {"dwa.yaml": angles, "navfn.yaml": nested.partition("\n")[0], "costmap_local.yaml": local}
-    files.update({"rate.yaml": nested.partition("\n")[2], "costmap_global.yaml": "{global_frame: site_map}\n"})
+    angles %= 'global_frame_id: "$(find crate-nav)/a"'
+    files = {"dwa.yaml": "%YAML 1.1\n---\n" + angles, "navfn.yaml": nested.partition("\n")[0]}
+    files.update(
+        {
+            "costmap_local.yaml": local,
+            "rate.yaml": nested.partition("\n")[2],
+            "costmap_global.yaml": "{global_frame: site_map}\n",
+        }
+    )
     _, said, file = make(PLAIN, "prefix:=my_", "unknown:=false", **files)
     fill(file)
     robots.reader._read.cache_clear()
@@ -420,47 +513,59 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     assert tree["DWAPlannerROS"]["min_vel_theta"] == pytest.approx(0.1570796)
     assert [tree["DWAPlannerROS"][name] for name in ("max_vel_x", "acc_lim_theta")] == [0.3, 0.7]
     assert tree["DWAPlannerROS"]["global_frame_id"] == f"{tmp_path}/a"
-    assert (tree["NavfnROS"]["allow_unknown"], tree["planner_frequency"]) == (False, 2.0)
+    assert (tree["NavfnROS"], tree["planner_frequency"]) == ({"allow_unknown": False, "default_tolerance": 0.3}, 2.0)
     assert tree["local_costmap"]["global_frame"] == "my_odom"
     assert robots.load(str(file.parent)).frames.map == "site_map"
 
 
 def test_a_wrong_value_leaves_the_scale_of_worlds_right(make):
-    _, said, file = make(PLAIN, **{"dwa.yaml": PLANNER.replace("max_vel_x: 0.4", "max_vel_x: slow")})
-    assert "remark: the planner refuses the parameter files: DWAPlannerROS/max_vel_x is 'slow': give a finite" in said
+    wrong = {
+        "dwa.yaml": PLANNER.replace("max_vel_x: 0.4", "max_vel_x: .nan"),
+        "costmap_common.yaml": COMMON + "resolution: 0\n",
+    }
+    _, said, file = make(PLAIN, **wrong)
+    (line,) = re.findall("remark: the planner refuses the parameter files: (.*)", said)
+    assert re.search("DWAPlannerROS/max_vel_x is nan: give a finite number", line)
+    assert re.search("_costmap/resolution, .*_costmap/resolution are 0, which cannot work", line)
     assert yaml.safe_load(file.read_text())["world_scale"] == pytest.approx(0.28 / 0.53, abs=1e-3)
 
 
 def test_a_local_planner_that_is_not_here_gives_its_limits_to_one_that_is(make, capsys):
     teb = "Other: {max_vel_x: 0.35, max_vel_theta: 0.9, acc_lim_x: 0.5, acc_lim_theta: 0.6, dt_ref: 0.3}\n"
-    for planner in ("teb_local_planner/Other", "nav_core_adapter::LocalPlannerAdapter"):
-        _, said, file = make(PLAIN, **{"dwa.yaml": f"base_local_planner: {planner}\n{teb}"})
-        assert f"remark: DWAPlannerROS drives here, not {planner}: with the speeds" in said
+    for planner in ("teb_local_planner/Other", "nav_core_adapter::LocalPlannerAdapter", "Other"):
+        named = f"base_local_planner: {planner}\n" * (planner != "Other")  # else by the launch file alone
+        _, said, file = make(PLAIN, **{"dwa.yaml": named + teb})
+        assert f"remark: DWAPlannerROS drives here, not {planner}: with its speeds" in said
         fill(file)
         robots.reader._read.cache_clear()
         assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
         robot = robots.load(str(file.parent))
         own = robot.parameters()["DWAPlannerROS"]
-        assert [own[name] for name in ("max_vel_x", "max_vel_trans", "max_vel_theta")] == [0.35, 0.35, 0.9]
+        names = ("max_vel_x", "max_vel_trans", "max_vel_theta", "acc_lim_x", "acc_lim_theta", "path_distance_bias")
+        assert [own[name] for name in names] == [0.35, 0.35, 0.9, 0.5, 0.9, 32.0]
         assert len(default_space(robot.base, robot.body, {"base_local_planner": planner})) > 5
         file.unlink()
+
+
+SLASH = "local_costmap/seen/scan/topic: /scan\n"
 
 
 @pytest.mark.parametrize(
     "changes",
     [
-        {"topic: bumps": "topic: rear, sensor_frame: back"},
+        {"bumper": "scan_b", "topic: bumps": "topic: rear, sensor_frame: back"},
         {"  observation_sources": "  z_voxels: 8\n  mark_threshold: 0\n  observation_sources"},
         {"margin: {": "other_layer: {some: 1}\nmargin: {"},
+        {"margin: {inflation_radius: 0.3}": "inflation_radius: 1.5"},
     ],
-    ids=["two sensors", "a voxel layer's own", "a layer that is not in use"],
+    ids=["two sensors", "a voxel layer's own", "a layer that is not in use", "a value above its layer"],
 )
 def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
     common = COMMON
     for old, new in changes.items():
         common = common.replace(old, new)
     _, said, file = make(
-        PLAIN, **{"costmap_common.yaml": common, "more.yaml": "TebLocalPlannerROS: {dt_ref: 0.3}\n" + NAVFN}
+        PLAIN, **{"costmap_common.yaml": common, "more.yaml": "TebLocalPlannerROS: {dt_ref: 0.3}\n" + NAVFN + SLASH}
     )
     fill(file)
     robots.reader._read.cache_clear()
@@ -471,8 +576,82 @@ def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
     assert "TebLocalPlannerROS is not read here" in said
 
 
+def test_layers_and_planners_as_move_base_has_them(make, tmp_path):
+    common = COMMON.replace("bumper scan", "scan") + "\nseen_too: {observation_sources: cloud, cloud: {topic: cloud}}\n"
+    common = common.replace("robot_base_frame: base_footprint", "robot_base_frame: two/base_footprint")
+    eband = "EBandPlannerROS: {max_vel_lin: 0.35, max_vel_th: 0.7, max_acceleration: 0.3, xy_goal_tolerance: 0.12}\n"
+    (tmp_path / "manifest.xml").write_text("<package/>")
+    (tmp_path / "hull.stl").write_bytes(trimesh.creation.box((0.4, 0.2, 0.1)).export(file_type="stl"))
+    hull = f'<mesh filename="package://{tmp_path.name}/hull.stl"/>'
+    urdf = PLAIN.replace('<box size=".3 .2 .1"/>', hull)
+    control = "diff: {type: diff_drive_controller/DiffDriveController, linear: "
+    control += "{x: {has_velocity_limits: true, max_velocity: 1}}}"
+    files = {"costmap_common.yaml": common, "dwa.yaml": eband, "control.yaml": control}
+    status, said, file = make(urdf, **files)
+    assert status == 0, said
+    found = yaml.safe_load(file.read_text())
+    assert (found["body"]["size"][0], found["base"]["command_timeout"]) == (0.4, 0.5)
+    assert (found["frames"]["base"], found["laser"]["frame"]) == ("two/base_footprint", "two/scanner")
+    stand_in = found["move_base"]["parameters"]["DWAPlannerROS"]
+    names = ("max_vel_x", "max_vel_theta", "acc_lim_x", "xy_goal_tolerance")
+    assert [stand_in[name] for name in names] == [0.35, 0.7, 0.35, 0.12]
+    assert "DWAPlannerROS drives here, not EBandPlannerROS" in said
+    assert "take nothing from" not in said
+    assert "has no link" not in said
+    slow = {"control.yaml": control.replace("linear", "cmd_vel_timeout: 1000, linear")}
+    assert yaml.safe_load(make(PLAIN, out="slow", **slow)[2].read_text())["base"]["command_timeout"] == 0.0
+
+
+def test_a_stand_in_has_an_inflation_layer_and_names_have_levels(make):
+    bare = COMMON.replace('  - {name: margin, type: "costmap_2d::InflationLayer"}\n', "").replace(
+        "topic: scan,", "topic: /a/scan/,"
+    )
+    teb = (
+        "/two/move_base/:\n  TebLocalPlannerROS: {max_vel_x: 0.4, max_vel_theta: 1.0, acc_lim_x: 1, acc_lim_theta: 1}\n"
+    )
+    teb += "  local_costmap/: {seen/scan/raytrace_range: 2.0}\n"
+    status, said, file = make(PLAIN, **{"costmap_common.yaml": bare, "dwa.yaml": teb})
+    assert status == 0, said
+    found = yaml.safe_load(file.read_text())
+    assert found["topics"]["scan"] == "/a/scan"
+    plugins = found["move_base"]["parameters"]["local_costmap"]["plugins"]
+    assert [layer["name"] for layer in plugins] == ["map", "seen", "inflation_layer"]
+    fill(file)
+    local = robots.load(str(file.parent)).parameters()["local_costmap"]
+    assert (local["seen"]["scan"]["raytrace_range"], local["plugins"][-1]["name"]) == (2.0, "inflation_layer")
+
+
 def test_a_robot_that_is_there_is_not_overwritten(make):
     assert make(TWO)[0] == 0
     status, said, _ = make(TWO)
     assert (status, said.count("\n")) == (1, 1)
     assert "robot.yaml is there already" in said
+
+
+CROSSING = '<collision><origin xyz="-.05 0 .06"/><geometry><box size=".2 .3 .1"/></geometry></collision>'
+
+
+def test_a_round_body_is_no_box(make):
+    _, said, file = make(PLAIN.replace('<box size=".3 .2 .1"/>', '<cylinder radius=".15" length=".1"/>'))
+    assert yaml.safe_load(file.read_text())["body"]["round"] is True
+    fill(file)
+    robot = robots.load(str(file.parent))
+    ends, parts = robots.geometry.corners(robot) - robot.body.centre, np.array(robots.geometry.parts(robot))
+    assert parts[:4, 2:].max(axis=0).tolist() == pytest.approx([0.15, 0.15])
+    assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
+    assert (ends[:, 0].max(), len(MonitorSettings.of(robot).body)) == (pytest.approx(0.15), 24)
+    assert 'cylinder radius="0.15"' in urdf_of(robot)
+    cross = PLAIN.replace("</inertial><collision>", "</inertial>" + CROSSING + "<collision>", 1)
+    assert "round" not in yaml.safe_load(make(cross, out="crossed")[2].read_text())["body"]
+
+
+def test_a_body_is_what_reaches_over_the_axle_and_ends_at_the_ground(make):
+    low = PLAIN.replace('at="-.05 0 .06"', "").replace('<box size=".3 .2 .1"/>', '<box size=".3 .2 .104"/>')
+    low = low.replace('xyz="-.05 0 .06"', 'xyz="-.05 0 0"')
+    body = yaml.safe_load(make(low)[2].read_text())["body"]
+    assert (body["bottom"], body["size"][2]) == (0.0, 0.22)
+    lost = PLAIN.replace('<box size=".3 .2 .1"/>', FAR_MESH)
+    status, said, file = make(lost, out="lost")
+    assert status == 0
+    assert "size" not in yaml.safe_load(file.read_text())["body"]
+    assert "body.size [m] [length, width, height]" in said

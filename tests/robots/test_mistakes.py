@@ -8,7 +8,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import NAMES, load
-from applr_ros1.robots.check import findings, with_remarks
+from applr_ros1.robots.check import examined, findings, with_remarks
 from tests.support import DATA
 from training import check_robot, evaluate, static_search, train
 
@@ -41,6 +41,22 @@ def checked(folder, capsys):
     return status, [line for line in printed.splitlines() if re.match("error|warning|remark", line)]
 
 
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("local_costmap: a", "local_costmap is 'a': give a mapping"),
+        ("local_costmap: {plugins: [{name: a, type: [1]}]}", r"plugins has {'name': 'a', 'type': \[1\]}: give"),
+        ("_ns: " + "a/" * 2000, "a name of 2002 levels; give at most 50"),
+    ],
+    ids=["a text", "a type", "levels"],
+)
+def test_what_no_file_of_parameters_holds_is_a_finding(tmp_path, text, line):
+    folder = changed(
+        tmp_path / "mine", "turtlebot3_burger", "local_costmap_params.yaml", "local_costmap:", text + "\nb:"
+    )
+    assert [found for found in examined(folder)[1] if found.severity == "error" and re.search(line, str(found))]
+
+
 @pytest.mark.parametrize(("robot", "file", "old", "new", "remedy", "lines"), mistakes())
 def test_a_mistake_is_named_and_the_remedy_in_its_line_works(tmp_path, capsys, robot, file, old, new, remedy, lines):
     folder = changed(tmp_path / "mine", robot, file, old, new)
@@ -67,7 +83,7 @@ def test_all_findings_of_all_files_come_at_once(tmp_path, capsys):
         ("robot.yaml", "size: [0.420, 0.310, 0.184]", "size: [0.420]"),
         ("robot.yaml", "last_angle: 2.35619", "last_angle: -3.0"),
         ("robot.yaml", "odom_nav_params/local", "local"),
-        ("base_local_planner_params.yaml", "sim_time: 2.0", "sim_time: slow"),
+        ("base_local_planner_params.yaml", "sim_time: 2.0", "sim_time: .nan"),
         ("costmap_common_params.yaml", "footprint_padding", "footprint_paddin"),
     ):
         text = Path(folder, file).read_text()
@@ -92,8 +108,8 @@ def test_included_robots_have_no_errors(name):
     assert not [f for with_map in setups for f in findings(robot, with_map) if f.severity == "error"]
 
 
-WRONG = ("turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "max_vel_theta: 2.75", "max_vel_theta: fast")
-LINE = "/mine/dwa_local_planner_params_burger.yaml: DWAPlannerROS/max_vel_theta is 'fast': give a finite number"
+WRONG = ("turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "max_vel_theta: 2.75", "max_vel_theta: .inf")
+LINE = "/mine/dwa_local_planner_params_burger.yaml: DWAPlannerROS/max_vel_theta is inf: give a finite number"
 
 
 @pytest.mark.parametrize("command", [evaluate, static_search, train])
@@ -124,6 +140,20 @@ def test_remarks_are_printed_once(tmp_path, capsys):
     assert with_remarks(folder) is with_remarks(folder)
     (printed,) = capsys.readouterr().err.splitlines()
     assert printed.startswith(f"remark: {folder}/robot.yaml: world_scale is 2: ")
+
+
+def test_warnings_come_again_at_the_end_of_the_process(tmp_path, capsys, monkeypatch):
+    later = []
+    monkeypatch.setattr("atexit.register", lambda *call: later.append(call))
+    with_remarks(
+        changed(tmp_path / "mine", "jackal", "costmap_common_params.yaml", "inflation_radius:", "inflation_radus:")
+    )
+    said = capsys.readouterr().err
+    ((repeat, found, process),) = later
+    repeat(found, process)
+    assert capsys.readouterr().err == said != ""
+    repeat(found, process + 1)  # a worker's
+    assert capsys.readouterr().err == ""
 
 
 def test_a_window_is_judged_as_the_planner_judges_it(tmp_path):

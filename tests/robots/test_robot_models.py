@@ -7,6 +7,7 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.trees import merged
+from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.description import find
@@ -43,7 +44,7 @@ def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     robot = robots.load(name)
     space = space_of(robot)
     theta = space.clip(0.5 * (space.low + space.high))
-    tree = merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta)))
+    tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
     assert [find(tree, t.server, t.names) * t.sign for parameter in space.names for t in space.targets[parameter]] == [
         value for value, parameter in zip(theta, space.names) for _ in space.targets[parameter]
     ]

@@ -2,12 +2,14 @@
 
 import os
 import shutil
+from dataclasses import replace
 
 import pytest
 import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.mistakes import contradictions
 from tests.support.jackal import JACKAL
 
 HERE = os.path.dirname(robots.load("jackal").folder)
@@ -70,6 +72,13 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
     tree = robots.load(with_files(tmp_path / "mine", empty=empty, value=value)).parameters()
     assert tree["new"] == {"width": 7}
     assert tree["local_costmap"] == robots.load("jackal").parameters()["local_costmap"]
+
+
+def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
+    burger = robots.load("turtlebot3_burger")
+    for x, tips in ((0.0, False), (0.02, True)):
+        body = burger.body.model_copy(update={"com": (x, 0.0, 0.1)})
+        assert [finding.key for finding in contradictions(replace(burger, body=body))] == ["body.com"] * tips
 
 
 def test_unknown_name_lists_the_robots():

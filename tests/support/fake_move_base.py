@@ -1,6 +1,6 @@
 """A stand-in for move_base: its parameter servers, and switches that make them misbehave. For tests only.
 
-    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME]
+    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
 The ROS parameters /fake/refuse, /fake/hold and /fake/lie name servers (a list) that raise an error, keep their old
 values and say so, or say that they have taken the new ones; /fake/late those that publish what they have .2 s later.
 """
@@ -22,13 +22,18 @@ from applr_ros1.robots import load
 KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_scale"}
 
 
-def config_type(parameters):
-    """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters."""
+def config_type(parameters, code=""):
+    """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters.
+
+    With `code` max_vel_x is a text of which the server says that this Python names its choices.
+    """
     always = {"level": 0, "edit_method": ""}
     rows = [
         dict(always, name=name, type=p.type, default=p.default, description=p.doc, min=p.min, max=p.max)
         for name, p in parameters
     ]
+    for row in (row for row in rows if code and row["name"] == "max_vel_x"):
+        row.update(type="str", edit_method=code)
     names = {"name": "Default", "parentname": "Default", "upper": "DEFAULT", "lower": "groups", "field": "default"}
     kinds = {"type": "", "class": "DEFAULT", "parentclass": "", "cstate": "true"}
     group = {**names, **kinds, "id": 0, "parent": 0, "state": True, "groups": [], "parameters": rows}
@@ -61,7 +66,7 @@ class Liar(Server):
         return ReconfigureResponse(encode_config({**self.config, **asked}))
 
 
-def serve(name, parameters):
+def serve(name, parameters, code=""):
     """Starts the server `name`."""
     begun = []
 
@@ -73,7 +78,7 @@ def serve(name, parameters):
         begun[:] = [config.copy()]
         return config
 
-    return Liar(config_type(parameters), callback, name)
+    return Liar(config_type(parameters, code), callback, name)
 
 
 def main():
@@ -82,6 +87,7 @@ def main():
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
     parser.add_argument("--robot", default="", help="has the servers of this robot's move_base instead")
+    parser.add_argument("--text", default="", metavar="CODE", help="what max_vel_x, a text, says of its choices")
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
     if args.robot:
@@ -95,7 +101,8 @@ def main():
             served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
     renamed = KINETIC if args.spelling == "kinetic" else {}
     for name, parameters in served.items():
-        serve("/move_base" + ("/" + name if name else ""), [(renamed.get(p.name, p.name), p) for p in parameters])
+        full = rospy.get_name() + ("/" + name if name else "")
+        serve(full, [(renamed.get(p.name, p.name), p) for p in parameters], args.text)
     print("up", flush=True)
     rospy.spin()
 

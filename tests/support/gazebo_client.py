@@ -73,9 +73,9 @@ class Training:
         self.simulation, self.target = simulation, target
         self._clear = rospy.ServiceProxy("/move_base/clear_costmaps", Empty)
         self._plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
-        self._parameters = dynamic_reconfigure.client.Client("/move_base/TrajectoryPlannerROS", timeout=20)
+        self._parameters = dynamic_reconfigure.client.Client("/move_base/TrajectoryPlannerROS", timeout=180)
         self._action = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
-        assert self._action.wait_for_server(rospy.Duration(20.0))
+        assert self._action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
         """Reset, plan and drive, with time standing in between. Returns (metres planned, metres driven, speed)."""
@@ -104,7 +104,8 @@ class Training:
         start.header.frame_id = end.header.frame_id = "odom"
         start.pose.orientation.w = end.pose.orientation.w = 1.0
         end.pose.position.x, end.pose.position.y = self.target
-        for _ in range(50):  # a goal that was just cancelled may still be active
+        deadline = time.monotonic() + 180.0
+        while time.monotonic() < deadline:  # a goal that was just cancelled may still be active
             try:
                 return self._plan(start, end, 0.5).plan.poses
             except rospy.ServiceException:
@@ -114,7 +115,7 @@ class Training:
     @staticmethod
     def _wait(seconds):
         until = rospy.get_time() + seconds
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 180.0
         while rospy.get_time() < until:
             assert time.monotonic() < deadline, "simulated time stands"
             time.sleep(0.01)

@@ -2,6 +2,7 @@
 
 import math
 import time
+import xmlrpc.client
 from types import SimpleNamespace
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from tests.support import ros_harness
 from tests.support.ros_harness import wait_for
 
-ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
+PENDING, ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = range(5)
 POSTS = [(1.5, 0.8, 0.15), (1.5, 1.4, 0.15)]
 PLANNER = "/move_base/TrajectoryPlannerROS"
 
@@ -23,9 +24,8 @@ def start(master, parameters=None, sim_time=False, name="move_base"):
     rospy.set_param("/" + name, parameters or JACKAL)
     rospy.set_param("/use_sim_time", sim_time)
     child = master.node("move_base", "odom:=odometry/filtered")
-    wait_for(lambda: "ready" in child.text or not child.alive(), 150.0, "move_base")
+    child.until("ready")
     rospy.set_param("/use_sim_time", False)
-    assert child.alive(), child.text
     return child
 
 
@@ -45,7 +45,7 @@ def stack(master):
     jackal = FakeJackal(POSTS)
     node = start(master)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    assert client.wait_for_server(rospy.Duration(10.0))
+    assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
     yield SimpleNamespace(node=node, jackal=jackal, client=client)
     jackal.close()
     assert node.end() == 0, node.text
@@ -60,8 +60,10 @@ def idle(stack):
     jackal = stack.jackal
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
-    stack.client.cancel_all_goals()
-    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), 2.0, "standstill")
+    if stack.client.get_state() in (PENDING, ACTIVE):
+        stack.client.cancel_goal()  # a cancel of all goals, on a connection of its own, could also end the next one
+        finish(stack.client)
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)
     time.sleep(0.2)
     rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
@@ -82,15 +84,29 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
 
 
 def collect(topic, kind):
-    """(subscriber, list of the messages that come)."""
+    """(subscriber, list of the messages that come from now on) of a topic that somebody publishes."""
     import rospy
 
     got = []
-    return rospy.Subscriber(topic, kind, got.append), got
+    subscriber = rospy.Subscriber(topic, kind, got.append)
+    wait_for(subscriber.get_num_connections, topic)
+    time.sleep(0.2)  # who publishes knows of the connection a moment later
+    return subscriber, got
 
 
-def finish(client, seconds=20.0):
+def node_api(master):
+    """The XML-RPC server of move_base's node."""
+    uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
+    return xmlrpc.client.ServerProxy(uri)
+
+
+def connected(master, topic, node):
+    """Whether move_base sends a topic to a node."""
+    return any((line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2])
+
+
+def finish(client):
     import rospy
 
-    assert client.wait_for_result(rospy.Duration(seconds * ros_harness.slowness())), "no result"
+    assert client.wait_for_result(rospy.Duration(ros_harness.LONGEST)), "no result"
     return client.get_state(), client.get_goal_status_text()

@@ -38,12 +38,19 @@ class StackWriter(BagWriter):
         poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
         self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
 
-    def transform(self, time: float, frame: str, child: str, pose) -> None:
-        """Write a transform to /tf: the pose (x, y, yaw) [m, rad] of frame `child` in `frame`."""
+    def goal(self, time: float, goal, frame: str = "") -> None:
+        """(x, y, yaw) in a frame, else in the robot's odometry frame, as move_base announces what it has accepted."""
+        header = self._header(time, frame or self.robot.frames.odom)
+        topic = self.topics.move_base + "/current_goal"
+        self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
+
+    def transform(self, time: float, frame: str, child: str, pose, inverted: bool = False) -> None:
+        """Write a transform to /tf: the pose (x, y, yaw) [m, rad] of frame `child` in `frame`, or upside down there."""
+        turn = quaternion_of(pose[2])
         place = self._make(
             "geometry_msgs/msg/Transform",
             self._vector(*pose[:2]),
-            self._make("geometry_msgs/msg/Quaternion", *quaternion_of(pose[2])),
+            self._make("geometry_msgs/msg/Quaternion", *(turn[::-1] if inverted else turn)),
         )
         stamped = self._make("geometry_msgs/msg/TransformStamped", self._header(time, frame), child, place)
         self._put("/tf", "tf2_msgs/msg/TFMessage", time, [stamped])
@@ -80,7 +87,7 @@ class StackWriter(BagWriter):
                 text = (ROOT / "msg" / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
                 self.store.register(get_types_from_msg(text, kind))
         header = self._header(time, self.robot.frames.odom)
-        times = [self._time(seen[name]) for name in ("scan", "odometry", "plan")]
+        times = [self._time(seen.get(name, 0.0)) for name in ("scan", "odometry", "plan", "movers")]
         sets = [
             self._make(kinds[0], header, list(of), np.array(list(of.values())), np.ones(len(of)), *[np.nan] * PLOTTED)
             for of in (before, after)

@@ -43,6 +43,19 @@ class Child:
     def alive(self):
         return self.process.poll() is None
 
+    def until(self, condition):
+        """Waits until it has printed some words, or until condition() is true; returns its value.
+
+        AssertionError with all that it has printed where it ends before, or hangs.
+        """
+        holds = condition if callable(condition) else lambda: condition in self.text
+        try:
+            value = wait_for(lambda: not self.alive() or holds(), "it" if callable(condition) else condition)
+            assert self.alive(), "it has ended"
+        except AssertionError as late:
+            raise AssertionError("%s\n%s" % (late, self.text)) from None
+        return value
+
     def freeze(self):
         os.kill(self.pid, signal.SIGSTOP)
 
@@ -54,15 +67,15 @@ class Child:
         """SIGKILL, as a crash."""
         if self.alive():
             os.kill(self.pid, signal.SIGKILL)
-        self.process.wait(5.0)
+        self.process.wait(LONGEST)
 
-    def end(self, patience=5.0):
-        """SIGINT as Ctrl-C does, SIGKILL after `patience` seconds. Returns the exit status."""
+    def end(self):
+        """SIGINT as Ctrl-C does, SIGKILL where it hangs. Returns the exit status."""
         if self.alive():
             self.thaw()
             os.kill(self.pid, signal.SIGINT)
             try:
-                self.process.wait(patience * slowness())
+                self.process.wait(LONGEST)
             except subprocess.TimeoutExpired:
                 self.kill()
         return self.process.returncode
@@ -91,8 +104,7 @@ class RosMaster:
         self.env.pop("ROS_HOSTNAME", None)
         self._children, self._nodes = [], []
         self._master = Child(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
-        wait_for(lambda: _answers(self.port) or not self._master.alive(), 15.0, "ROS master")
-        assert self._master.alive(), self._master.text
+        self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
         """Starts a program beside the master; env: additional environment variables. Returns its Child."""
@@ -206,23 +218,30 @@ def free_port():
         return s.getsockname()[1]
 
 
+LONGEST = 300.0  # s before something counts as hanging; the planner's kernels are compiled in that
+
+
 def slowness():
-    """How many times as long as on an idle machine something may take: programs per core, at least 1."""
-    return max(1.0, os.getloadavg()[0] / os.cpu_count())
+    """How many times as long as on an idle machine something may take, at least 1: as long as work of this process
+    takes now, or programs per core over the last minute.
+    """
+    began, worked = time.monotonic(), time.thread_time()
+    while time.thread_time() - worked < 0.05:
+        pass
+    return max((time.monotonic() - began) / 0.05, os.getloadavg()[0] / os.cpu_count(), 1.0)
 
 
-def wait_for(condition, seconds=5.0, what="condition"):
-    """Polls until condition() is true and returns its value.
+def wait_for(condition, what):
+    """Polls until condition() is true and returns its value; AssertionError after LONGEST: it is for what hangs.
 
-    AssertionError after `seconds` of wall time, times slowness().
+    How long something takes is measured beside it.
     """
     began = time.monotonic()
     while True:
         value = condition()
         if value:
             return value
-        waited = time.monotonic() - began
-        assert waited < seconds or waited < seconds * slowness(), "%s: not within %.3g s" % (what, waited)
+        assert time.monotonic() - began < LONGEST, "%s: not within %g s" % (what, LONGEST)
         time.sleep(0.01)
 
 

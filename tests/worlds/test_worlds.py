@@ -95,6 +95,9 @@ def test_a_map_of_too_many_cells_is_refused_before_it_is_made():
     assert "\n" not in str(no.value)
     cells, _ = occupancy(far, 1.0)
     assert cells.size <= MAX_CELLS
+    piled = replace(TINY, cylinders=np.tile([0.0, 0.0, 30.0], (500, 1)))
+    with pytest.raises(worlds.WorldError, match="the obstacles together cover 7.* cells of 0.05 m; give smaller or"):
+        occupancy(piled)
 
 
 # -- commands

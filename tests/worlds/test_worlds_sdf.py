@@ -45,6 +45,21 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
 
+def test_a_slab_on_which_all_stands_is_floor_and_a_kerb_is_none(tmp_path):
+    def box(name, x, y, top, *size):
+        return model(
+            name, f"{x} {y} {top - size[2] / 2} 0 0 0", f"<box><size>{size[0]} {size[1]} {size[2]}</size></box>"
+        )
+
+    walls = [(x, 0, 1, 0.1, 8, 1) for x in (-4, 4)] + [(0, y, 1, 8, 0.1, 1) for y in (-4, 4)] + [(1, 0, 1, 2, 0.2, 1)]
+    room = "".join(box(f"wall{k}", *wall) for k, wall in enumerate(walls))
+    kerb, slab = box("kerb", -2, 2, 0.06, 1, 1, 0.06), box("slab", 0, 0, 0.05, 9, 9, 0.1)
+    world = worlds.load(put(tmp_path, sdf(room + slab + kerb), "w.world"))
+    assert (len(world.boxes), np.abs(world.course.path).max() < 4.0) == (5, True)
+    world = worlds.load(put(tmp_path, sdf(room + kerb), "v.world"))
+    assert world.boxes[-1].tolist() == [-2.0, 2.0, 0.0, 1.0, 1.0]
+
+
 def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
     body = (
         cylinder(1, 1, name="a")
@@ -148,6 +163,7 @@ OTHER = named("model", "other", "", LINK, 9)
         (named("model", "m", "", LINK.replace("<pose>", "<pose frame='x'>", 1)), "link 'l' of model 'm' (its pose"),
         (LINK.replace("sphere", "mesh").join(("<model name='m'>", "</model>")), "collision 'c' of model 'm' (a mesh)"),
         ("<include><uri>model://house</uri></include>", "the include 'model://house'"),
+        ("<actor name='a'/>", "not read: <actor>; the rest"),
         ("<population name='p'/>" * 7, "<population>, <population> and 2 more"),
     ],
 )
@@ -159,9 +175,10 @@ def test_what_is_not_read_is_named_in_one_line_and_the_rest_drives(tmp_path, cap
     assert "\n" not in record.getMessage()
 
 
-def room(x=8.0, y=8.0, at=(0.0, 0.0)):
+def room(x=8.0, y=8.0, at=(0.0, 0.0), door=0.0):
     """Walls all around x by y metres, and two half walls in them where the room is high enough."""
-    walls = [(0, y / 2, x, 0.1), (0, -y / 2, x, 0.1), (x / 2, 0, 0.1, y + 0.1), (-x / 2, 0, 0.1, y + 0.1)]
+    walls = [(side * (x + door) / 4, y / 2, (x - door) / 2, 0.1) for side in (-1, 1)]
+    walls += [(0, -y / 2, x, 0.1), (x / 2, 0, 0.1, y + 0.1), (-x / 2, 0, 0.1, y + 0.1)]
     halves = [(-0.19 * x, 1, 0.62 * x, 0.1), (0.19 * x, -1, 0.62 * x, 0.1)] if y > 4 else []
     return "".join(
         f'<model name="w{n}"><static>1</static><pose>{cx + at[0]} {cy + at[1]} 0.5 0 0 0</pose><link name="l">'
@@ -170,9 +187,22 @@ def room(x=8.0, y=8.0, at=(0.0, 0.0)):
     )
 
 
-@pytest.mark.parametrize(("x", "y", "at"), [(8.0, 8.0, (0.0, 0.0)), (12.0, 3.0, (0.0, 0.0)), (6.0, 9.0, (20.0, -5.0))])
-def test_a_course_lies_inside_closed_walls(tmp_path, x, y, at):
-    course = worlds.load(put(tmp_path, sdf(room(x, y, at)), "room.world")).course
+HERE, THERE = (0.0, 0.0), (20.0, -5.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "at", "door", "beside"),
+    [
+        (8.0, 8.0, HERE, 0.0, ""),
+        (12.0, 3.0, HERE, 0.0, ""),
+        (6.0, 9.0, THERE, 0.0, ""),
+        (8.0, 8.0, HERE, 0.9, cylinder(15, 0)),
+        (8.0, 8.0, THERE, 2.0, ""),
+        (8.0, 8.0, HERE, 0.0, "<model name='r'><plugin name='p' filename='libgazebo_ros_diff_drive.so'/></model>"),
+    ],
+)
+def test_a_course_lies_inside_walls_and_their_doors(tmp_path, x, y, at, door, beside):
+    course = worlds.load(put(tmp_path, sdf(room(x, y, at, door) + beside), "room.world")).course
     assert (np.abs(course.path - at) < (x / 2, y / 2)).all()
     assert np.ptp(course.path, axis=0).max() > max(x, y) - 2.0  # from one end to the other
     if y > 4:
@@ -189,6 +219,23 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
     assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
 
 
+def test_a_ring_of_pillars_is_no_room(tmp_path):
+    pillars = [cylinder(4 * np.cos(a), 4 * np.sin(a), 0.3) for a in np.arange(16) * np.pi / 8]
+    course = worlds.load(put(tmp_path, sdf("".join(pillars)), "ring.world")).course
+    assert course.start[1] < -4 < 4 < course.goal[1]
+
+
+def test_walls_that_are_no_room_are_not_driven_along_outside(tmp_path):
+    with pytest.raises(worlds.WorldError, match=r"no passage of 0.60 m along y; .* --course X Y X Y"):
+        worlds.load(put(tmp_path, sdf(room(8.0, 4.0, door=7.0)), "room.world"))
+
+
+def test_bytes_that_gazebos_parser_passes_over(tmp_path):
+    text = "<!-- a -- \xfc -->\n<?xml version='1.0' encoding='latin-1'?>" + sdf(cylinder(0, 0)).replace("unit", "\xfc")
+    (tmp_path / "w.world").write_bytes(b"\xef\xbb\xbf" + text.encode("latin-1"))
+    assert len(worlds.load(str(tmp_path / "w.world")).cylinders) == 1
+
+
 def test_a_world_of_stage_is_named_as_such(tmp_path):
-    with pytest.raises(worlds.WorldError, match="is a world of Stage"):
+    with pytest.raises(worlds.WorldError, match="a world of Stage"):
         worlds.load(put(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world"))

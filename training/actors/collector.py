@@ -92,11 +92,5 @@ def layout_of(env: gymnasium.Env) -> TransitionLayout:
         raise ValueError(f"observations and actions must be vectors, these have the shapes {shapes[0]} and {shapes[1]}")
     (observation,), (action,) = shapes  # type: ignore[misc]
     beams = getattr(env, "scan_beams", 0)
-    return TransitionLayout(
-        beams,
-        observation - beams,
-        action,
-        getattr(env, "scans", 1),
-        getattr(env, "odd", (0,)),
-        getattr(env, "hidden", 0),
-    )
+    more = getattr(env, "scans", 1), getattr(env, "odd", (0,)), getattr(env, "hidden", 0)
+    return TransitionLayout(beams, observation - beams, action, *more)

@@ -12,33 +12,21 @@ import threading
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from itertools import islice
 from queue import SimpleQueue
-from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Protocol, Set, Tuple, TypeVar
+from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Set, Tuple, TypeVar, Union
 
 from applr_ros1.common.errors import ApplrError
 from training.actors.process import ChildProcess, WorkerDied, attempt
-from training.actors.ray import RayCluster
+from training.actors.ray import RayActor, RayCluster
 
 GIVE_UP = 8  # workers that die one after the other without a single answer: something is wrong with all of them
 TRIES = 3  # times that a call is executed before its workers' deaths count as its error
 CALL_SECONDS = 900.0  # without an answer, after which a worker counts as hung
 T = TypeVar("T")
+Worker = Union[ChildProcess, RayActor]  # executes calls elsewhere, one after the other
 
 
 class CallFailed(Exception):
     """A call ended by an error, of one line, or its workers died; the pool goes on."""
-
-
-class Worker(Protocol):
-    """What executes calls elsewhere, one after the other. Whoever makes one starts it."""
-
-    def when_ready(self, callback: Callable[[], None]) -> None:
-        """Calls back, perhaps later and from another thread, when calls can be sent."""
-
-    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Tuple[Any, str]:
-        """(result, "") or (None, error) of process.attempt there. Raises WorkerDied, also after so many seconds."""
-
-    def end(self) -> None:
-        """End the worker, from whichever thread; what it is doing is lost."""
 
 
 class Pool(Executor):

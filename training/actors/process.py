@@ -11,10 +11,8 @@ import time
 import traceback
 from functools import lru_cache
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, Callable, Dict, Tuple
 
-ROOT = str(Path(__file__).resolve().parents[2])
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -61,9 +59,8 @@ class ChildProcess:
 
 
 def environment() -> Dict[str, str]:
-    """Variables of a worker's process: one thread, and where it finds this repository and a person's own modules."""
-    path = os.pathsep.join([ROOT] + [folder for folder in sys.path if folder])
-    return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
+    """Variables of a worker's process: one thread, and where this one finds this package and a person's own modules."""
+    return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Tuple[Any, str]:

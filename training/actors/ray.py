@@ -35,13 +35,8 @@ class RayCluster:
         options: Dict[str, Any] = {"num_cpus": workers, "_node_ip_address": "127.0.0.1"} if address == "local" else {}
         if not ray.is_initialized():
             try:
-                ray.init(
-                    address,
-                    include_dashboard=False,
-                    logging_level=logging.ERROR,
-                    runtime_env={"env_vars": environment()},
-                    **options,
-                )
+                options.update(include_dashboard=False, logging_level=logging.ERROR)
+                ray.init(address, runtime_env={"env_vars": environment()}, **options)
             except Exception as error:  # Ray raises many kinds
                 raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
         if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
@@ -55,7 +50,7 @@ class RayCluster:
 
 
 class RayActor:
-    """An actor that executes calls one after the other (pool.Worker)."""
+    """An actor that executes calls one after the other, as a ChildProcess does."""
 
     def __init__(self, cluster: RayCluster):
         self._ray, self._put = cluster.ray, cluster.put

@@ -9,26 +9,30 @@ from __future__ import annotations
 import bz2
 import json
 import re
-from contextlib import contextmanager
+import sqlite3
+from collections import Counter
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Set, Tuple
 
 import lz4.frame
 import numpy as np
-import yaml
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import reader as rosbag1
-from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import reader as rosbag2
+from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.yaml_files import read_yaml
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
+from training.bags.cut_short import open_cut
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
@@ -36,6 +40,9 @@ SECOND = 1_000_000_000
 RUNNING, ENDED = (1, 6), (2, 3, 4, 5)  # actionlib: active, preempting; preempted, succeeded, aborted, rejected
 MAX_UNPACKED = 2**28  # bytes of one chunk; rosbag makes chunks of 768 kB
 PIECE = 2**20
+MAX_DEFINITION, MAX_ELEMENTS = 2**16, 1000  # characters, fixed lengths; MoveBaseActionGoal has 5,000, Odometry 72
+# what may have any name
+TYPES = {"scan": ("LaserScan",), "odometry": ("Odometry",), "command": ("Twist", "TwistStamped")}
 METADATA = "metadata.yaml"  # of a ROS 2 bag
 
 
@@ -47,7 +54,7 @@ class BagError(ApplrError):
 class TopicNames:
     """Where a drive was recorded. parameter_updates are found below move_base, whatever the layers are called."""
 
-    scan: str = "/front/scan"
+    scan: str = "/front/scan"  # first: its namespace is the robot's where there are several
     odometry: str = "/odometry/filtered"
     plan: str = "/move_base/NavfnROS/plan"
     move_base: str = "/move_base"
@@ -55,14 +62,42 @@ class TopicNames:
     applr: str = "/applr"
     command: str = "/cmd_vel"
     demonstration: str = "/demonstration"  # String: JSON of who demonstrated (demonstrate.py)
+    tf: str = "/tf"
+    tf_static: str = "/tf_static"
 
     def needs(self, topic: str) -> bool:
         """Whether messages of a topic are read."""
-        below = [self.move_base + name for name in ("/status", "/result", "/current_goal", "/goal")]
+        below = [self.move_base + name for name in ("/status", "/result", "/current_goal", "/goal", "_simple/goal")]
         named = [value for name, value in vars(self).items() if name not in ("move_base", "applr")]
-        return topic in (*named, *below, self.applr + "/decision", "/tf", "/tf_static") or bool(
-            self.updates.fullmatch(topic)
-        )
+        return topic in (*named, *below, self.applr + "/decision") or bool(self.updates.fullmatch(topic))
+
+    def found(self, connections: Sequence[Any]) -> "TopicNames":
+        """These names, and for what is not recorded there the same below a namespace, or else what is of its type.
+
+        Of several it is that in the scan's namespace, or else that with the most messages, whatever its name.
+        """
+        kinds = {one.topic: one.msgtype.rpartition("/")[2] for one in connections}
+        counts: Dict[str, int] = Counter()
+        for one in connections:
+            counts[one.topic] += one.msgcount
+        chosen, space = {}, ""
+        for name, wanted in vars(self).items():
+            below = re.compile(f"(.*){re.escape(wanted)}(?:/.*)?")
+            spaces = {found[1]: count for topic, count in counts.items() if (found := below.fullmatch(topic))}
+            typed = {topic: counts[topic] for topic, kind in kinds.items() if kind in TYPES.get(name, ())}
+            if "" in spaces or not wanted:
+                continue
+            best = max(spaces, key=lambda one: (one == space, spaces[one]), default="")
+            if best and (best == space or name == "scan" or not typed):
+                chosen[name], space = best + wanted, best if name == "scan" else space
+            else:
+                chosen[name] = max(typed, key=lambda topic: typed[topic], default=space + wanted)
+        return replace(self, **chosen)
+
+    @property
+    def main(self) -> Tuple[str, ...]:
+        """Those without which little can be said of a drive."""
+        return self.scan, self.odometry, self.command, self.move_base, self.tf
 
     @property
     def updates(self) -> "re.Pattern[str]":
@@ -128,7 +163,9 @@ class Recording:
     source: Dict[str, Any] = field(default_factory=dict)  # who demonstrated, and where
     collisions: List[int] = field(default_factory=list)  # when a contact was reported
     transforms: Dict[Tuple[str, str], List[Tuple[int, tuple]]] = field(default_factory=dict)
+    inverted: Set[Tuple[str, str]] = field(default_factory=set)  # of them those whose child hangs upside down
     decisions: List[dict] = field(default_factory=list)  # see _decision
+    cut_short: bool = False  # there is no more of it than its first chunks
     end: int = 0
 
     def __post_init__(self):
@@ -172,6 +209,12 @@ def read_messages(path, topics: TopicNames, robot: robots.Robot) -> Recording:
     return recording
 
 
+def topics_in(path: Path, topics: TopicNames) -> TopicNames:
+    """TopicNames.found in a bag. BagError where it is damaged."""
+    with refused(path), _open(path, topics) as reader:
+        return topics.found([connection for inner in reader.readers for connection in vars(inner)["recorded"]])
+
+
 @contextmanager
 def refused(path) -> Iterator[None]:
     """Around what reads a bag: its errors become a BagError that names the bag."""
@@ -180,8 +223,7 @@ def refused(path) -> Iterator[None]:
     except ApplrError as error:
         raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # rosbags raises many kinds for damaged files
-        open_ended = Path(path).suffix == ".active" or re.search("not indexed|index looks damaged", str(error))
-        remedy = "; it was not closed: try `rosbag reindex`" if open_ended else ""
+        remedy = "; it was not closed: give it the ending .bag" if Path(path).suffix == ".active" else ""
         raise BagError(f"{path}: damaged or not a bag ({reason(error)}){remedy}") from None
 
 
@@ -193,22 +235,44 @@ def _only_needed(reader: Any, path: Path, topics: TopicNames, is_ros1: bool) -> 
     plain = reader.open
 
     def opened() -> None:
-        plain()
+        try:
+            plain()
+        except rosbag1.ReaderError as error:
+            if not re.search("not indexed|index looks damaged", str(error)):
+                raise
+            open_cut(reader)
+            reader.cut_short = True
+        reader.recorded = list(reader.connections)
         reader.connections[:] = [c for c in reader.connections if topics.needs(c.topic)]
         for connection in reader.connections:
-            if connection.msgdef.format != MessageDefinitionFormat.MSG:
-                continue
-            try:
-                store = get_typestore(Stores.EMPTY)
-                store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-                right = not is_ros1 or store.generate_msgdef(connection.msgtype)[1] == connection.digest
-            except Exception:  # of a parser that was not made for what is no definition
-                right = False
-            if not right:
+            if connection.msgdef.format != MessageDefinitionFormat.NONE and not _is_right(connection, is_ros1):
                 what = f"{connection.topic} is {connection.msgtype}, whose message definition in the bag is wrong"
                 raise BagError(f"{path}: {what}: record it with another publisher")
 
     reader.open = opened
+
+
+def _is_right(connection: Any, is_ros1: bool) -> bool:
+    """Whether a message definition can be read, and its checksum is right; one that asks for endless work is wrong.
+
+    rosbags makes a line for each element of an array of fixed length, calculates in IDL, and takes as many elements
+    that have no bytes as a message says.
+    """
+    text = connection.msgdef.data
+    elements = sum(int(length) for length in re.findall(r"\[(?:<=)?(\d{1,9})", text))
+    if connection.msgdef.format != MessageDefinitionFormat.MSG or len(text) > MAX_DEFINITION or elements > MAX_ELEMENTS:
+        return False
+    with suppress(Exception):  # of a parser that was not made for what is no definition
+        types, store = get_types_from_msg(text, connection.msgtype), get_typestore(Stores.EMPTY)
+
+        def is_empty(kind: Any) -> bool:
+            return kind[0] == Nodetype.NAME and kind[1] in types and all(is_empty(k) for _, k in types[kind[1]][1])
+
+        kinds = [kind for _, fields in types.values() for _, kind in fields]
+        if not any(kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) and is_empty(kind[1][0]) for kind in kinds):
+            store.register(types)
+            return not is_ros1 or store.generate_msgdef(connection.msgtype)[1] == connection.digest
+    return False
 
 
 def _open(path: Path, topics: TopicNames) -> AnyReader:
@@ -222,8 +286,11 @@ def _open(path: Path, topics: TopicNames) -> AnyReader:
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise BagError(f"{path}: {file.name} is a pipe or device; give a regular file")
+        if file.suffix == ".db3":
+            with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
+                files.check_tables(database, file)
     if path.is_dir():
-        about = yaml.safe_load(files.read_bytes(str(path / METADATA), PIECE))["rosbag2_bagfile_information"]
+        about = read_yaml(path / METADATA)["rosbag2_bagfile_information"]
         if about.get("compression_mode", "").lower() not in ("", "none"):
             raise BagError(f"{path}: its files or messages are compressed; rosbags-convert makes a bag that is not")
     # rosbags 0.11.9 (requirements/training.txt) unpacks a chunk of a few kilobytes to any size in one call, and has no
@@ -232,6 +299,8 @@ def _open(path: Path, topics: TopicNames) -> AnyReader:
     rosbag1.decompressors["lz4"] = lambda data: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["lz4"] = lambda data, size: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, size: unpack(storage_mcap.zstd.ZstdDecompressor, data)
+    for module in (rosbag2, storage_mcap, storage_sqlite3):  # YAML in YAML, which nothing here needs
+        vars(module)["parse_qos"] = lambda text: []
     reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
     for inner in reader.readers:
         _only_needed(inner, path, topics, not reader.is2)
@@ -267,6 +336,7 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
 
 def _fill(recording: Recording, reader: AnyReader) -> None:
     topics, base = recording.topics, recording.topics.move_base
+    recording.cut_short = any(getattr(inner, "cut_short", False) for inner in reader.readers)
     rows_of: Dict[str, Callable[[Any], Iterable[tuple]]] = {
         topics.scan: _scan,
         topics.odometry: _odometry,
@@ -275,11 +345,12 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         base + "/result": lambda m: [(m.status.goal_id.id, int(m.status.status))],
         base + "/current_goal": _goal,
         base + "/goal": lambda m: _goal(m.goal.target_pose),
+        base + "_simple/goal": _goal,
         topics.command: _command,
         topics.demonstration: _demonstrator,
         topics.collision: lambda m: [()] if getattr(m, "data", False) else [],
-        "/tf": _tf,
-        "/tf_static": _tf,
+        topics.tf: _tf,
+        topics.tf_static: _tf,
         topics.applr + "/decision": _decision,
     }
     connections = [c for c in reader.connections if topics.needs(c.topic)]
@@ -303,12 +374,13 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
     recording.status = [(at, running) for at, running, _ in rows[base + "/status"]]
     ended = [(at, *end) for at, _, ends in reversed(rows[base + "/status"]) for end in ends]  # the first one counts
     recording.results = {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]}
-    recording.goals = sorted(rows[base + "/current_goal"] or rows[base + "/goal"])
+    recording.goals = sorted(rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"])
     recording.commands = rows[topics.command]
     recording.source = next((said for _, said in reversed(rows[topics.demonstration])), {})
     recording.collisions = [at for (at,) in rows[topics.collision]]
-    for at, frames, pose in sorted(rows["/tf"] + rows["/tf_static"], key=lambda row: row[0]):
+    for at, frames, pose, up in sorted(rows[topics.tf] + rows[topics.tf_static], key=lambda row: row[0]):
         recording.transforms.setdefault(frames, []).append((at, pose))
+        recording.inverted.update([frames] if up < 0.0 else [])
     recording.decisions = [dict(decision, at=at) for at, decision in rows[topics.applr + "/decision"]]
 
 
@@ -364,7 +436,8 @@ def _demonstrator(message):
 def _tf(message):
     for t in message.transforms:
         frames, p = (t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")), t.transform.translation
-        yield frames, (p.x, p.y, yaw_of(t.transform.rotation))
+        q = t.transform.rotation
+        yield frames, (p.x, p.y, yaw_of(q)), 1.0 - 2.0 * (q.x**2 + q.y**2)
 
 
 def _decision(message):

@@ -27,7 +27,7 @@ from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.description import Laser
-from training.env.outcome import Outcome, Trace
+from training.env.outcome import CLEAR, Outcome, Trace
 
 CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
@@ -125,7 +125,7 @@ class Episode:
             self.prediction.reset()
         self.trace = Trace()
         self._acceleration = None
-        self._jerks = self._turns = 0.0
+        self._jerks = self._turns = self._clearances = 0.0
         self._cycles = 0
         self._scan_due = state.time
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
@@ -178,6 +178,7 @@ class Episode:
         now.phi = self._phi(self.move_base.global_plan)
         now.progress, now.progress_y = self._progress(came_from, state.pose)
         now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
+        now.mean_clearance_m = self._clearances / self._cycles
         self.outcome = now
         return now
 
@@ -201,9 +202,17 @@ class Episode:
             state.odom_twist,
             self.goal,
             plan,
+            self.movers(),
             self.space,
             self.layout,
         )
+
+    def movers(self) -> np.ndarray:
+        """(k, 4) x, y, vx, vy of what the tracker sees moving, in the odometry's frame [m, m/s]."""
+        if self.prediction is None:
+            return np.zeros((0, 4))
+        seen = self.prediction.movers
+        return np.column_stack([seen.x, seen.y, seen.vx, seen.vy])
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
@@ -245,7 +254,9 @@ class Episode:
         x, y, _ = before.pose
         v, w = before.twist
         cycle, state = self._cycle()
-        now.decision_min = min(now.decision_min, self._nearest(self._ranges))
+        near = self._nearest(self._ranges)
+        now.decision_min = min(now.decision_min, near)
+        self._clearances += min(near, CLEAR * self.robot.body.size[1])
         now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
         now.contact |= bool(state.contact)
         now.collided |= now.contact

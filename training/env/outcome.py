@@ -11,6 +11,8 @@ from typing import List, Tuple
 
 import numpy as np
 
+CLEAR = 3.0  # widths of the body beyond which an obstacle is not near
+
 
 @dataclass
 class Outcome:
@@ -28,8 +30,9 @@ class Outcome:
       success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
       timeout (the limit; also set for an abort, which stands until the limit), over
       time_s                seconds since the goal was sent; the full limit where it timed out
-      decisions, path_length_m, min_clearance_m (lowest range), mean_jerk (mean magnitude of the
-      change of acceleration [m/s^3]), mean_turn (the same of the yaw acceleration)
+      decisions, path_length_m, min_clearance_m (lowest range), mean_clearance_m (mean over time of the lowest range,
+      which counts as at most CLEAR widths of the body), mean_jerk (mean magnitude of the change of acceleration
+      [m/s^3]), mean_turn (the same of the yaw acceleration)
     """
 
     ranges: np.ndarray
@@ -50,6 +53,7 @@ class Outcome:
     decisions: int = 0
     path_length_m: float = 0.0
     min_clearance_m: float = math.inf
+    mean_clearance_m: float = 0.0
     mean_jerk: float = 0.0
     mean_turn: float = 0.0
     reason: str = ""  # in words, why the trial is over

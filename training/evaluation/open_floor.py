@@ -1,4 +1,4 @@
-"""Open floor: whether a robot's own parameters drive it at all, before courses compare parameters. try_robot.py asks.
+"""Open floor: whether a robot's own parameters drive it at all, which ./applr try and ./applr tune ask at first.
 
 Four drives with planner and collision monitor, each until move_base says that its goal is reached: straight on, a turn
 on the spot, around a box, and through a door. Where one fails, other values of one parameter at a time are driven on
@@ -103,7 +103,7 @@ class Floor(Episode):
         counts, way = self._counts, outcome.path_length_m
         if not counts["plans"]:
             return "the global planner finds no way"
-        refused, held = counts["refused"] / counts["turns"], sum(self._held.values()) / counts["cycles"]
+        refused, held = counts["refused"] / max(1, counts["turns"]), sum(self._held.values()) / counts["cycles"]
         if refused > OFTEN:
             del self._critics["samples"]
             critic = self._critics.most_common(1)[0][0]
@@ -137,7 +137,7 @@ def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
             name, value, instead_of, _ = change
             lines[-1] = f"Give {name} {value:g} instead of {instead_of:g}: all four drives arrive with it."
             break
-    return False, [*lines, "No courses are driven: what they said about the policy would not hold."]
+    return False, [*lines, "What courses said about other parameters, or the policy, would not hold."]
 
 
 def changes(robot: Robot) -> Iterator[Change]:

@@ -39,8 +39,9 @@ class TrialResult:
     """How a trial went, in the order of the columns of trials.csv.
 
     An environment that knows no courses leaves time_s at NaN and gives only decisions and total_reward. time_s is the
-    full limit where the trial timed out; min_clearance_m is the smallest laser range; mean_turn the mean
-    |yaw acceleration|; switching the mean change of the parameters per decision, in action units.
+    full limit where the trial timed out; min_clearance_m is the smallest laser range, mean_clearance_m its mean over
+    time (training/env/outcome.py); mean_turn the mean |yaw acceleration|; switching the mean change of the parameters
+    per decision, in action units.
     """
 
     success: bool = False
@@ -55,6 +56,7 @@ class TrialResult:
     mean_jerk: float = 0.0  # [m/s^3]
     mean_turn: float = 0.0  # [rad/s^2]
     switching: float = 0.0
+    mean_clearance_m: float = 0.0
     total_reward: float = 0.0
 
 

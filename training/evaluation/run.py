@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import time
+from contextlib import closing
 from functools import partial
 from pkgutil import resolve_name
-from typing import Any, Dict, Iterable, Literal, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Literal, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -30,7 +30,7 @@ from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.env.settings import TrialSettings
 from training.evaluation.plan import Trial, TrialResult, plan_trials
-from training.evaluation.store import TRIALS, TrialStore
+from training.evaluation.store import TrialStore
 from training.evaluation.trials import TRIAL_RUNNER, described, drive_missing, world_list
 from worlds import World
 
@@ -64,29 +64,46 @@ class EvaluationOptions(Options):
     # fmt: on
 
 
-def evaluate(options: EvaluationOptions) -> None:
-    """Drives what is missing in the folder options.out.
+def evaluate(
+    options: EvaluationOptions, blocks: Optional[Callable[[TrialStore], Iterable[Sequence[Trial]]]] = None
+) -> TrialStore:
+    """Drives trials that the folder options.out does not hold, and returns it, closed.
+
+    Args:
+        options: what to drive, and how.
+        blocks: of trials of the store's plan, each asked for when the last one is done; None: one, the whole plan.
 
     Raises:
         ApplrError: with one line; what was driven so far is kept.
     """
+    began = time.monotonic()
     worlds = world_list(options.worlds, options.protocol, options.robot)
     chosen = methods.parse(options.methods, options.robot)
-    trials = plan_trials(
-        [w[:2] for w in worlds],
-        chosen,
-        options.trials,
-        options.seed,
-        options.traces,
-        options.planner,
-    )
-    store = TrialStore(options.out, settings(options, worlds, chosen), trials)
-    try:
-        if len(store.results) < len(trials):
-            drive(store, options)
-    finally:
-        store.close()
-    print(f"{len(trials)} trials in {os.path.join(options.out, TRIALS)}")
+    names = [world[:2] for world in worlds]
+    plan = plan_trials(names, chosen, options.trials, options.seed, options.traces, options.planner)
+    if options.ground:
+        on_ground(options.robot, options.ground)  # refused here, not by every worker
+    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers", "ground")}
+    runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
+
+    def show(trial: Trial, result: TrialResult) -> None:
+        bar.update()
+        how = f"{result.time_s:.1f} s" if result.success else result.reason
+        bar.set_postfix_str(f"{trial.world} {trial.method} {how}", refresh=False)
+
+    with closing(TrialStore(options.out, settings(options, worlds, chosen), plan)) as store:
+        missing = len(plan) - len(store.results)
+        workers, total = min(options.workers, missing), None if blocks else len(plan)
+        bar = tqdm(total=total, initial=len(store.results), unit="trial", dynamic_ncols=True, smoothing=0.05)
+        with bar, make_pool(workers, options.ray_address) as pool:
+            try:
+                for block in (blocks(store) if blocks else [plan]) if missing else []:
+                    drive_missing(pool, runner, block, store, show)
+            finally:
+                if missing:
+                    seconds = time.monotonic() - began
+                    store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)
+        return store
 
 
 def settings(
@@ -118,34 +135,3 @@ def settings(
 def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
     method = methods.make(spec, options.robot)
     return {**method.describe(), "period_s": method.period}
-
-
-def drive(store: TrialStore, options: EvaluationOptions, blocks: Optional[Iterable[Sequence[Trial]]] = None) -> None:
-    """Drives trials that the store does not hold: block after block, each asked for when the last one is done.
-
-    Args:
-        store: has the plan, and takes the results.
-        options: how to drive.
-        blocks: of trials of the plan; None: one, the whole plan.
-    """
-    began = time.monotonic()
-    done, wanted = len(store.results), len(store.plan)
-    workers = min(options.workers, wanted - done)
-    if options.ground:
-        on_ground(options.robot, options.ground)  # refused here, not by every worker
-    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers", "ground")}
-    runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
-    bar = tqdm(total=wanted if blocks is None else None, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
-
-    def show(trial: Trial, result: TrialResult) -> None:
-        bar.update()
-        how = f"{result.time_s:.1f} s" if result.success else result.reason
-        bar.set_postfix_str(f"{trial.world} {trial.method} {how}", refresh=False)
-
-    with bar, make_pool(workers, options.ray_address) as pool:
-        try:
-            for block in [store.plan] if blocks is None else blocks:
-                drive_missing(pool, runner, block, store, show)
-        finally:
-            seconds = time.monotonic() - began
-            store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)

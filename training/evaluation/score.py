@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, NamedTuple, Sequence
+from typing import Any, Dict, Iterable, List, NamedTuple, Sequence
 
 import numpy as np
 from scipy import stats
 
 from applr_ros1.robots import Robot
 from training.env.episode import TIME_LIMIT
+from training.env.outcome import CLEAR
 from training.evaluation.plan import TrialResult
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
@@ -32,31 +33,73 @@ def trial_seconds(
 class Aim(NamedTuple):
     """What parameters are tuned for: prices beside a trial's time, in optimal times.
 
-    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time;
-    contact: more where the robot touched something; near: more the nearer its laser came to
-    something, nothing beyond 1.5 of the body's widths, all at half a width; jerk and turn: times the mean change of
-    acceleration and the mean yaw acceleration, in the base's largest speeds [1/s^2] and [1/s].
+    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time; contact:
+    more where the robot touched something; slower: of each optimal time that it takes beyond the mean with the robot's
+    own parameters; near: of each width of the body by which the mean clearance is short of CLEAR widths; jerk and turn:
+    of the mean change of acceleration and the mean yaw acceleration, over those with its own parameters.
     """
 
     failure: float
     contact: float
+    slower: float = 0.0
     near: float = 0.0
     jerk: float = 0.0
     turn: float = 0.0
 
-    def seconds(self, result: TrialResult, robot: Robot) -> float:
+    def seconds(self, result: TrialResult, robot: Robot, own: Own) -> float:
         """What a trial costs [s]."""
-        optimal, width, base = result.route_m / robot.base.max_speed, robot.body.size[1], robot.base
-        short = float(np.clip(1.5 - result.min_clearance_m / width, 0.0, 1.0))
-        jerk, turn = result.mean_jerk / base.max_speed, result.mean_turn / base.max_yaw_rate
-        price = self.contact * result.collided + self.near * short + self.jerk * jerk + self.turn * turn
-        return (result.time_s if result.success else self.failure * optimal) + price * optimal
+        optimal = result.route_m / robot.base.max_speed
+        price = result.time_s / optimal if result.success else self.failure
+        price += self.slower * max(0.0, price - own.pace) * result.success + self.contact * result.collided
+        price += self.near * (CLEAR - result.mean_clearance_m / robot.body.size[1])
+        price += self.jerk * result.mean_jerk / own.jerk + self.turn * result.mean_turn / own.turn
+        return price * optimal
+
+    def asked(self) -> List[Quantity]:
+        """What it is named for beside time, failures and contacts."""
+        return [quantity for name, quantity in QUANTITIES.items() if getattr(self, name)]
 
 
+class Own(NamedTuple):
+    """What a robot does with its own parameters: means over drives that arrive."""
+
+    pace: float = math.inf  # time in optimal times
+    jerk: float = 1.0  # [m/s^3]
+    turn: float = 1.0  # yaw acceleration [rad/s^2]
+
+    @classmethod
+    def of(cls, results: Iterable[TrialResult], robot: Robot) -> Own:
+        """From trials with them; those that fail do not count, and where all do, nothing is known."""
+        good = [result for result in results if result.success]
+        if not good:
+            return cls()
+        times = [result.time_s * robot.base.max_speed / result.route_m for result in good]
+        jerk, turn = (_mean([getattr(result, name) for result in good]) for name in ("mean_jerk", "mean_turn"))
+        return cls(_mean(times), jerk or 1.0, turn or 1.0)
+
+
+class Quantity(NamedTuple):
+    """Something that an aim prices: its name, TrialResult's, its unit, and 1 where more of it is better, or else -1."""
+
+    name: str
+    column: str
+    unit: str
+    better: int
+
+    def loss(self, result: TrialResult) -> float:
+        """Its value in a trial, with the sign with which less is better."""
+        return -self.better * float(getattr(result, self.column))
+
+
+QUANTITIES = {
+    "near": Quantity("clearance", "mean_clearance_m", "m", 1),
+    "jerk": Quantity("jerk", "mean_jerk", "m/s^3", -1),
+    "turn": Quantity("yaw acceleration", "mean_turn", "rad/s^2", -1),
+}
 AIMS = {
     "fast": Aim(failure=20.0, contact=4.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
-    "careful": Aim(failure=20.0, contact=20.0, near=5.0),
-    "smooth": Aim(failure=20.0, contact=4.0, jerk=0.4, turn=4.0),
+    "careful": Aim(failure=100.0, contact=40.0, slower=10.0, near=60.0),
+    "smooth": Aim(failure=60.0, contact=20.0, slower=10.0, jerk=15.0, turn=10.0),
 }
 
 

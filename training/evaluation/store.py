@@ -43,6 +43,8 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
     try:
         found = pd.read_csv(io.BytesIO(whole), dtype=COLUMNS, index_col=False, keep_default_na=False, na_values=NAN)
+        if "mean_clearance_m" not in found:  # a table of before that was noted
+            found.insert(found.shape[1] - 1, "mean_clearance_m", np.nan)
         if list(found.columns) != list(COLUMNS) or found["total_reward"].isna().any():
             raise ValueError("other columns, or a row without some of them")
     except ValueError as error:

@@ -168,6 +168,7 @@ class TrialRunner:
             mean_jerk=float(outcome.mean_jerk),
             mean_turn=float(outcome.mean_turn),
             switching=float(np.mean(changes)),
+            mean_clearance_m=float(outcome.mean_clearance_m),
             decisions=int(outcome.decisions),
             total_reward=float(total),
         )

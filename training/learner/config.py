@@ -11,12 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence
 
-import yaml
 from pydantic import ConfigDict, Field, model_validator
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_bytes, read_json
+from applr_ros1.common.files import read_json
+from applr_ros1.common.yaml_files import read_yaml
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
@@ -311,10 +311,7 @@ def recipe(name: str) -> Dict[str, Any]:
     if not name.endswith(".yaml") and name not in recipes():
         raise ApplrError(f"--recipe {name} is unknown: give {', '.join(recipes())} or a .yaml file")
     path = Path(name) if name.endswith(".yaml") else RECIPES / (name + ".yaml")
-    try:
-        values = yaml.safe_load(read_bytes(path).decode())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ApplrError(f"{path}: not YAML ({str(error).splitlines()[0]})") from None
+    values = read_yaml(path)
     return _of_file(values, path).model_dump(include=set(values))
 
 

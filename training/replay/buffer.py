@@ -116,13 +116,8 @@ class Replay:
         rows = self.draw(rng, size)
         reward, discount, after = self.n_step_return(rows, n, gamma)
         mirrored = size // 2 if mirror else 0
-        return Sample(
-            *self._observations(rows, mirrored),
-            self.action[rows],
-            reward,
-            discount,
-            *self._observations(after, mirrored),
-        )
+        now, then = (self._observations(places, mirrored) for places in (rows, after))
+        return Sample(*now, self.action[rows], reward, discount, *then)
 
     def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """Observations as (scan, rest), the first `mirrored` of them with left and right exchanged.
@@ -140,7 +135,5 @@ def _check_memory(rows: int, row: int) -> None:
     """ApplrError where the replay, once full, would not fit this machine: better now than killed after days."""
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > there:
-        raise ApplrError(
-            f"a replay of {rows} rows takes {rows * row / 1e9:.1f} GB, this machine has {there / 1e9:.1f} GB; give a "
-            "smaller --buffer-size"
-        )
+        takes = f"a replay of {rows} rows takes {rows * row / 1e9:.1f} GB"
+        raise ApplrError(f"{takes}, this machine has {there / 1e9:.1f} GB; give a smaller --buffer-size")

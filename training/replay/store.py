@@ -19,11 +19,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
 
-from applr_ros1.common.files import StorageError, sha256
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError, check_tables, json_value, sha256
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
 NAME = "replay.sqlite"  # in the folder of a run or of a dataset
 VERSION = 2  # of the tables
+ROW = 64  # bytes: no row is smaller, its checksum takes so many
 TABLES = f"""
 BEGIN;
 CREATE TABLE episodes (
@@ -65,6 +67,8 @@ class TrajectoryStore:
             address = f"{self.path.absolute().as_uri()}?mode={'rwc' if self._writes else 'ro'}"
             self._db = sqlite3.connect(address, uri=True, isolation_level=None)
             if layout is None:
+                with suppress(sqlite3.DatabaseError):  # a file that was cut
+                    check_tables(self._db, self.path)
                 self._db.execute("PRAGMA writable_schema = ON")  # else sqlite reads nothing of a file that was cut
             else:
                 self._db.execute("PRAGMA journal_mode = WAL")
@@ -134,7 +138,7 @@ class TrajectoryStore:
             row = self._db.execute("SELECT * FROM about WHERE name = ?", (name,)).fetchone()
             if row and row[-1] != sha256(*row[:-1]):
                 raise sqlite3.DatabaseError(f"the checksum of its {name} is wrong")
-            return json.loads(row[1]) if row else {}
+            return json_value(row[1]) if row else {}
 
     def trajectories(self, since: int = 0, until: Optional[int] = None) -> Iterator[Tuple[int, Trajectory]]:
         """(id, trajectory), checked, with since < id <= until, but for those whose arrays were dropped or damaged."""
@@ -155,11 +159,15 @@ class TrajectoryStore:
     def last(self) -> int:
         """The id of the newest episode; 0 where there is none. For a reader, of the newest that can be found."""
         try:
-            return self._number("SELECT COALESCE(MAX(id), 0) FROM episodes")
+            last = self._number("SELECT COALESCE(MAX(id), 0) FROM episodes")
         except StorageError:
             if self._writes:
                 raise
-        return max((number for table in ("episodes", "arrays") for number in self._ids(table)), default=0)
+            last = max((number for table in ("episodes", "arrays") for number in self._ids(table)), default=0)
+        files = self.path, self.path.with_name(self.path.name + "-wal")
+        if last > sum(file.stat().st_size for file in files if file.exists()) / ROW:
+            raise StorageError(f"{self.path}: damaged (its newest episode is number {last})")
+        return last
 
     @property
     def transitions(self) -> int:
@@ -200,7 +208,8 @@ class TrajectoryStore:
         for number in range(first, last + 1):
             row = self._row("episodes", number)
             if row is not None:
-                yield dict(json.loads(row[4]), transitions=row[3])
+                with self._refusals():
+                    yield dict(json_value(row[4]), transitions=int(row[3]))
 
     def _row(self, table: str, number: int) -> Optional[Tuple[Any, ...]]:
         """One row of a table; None, and said on stderr, where it is damaged."""
@@ -232,5 +241,13 @@ class TrajectoryStore:
             yield
         except sqlite3.IntegrityError:
             raise
-        except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
+        except ApplrError:
+            raise
+        except (
+            sqlite3.Error,
+            OSError,
+            TypeError,
+            ValueError,
+            OverflowError,
+        ) as error:  # the latter of a stranger's row
             raise StorageError(f"{self.path}: cannot be used ({error}); the last checkpoint is intact") from None

@@ -60,11 +60,8 @@ def times(results: Results, folder: Path) -> Optional[str]:
     figure, axes = canvas(len(sets), size=(8.0, 4.0) if len(sets) == 1 else (5.5, 4.0))
     shade = colors(results)
     for ax, name in zip(axes[0], sets):
-        mean = (
-            results.trials[results.trials.success & (results.trials.set == name)]
-            .groupby(["method", "world"])
-            .time_s.mean()
-        )
+        good = results.trials[results.trials.success & (results.trials.set == name)]
+        mean = good.groupby(["method", "world"]).time_s.mean()
         ordered = mean[results.baseline].sort_values().index if results.baseline in mean else []
         for method in results.methods:
             points = [(n, mean[method, world]) for n, world in enumerate(ordered) if (method, world) in mean]

@@ -59,10 +59,8 @@ def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: S
         print(f"the report is without pictures: {missing}")
     pictures = [] if missing else _pictures(results, out)
     shown = [_picture(*picture) for picture in pictures]
-    body = [
-        f"<h1>{html.escape(title)}</h1>",
-        *(f"<p class=verdict>{html.escape(s)}</p>" for s in said or summary(results)),
-    ]
+    verdict = [f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in said or summary(results)]
+    body = [f"<h1>{html.escape(title)}</h1>", *verdict]
     body += [table.html() for table in tables[:1]] + shown[:1]
     if drives.write(results, out, title):
         paths = next((file for file, _ in pictures if file.startswith("paths_")), "")
@@ -85,18 +83,14 @@ def _picture(file: str, caption: str) -> str:
 
 def _pictures(results: Results, out: Path) -> List[Tuple[str, str]]:
     """The pictures as a list of (file, caption)."""
-    times = (
-        f"Traversal time against world index, ordered by {results.baseline}'s time, with linear fits (the paper's "
-        "figure of training and test environments)"
-    )
+    times = f"Traversal time against world index, ordered by {results.baseline}'s time, with linear fits (the paper's "
+    times += "figure of training and test environments)"
     found = [(figures.times(results, out), times)]
     for world in figures.chosen(results):
         found.append((figures.paths(results, out, world), f"Driven paths over the map of {world}"))
         for method in [m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})][:3]:
-            profile = (
-                f"Parameters of {method} along {world}: regions by the room around the robot; dotted: θ₀ (the paper's "
-                "parameter profiles)"
-            )
+            profile = f"Parameters of {method} along {world}: regions by the room around the robot; dotted: θ₀ "
+            profile += "(the paper's parameter profiles)"
             found.append((figures.profile(results, out, world, method), profile))
     return [(file, caption) for file, caption in found if file]
 
@@ -111,7 +105,6 @@ def _facts(results: Results) -> List[str]:
         f"Protocol {s['protocol']}. {PROTOCOLS[s['protocol']].sentence}",
     ]
     if "wall_s" in s:
-        facts.append(
-            f"Wall time {tqdm.format_interval(s['wall_s'])}; base seed {s['seed']}, the same seeds for every method."
-        )
+        wall = tqdm.format_interval(s["wall_s"])
+        facts.append(f"Wall time {wall}; base seed {s['seed']}, the same seeds for every method.")
     return facts + sentences(s.get("provenance", []))

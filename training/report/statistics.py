@@ -81,7 +81,7 @@ def wilson(share: float, n: float) -> Tuple[float, float]:
     """Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
     z = float(stats.norm.ppf(0.975))
     middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
-    return (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
+    return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
 
 
 def mean_time(trials: pd.DataFrame) -> Estimate:

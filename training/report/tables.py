@@ -8,7 +8,7 @@ from __future__ import annotations
 import html
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Dict, List, Sequence
+from typing import Callable, Dict, Iterator, List, Sequence
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,7 @@ from training.report import paper, statistics
 from training.report.data import SETS, Results
 
 NONE = "–"
+Rows = Iterator[Dict[str, str]]
 
 
 @dataclass
@@ -62,6 +63,9 @@ class Table:
         return f"{title}<div class=wide>{table}</div>{notes}"
 
 
+Made = Callable[[Results], Table]
+
+
 def number(value: float, digits: int = 2) -> str:
     """A number with so many decimals, NONE where there is none."""
     return f"{value:.{digits}f}" if np.isfinite(value) else NONE
@@ -77,77 +81,83 @@ def share(n: int, total: int) -> str:
     return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
 
 
-def table_1(results: Results) -> Table:
+def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
+    """Makes a Table of a function that yields its rows, with the name of that function. Arguments: as of Table.of."""
+
+    def of(rows: Callable[[Results], Rows]) -> Made:
+        return lambda results: Table.of(rows.__name__, title, list(rows(results)), *notes, of_paper=of_paper)
+
+    return of
+
+
+@table(
+    "Table I: average traversal time",
+    "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
+    "the mean over all trials, a failed one counting as the limit. Intervals by bootstrap over worlds. In "
+    "two-second decisions: seconds / 2.",
+    of_paper=(
+        paper.UNIT,
+        f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
+    ),
+)
+def table_1(results: Results) -> Rows:
     """Average traversal times, in seconds and in two-second decisions."""
-    rows = []
     for name, method, trials in results.groups():
         mean, low, high = statistics.mean_time(trials)
         found = results.compare(method, results.baseline, results.of_set(name))
         gain, least, most = found.gain
         rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
-        rows.append(
-            {
-                "worlds": name,
-                "method": method,
-                "time [s]": number(mean),
-                "95 % interval": span(low, high),
-                "two-second decisions": number(mean / PERIOD),
-                "successes": f"{trials.success.sum()} of {len(trials)}",
-                f"faster than {results.baseline} [s]": number(-found.difference.value) if rival else NONE,
-                "faster [%]": number(100 * gain, 1) if rival else NONE,
-                "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
-                "paper [decisions]": number(stated),
-                "paper [s]": number(stated * PERIOD),
-            }
-        )
-    return Table.of(
-        "table_1",
-        "Table I: average traversal time",
-        rows,
-        "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
-        "the mean over all trials, a failed one counting as the limit. Intervals by bootstrap over worlds. In "
-        "two-second decisions: seconds / 2.",
-        of_paper=(
-            paper.UNIT,
-            f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
-        ),
-    )
+        yield {
+            "worlds": name,
+            "method": method,
+            "time [s]": number(mean),
+            "95 % interval": span(low, high),
+            "two-second decisions": number(mean / PERIOD),
+            "successes": f"{trials.success.sum()} of {len(trials)}",
+            f"faster than {results.baseline} [s]": number(-found.difference.value) if rival else NONE,
+            "faster [%]": number(100 * gain, 1) if rival else NONE,
+            "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
+            "paper [decisions]": number(stated),
+            "paper [s]": number(stated * PERIOD),
+        }
 
 
-def table_2(results: Results) -> Table:
+@table(
+    "Table II: worlds in which one method is significantly faster",
+    "Two-sided Welch t-test of the successful trials' times at .05, in each world; a world with "
+    "fewer than two successes on a side cannot be tested and counts for neither.",
+    "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
+)
+def table_2(results: Results) -> Rows:
     """Welch tests per world."""
-    base, rows = results.baseline, []
+    base = results.baseline
     for name, method, trials in results.groups(results.rivals):
         tests = statistics.welch(trials, results.of(base, results.of_set(name)))
         counts = statistics.count(tests) + statistics.count(tests, corrected=True)
         shares = [share(n, len(tests)) for n in counts]
         stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
-        rows.append(
-            {
-                "worlds": name,
-                "method": method,
-                "tested": f"{tests.p.count()} of {len(tests)}",
-                "method better": shares[0],
-                f"{base} better": shares[1],
-                "method better (Holm)": shares[2],
-                f"{base} better (Holm)": shares[3],
-                "paper: applr better": stated[0],
-                "paper: dwa better": stated[1],
-            }
-        )
-    return Table.of(
-        "table_2",
-        "Table II: worlds in which one method is significantly faster",
-        rows,
-        "Two-sided Welch t-test of the successful trials' times at .05, in each world; a world with "
-        "fewer than two successes on a side cannot be tested and counts for neither.",
-        "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
-    )
+        yield {
+            "worlds": name,
+            "method": method,
+            "tested": f"{tests.p.count()} of {len(tests)}",
+            "method better": shares[0],
+            f"{base} better": shares[1],
+            "method better (Holm)": shares[2],
+            f"{base} better (Holm)": shares[3],
+            "paper: applr better": stated[0],
+            "paper: dwa better": stated[1],
+        }
 
 
-def table_3(results: Results) -> Table:
+@table(
+    "Table III: the same by difficulty",
+    "Thirds of all training and test worlds of this evaluation, by the baseline's mean time over all trials "
+    "(a failed one counts as the limit).",
+    of_paper=("(*) " + paper.SWAP_SLIP,),
+)
+def table_3(results: Results) -> Rows:
     """The same by thirds of difficulty."""
-    base, thirds, rows = results.baseline, results.thirds(), []
+    base, thirds = results.baseline, results.thirds()
     parts = {part: set(results.of_set(part)) for part in SETS[:2]}
     for third, part in paper.THIRDS:
         worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
@@ -159,31 +169,26 @@ def table_3(results: Results) -> Table:
                 mark = " (*)" if (third, part) in paper.SWAPPED else ""
                 theirs = paper.THIRDS[third, part]
                 stated = f"{theirs[0]} %", f"{theirs[1]} %{mark}"
-            rows.append(
-                {
-                    "worlds": f"{third} {part}",
-                    "method": method,
-                    "n": str(len(tests)),
-                    "method better": share(better, len(tests)),
-                    f"{base} better": share(worse, len(tests)),
-                    f"{base} mean time, all trials [s]": number(results.of(base, worlds).counted.mean()),
-                    "paper: applr better": stated[0],
-                    "paper: dwa better": stated[1],
-                }
-            )
-    return Table.of(
-        "table_3",
-        "Table III: the same by difficulty",
-        rows,
-        f"Thirds of all training and test worlds of this evaluation, by {base}'s mean time over all trials "
-        "(a failed one counts as the limit).",
-        of_paper=("(*) " + paper.SWAP_SLIP,),
-    )
+            yield {
+                "worlds": f"{third} {part}",
+                "method": method,
+                "n": str(len(tests)),
+                "method better": share(better, len(tests)),
+                f"{base} better": share(worse, len(tests)),
+                f"{base} mean time, all trials [s]": number(results.of(base, worlds).counted.mean()),
+                "paper: applr better": stated[0],
+                "paper: dwa better": stated[1],
+            }
 
 
-def table_4(results: Results) -> Table:
+@table(
+    "Table IV: traversal time on the physical course",
+    "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
+    "mean and standard deviation over the successful trials.",
+    of_paper=("The paper's numbers are from the real robot, five trials each.",),
+)
+def table_4(results: Results) -> Rows:
     """The physical course, with failures named."""
-    rows = []
     for method in results.methods:
         trials = results.of(method, ["physical_course"])
         if trials.empty:
@@ -191,32 +196,31 @@ def table_4(results: Results) -> Table:
         times = trials.time_s[trials.success]
         failures = trials.reason[~trials.success].replace("", "failed").value_counts(sort=False)
         deviation = times.std() if len(times) > 1 else 0.0
-        rows.append(
-            {
-                "method": method,
-                "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
-                "successes": f"{trials.success.sum()} of {len(trials)}",
-                "failures": "; ".join(f"{n}: {why}" for why, n in failures.items()) or "none",
-                "contacts": f"{trials.collided.sum()} of {len(trials)}",
-                "paper [s]": paper.PHYSICAL.get(method, NONE),
-            }
-        )
-    return Table.of(
-        "table_4",
-        "Table IV: traversal time on the physical course",
-        rows,
-        "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
-        "mean and standard deviation over the successful trials.",
-        of_paper=("The paper's numbers are from the real robot, five trials each.",),
-    )
+        yield {
+            "method": method,
+            "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
+            "successes": f"{trials.success.sum()} of {len(trials)}",
+            "failures": "; ".join(f"{n}: {why}" for why, n in failures.items()) or "none",
+            "contacts": f"{trials.collided.sum()} of {len(trials)}",
+            "paper [s]": paper.PHYSICAL.get(method, NONE),
+        }
 
 
 PAPER = [table_1, table_2, table_3, table_4]
 
 
-def rates(results: Results) -> Table:
+@table(
+    "Success, collisions, time-outs, and BARN's metric",
+    "Rates with Wilson's 95 % interval, wider where the trials of a world go alike; collided: touched anything at "
+    "any time, also where the trial went on and succeeded.",
+    "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
+    "lower clip was 4 OT, at most .25), OT = reference route / (2 m/s), intervals by bootstrap "
+    "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
+    "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
+    "collision .048, time-out .072, 33.5 s.",
+)
+def rates(results: Results) -> Rows:
     """What share succeeds, touches something, runs out of time; BARN's metric."""
-    rows = []
     for name, method, trials in results.groups():
         row = {"worlds": name, "method": method, "trials": str(len(trials))}
         for column, field in (("success", "success"), ("collided", "collided"), ("timed out", "timeout")):
@@ -227,48 +231,42 @@ def rates(results: Results) -> Table:
             value, low, high = over_worlds(by_world.sum(), by_world.count())
             row[f"metric, {lower} OT"] = number(value, 3)
             row[f"95 % interval, {lower} OT"] = span(low, high, 3)
-        rows.append(row)
-    return Table.of(
-        "rates",
-        "Success, collisions, time-outs, and BARN's metric",
-        rows,
-        "Rates with Wilson's 95 % interval, wider where the trials of a world go alike; collided: touched anything at "
-        "any time, also where the trial went on and succeeded.",
-        "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
-        "lower clip was 4 OT, at most .25), OT = reference route / (2 m/s), intervals by bootstrap "
-        "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
-        "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
-        "collision .048, time-out .072, 33.5 s.",
-    )
+        yield row
 
 
-def smoothness(results: Results) -> Table:
+@table(
+    "Smoothness, clearance and switching",
+    "Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
+    "sits .055 m ahead of the robot's middle); the clearance is its mean over time, where it counts as three widths of "
+    "the body at most. Change of parameters: mean |difference| of the eight, each scaled to [-1, 1].",
+)
+def smoothness(results: Results) -> Rows:
     """How smooth, how near, how restless."""
-    rows = []
     for name, method, trials in results.groups():
         good = trials[trials.success]
         values = {
             "mean |jerk| [m/s³]": good.mean_jerk.mean(),
             "mean |yaw acceleration| [rad/s²]": good.mean_turn.mean(),
             "median smallest range [m]": good.min_clearance_m.median(),
+            "mean clearance [m]": good.mean_clearance_m.mean(),
             "change of parameters per decision": good.switching.mean(),
             "driven / reference route": (good.path_length_m / good.route_m).mean(),
         }
         shown = {column: number(value, 3) for column, value in values.items()}
-        rows.append({"worlds": name, "method": method, **shown})
-    return Table.of(
-        "smoothness",
-        "Smoothness, clearance and switching",
-        rows,
-        "Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
-        "sits .055 m ahead of the robot's middle). Change of parameters: mean |difference| of the "
-        "eight, each scaled to [-1, 1].",
-    )
+        yield {"worlds": name, "method": method, **shown}
 
 
-def pairs(results: Results) -> Table:
+@table(
+    "Between any two methods",
+    "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit; "
+    "negative where the method is faster. Interval by bootstrap over worlds. The trials of both have the same "
+    "seeds, and p is of the test of this mean by exchanging the two methods in worlds at random.",
+    "Holm: p corrected for all pairs of the same worlds, so that the chance of any false difference among them is "
+    "at most .05 where p (Holm) < .05 is taken for a difference. Faster in: worlds by Welch's test of the "
+    "successful trials' times at .05, corrected by Holm over the worlds of the row.",
+)
+def pairs(results: Results) -> Rows:
     """Every method against every other: paired over worlds, and world by world."""
-    rows = []
     for name in SETS:
         worlds = results.of_set(name)
         couples = [c for c in combinations(results.methods, 2) if results.both(worlds, *c)]
@@ -277,36 +275,23 @@ def pairs(results: Results) -> Table:
         for (a, b), f, p in zip(couples, found, adjusted):
             tests = statistics.welch(results.of(a, worlds), results.of(b, worlds))
             faster, slower = (share(n, len(tests)) for n in statistics.count(tests, corrected=True))
-            rows.append(
-                {
-                    "worlds": name,
-                    "method": a,
-                    "other": b,
-                    "n": str(f.worlds),
-                    "difference, all trials [s]": number(f.difference.value),
-                    "95 % interval": span(f.difference.low, f.difference.high),
-                    "p": _p(f.p),
-                    "p (Holm)": _p(p),
-                    "method faster in": faster,
-                    "other faster in": slower,
-                }
-            )
-    return Table.of(
-        "pairs",
-        "Between any two methods",
-        rows,
-        "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit; "
-        "negative where the method is faster. Interval by bootstrap over worlds. The trials of both have the same "
-        "seeds, and p is of the test of this mean by exchanging the two methods in worlds at random.",
-        "Holm: p corrected for all pairs of the same worlds, so that the chance of any false difference among them is "
-        "at most .05 where p (Holm) < .05 is taken for a difference. Faster in: worlds by Welch's test of the "
-        "successful trials' times at .05, corrected by Holm over the worlds of the row.",
-    )
+            yield {
+                "worlds": name,
+                "method": a,
+                "other": b,
+                "n": str(f.worlds),
+                "difference, all trials [s]": number(f.difference.value),
+                "95 % interval": span(f.difference.low, f.difference.high),
+                "p": _p(f.p),
+                "p (Holm)": _p(p),
+                "method faster in": faster,
+                "other faster in": slower,
+            }
 
 
-def methods(results: Results) -> Table:
+@table("Methods")
+def methods(results: Results) -> Rows:
     """What each method is, as recorded when it was driven."""
-    rows = []
     for name in results.methods:
         parts = []
         for key, value in results.settings.get("methods", {}).get(name, {}).items():
@@ -314,8 +299,7 @@ def methods(results: Results) -> Table:
                 items = value.items()
                 value = ", ".join(("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items)
             parts.append(f"{key}: {value}")
-        rows.append({"method": name, "what it is": "; ".join(parts) or NONE})
-    return Table.of("methods", "Methods", rows)
+        yield {"method": name, "what it is": "; ".join(parts) or NONE}
 
 
 def _p(value: float) -> str:

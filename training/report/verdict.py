@@ -14,9 +14,9 @@ from typing import Callable, List, Mapping, Sequence, Tuple
 import numpy as np
 import pandas as pd
 
-from applr_ros1.drives.comparison import compare
+from applr_ros1.drives.comparison import Estimate, compare, over_worlds
 from training.evaluation.plan import Trial, TrialResult
-from training.evaluation.score import CONTACT_SECONDS, FAILURE_SECONDS, trial_seconds
+from training.evaluation.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, QUANTITIES, trial_seconds
 from training.report.figures import canvas
 from training.report.statistics import mean_time, rate
 
@@ -30,29 +30,6 @@ LOAD = (
     "max_vel_x), and go on with ./applr try."
 )
 KEEP = "Keep your own parameters; the same command with more --minutes searches on from here."
-
-# what a trial's reason begins with, and what to change; the first that fits counts
-REMEDIES = (
-    (
-        "aborted: Failed to find a valid control",
-        "the local planner refused every velocity, or the monitor held all: raise acc_lim_x and acc_lim_theta, lower "
-        "min_vel_x and min_vel_theta, raise the numbers of samples, or lower footprint_padding",
-    ),
-    (
-        "aborted: Failed to find a valid plan",
-        "the global planner found no way: check footprint, footprint_padding and inflation_radius against the width of "
-        "the gaps that the robot is to pass",
-    ),
-    (
-        "aborted: Robot is oscillating",
-        "it moved too little for too long: raise oscillation_timeout, lower oscillation_distance and min_vel_x",
-    ),
-    (
-        "time limit",
-        "it did not arrive within 100 s: raise max_vel_x as far as the base allows, and sim_time where it hesitates",
-    ),
-    ("flipped", "it fell over: lower max_vel_x, max_vel_theta and acc_lim_x, or check body.com in robot.yaml"),
-)
 
 
 def score(result: TrialResult) -> float:
@@ -68,9 +45,10 @@ def paired_trials(
     Returns:
         A row per trial: its "world", "trial" and "method", what TrialResult says, and its cost as "score" [s].
     """
-    names = ("world", "trial", "method", "success", "collided", "time_s", "reason")
+    names = ["world", "trial", "method", "success", "collided", "time_s", "reason"]
+    names += [quantity.column for quantity in QUANTITIES.values()]
     rows = [{name: getattr(t if hasattr(t, name) else r, name) for name in names} for t, r in results.items()]
-    trials = pd.DataFrame(rows, columns=list(names))
+    trials = pd.DataFrame(rows, columns=names)
     trials["score"] = [cost(result) for result in results.values()]
     return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
 
@@ -142,22 +120,33 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
         aim: what they were tuned for, one of score.AIMS.
 
     Returns:
-        Whether they are clearly better, and three sentences: arrivals, times and contacts; how sure; what to do next.
+        Whether they are clearly better, and in what the aim is named for, too; and three sentences: arrivals, times and
+        contacts; how sure; what to do next.
     """
+    asked, how = AIMS[aim].asked(), ""
+    gains: List[Estimate] = []
+    both = trials[trials.groupby("world").success.transform("all")]  # who stands has no jerk
+    for word, column, unit, better in asked:
+        before, after = (both[both.method == method].groupby("world")[column].mean() for method in (OWN, SET))
+        gains.append(over_worlds(better * (after - before)))
+        how += f"where both arrive, the {word} is {after.mean():.3g} {unit} with them and {before.mean():.3g} {unit} "
+        how += f"with {WORDS[OWN]} (95 % interval of the gain: {gains[-1].low:.2g} to {gains[-1].high:.2g} {unit}); "
+    pays = all(gain.value > 0.0 for gain in gains) and max((gain.low for gain in gains), default=1.0) > 0.0
     scores = mean_scores(trials)
     found = compare(scores[OWN], scores[SET])
     saved, low, high = found.difference
-    how = f"by what --for {aim} counts they cost {abs(saved):.1f} s {'less' if saved > 0.0 else 'more'} per course"
+    how += f"by what --for {aim} counts they cost {abs(saved):.1f} s {'less' if saved > 0.0 else 'more'} per course"
     how += f" (95 % interval of what they save: {low:.1f} to {high:.1f} s, p = {found.p:.2g})"
     own, tuned = (trials[trials.method == method] for method in (OWN, SET))
     less = ["arrives less often"] if tuned.success.sum() < own.success.sum() else []
     less += ["touches something more often"] if tuned.collided.sum() > own.collided.sum() else []
     how += f", although {robot} {' and '.join(less)} with them" if less else ""
     where = "This holds in simulation, with the collision monitor, on courses like these, which the search did not use."
-    if saved > 0.0 and found.p < CLEAR:
+    if pays and saved > 0.0 and found.p < CLEAR:
         judged = f"The tuned parameters are better: {how}. {where}"
         return True, [_driven(trials, robot), judged, LOAD.format(file)]
-    judged = f"Nothing clearly better was found: {how}. {where}"
+    named = "" if pays else " in " + " and ".join(quantity.name for quantity in asked)
+    judged = f"Nothing clearly better{named} was found: {how}. {where}"
     return False, [_driven(trials, robot), judged, KEEP]
 
 
@@ -185,21 +174,18 @@ def _share(flags: pd.Series, trials: pd.DataFrame) -> str:
 
 
 def failures(trials: pd.DataFrame) -> List[str]:
-    """A line for each of the three commonest reasons of failures: which, how often by method, and what to change."""
+    """A line for each of the three commonest reasons of failures, with how often each method failed for it.
+
+    "aborted: ..." is said where the planner gave up, whatever time the trial stands for.
+    """
     failed = trials[~trials.success.astype(bool)]
-    failed = failed.assign(reason=[reason(text) for text in failed.reason])
+    reasons = failed.reason.str.replace("planner aborted: ", "aborted: ").replace("", "failed")
     lines = []
-    for why in failed.reason.value_counts().index[:3]:
-        counts = failed.method[failed.reason == why].value_counts(sort=False)
+    for why in reasons.value_counts().index[:3]:
+        counts = failed.method[reasons == why].value_counts(sort=False)
         who = ", ".join(f"{count} with {WORDS[method]}" for method, count in counts.items())
-        what = next((text for start, text in REMEDIES if why.startswith(start)), "")
-        lines.append(f"failed: {why} ({who})" + (f": {what}" if what else ""))
+        lines.append(f"failed: {why} ({who})")
     return lines
-
-
-def reason(text: str) -> str:
-    """Why a trial failed: "aborted: ..." where the planner gave up, whatever time the trial stands for."""
-    return text.replace("planner aborted: ", "aborted: ", 1) or "failed"
 
 
 def picture(scores: pd.DataFrame, robot: str, path: Path) -> None:

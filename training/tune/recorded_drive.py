@@ -6,7 +6,9 @@ bag.py joins several of them.
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
@@ -15,20 +17,28 @@ import numpy as np
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
 from applr_ros1.common.trees import branch
 from applr_ros1.monitor.scan_matching import ScanMatcher
+from applr_ros1.monitor.scanner import geometry_fault
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots import Robot, geometry, measured
 from applr_ros1.robots.measured import Fields, Value
-from training.bags.reader import SECOND, BagError, Poses, TopicNames, read_messages
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from training.bags.reader import SECOND, BagError, Poses, TopicNames, read_messages, topics_in
 from worlds import Course, World
+from worlds.dynabarn import arena_course
 from worlds.seen import REACH, Scan, Seen, seen
 
 FIRST = 0.1  # [m]: a drive's time begins where the robot has come so far
-LEAST_WAY = 0.5  # [m] of a drive
+LEAST_WAY = 1.0  # [m] of a drive
 FAR = 1.5  # [m] from its goal a drive has not reached it
-JUMP, FASTEST = 0.3, 5.0  # [m, m/s]: poses farther apart than this much and that fast are a jump
+JUMP, FASTEST = 0.3, 5.0  # [m, m/s]: poses farther apart than this much and that fast are a jump,
+PAUSE = 5.0  # [s]: and so is a longer time between two, as where a clock is set
+NOWHERE = 1e6  # [m, m/s]: no pose is so far from its frame's origin, and nothing so fast
 OFTEN, MOST = 0.2, 1000  # s between two scans that a world is made of, and how many at most
 SPACING = 0.2  # [m] of the reference path's points
+PLACED = 0.03  # [m + rad]: as well as robot.yaml says where the scanner is
+PLANE = World("plane", np.empty((0, 3)), np.empty((0, 5)), arena_course())
+FARTHEST = "the course ends where it was farthest from its start"
 SOME, SHORT, PERSON = 15, 3.0, 0.05  # samples and s that a value needs; m^2 that must have gone before it is told
 
 
@@ -87,22 +97,19 @@ class RecordedDrive:
     """
 
     def __init__(self, path: Path, robot: Robot, topics: TopicNames):
-        self.path, self.robot, self.topics = path, robot, topics
+        self.path, self.robot, self.name = path, robot, re.sub(r"[^\w.+-]", "_", path.stem)
         self.fields: Fields = {}
         self.remarks: List[str] = []
         self.lacks = False
-        self.bag = read_messages(path, topics, robot)
-        if not len(self.bag.odometry.stamp):
-            self.bag.odometry = _poses_of_tf(self.bag.transforms, robot)
-            self._lacks(f"nothing on {topics.odometry}: poses are those of tf")
-        for what, there in ((topics.scan, self.bag.scan_at), (f"{topics.odometry} nor /tf", self.bag.odometry.stamp)):
-            if not len(there):
-                raise BagError(f"{path}: nothing on {what}: record it")
-        if not self.bag.odometry.twist.any():
-            self.bag.odometry.twist = _twists(self.bag.odometry.stamp, self.bag.odometry.pose)
+        self.bag = read_messages(path, topics_in(path, topics), robot)
+        read = [topic for topic, wanted in zip(self.bag.topics.main, topics.main) if topic != wanted]
+        if read:
+            self.remarks.append(f"not recorded under the names of robot.yaml, and read instead: {', '.join(read)}")
+        if self.bag.cut_short:
+            self.remarks.append("it is cut short: what is whole of it is read")
+        self._find_the_odometry(topics.odometry)
         if self.bag.silent:
             self._lacks(self.bag.silent)
-        self._take_the_longest_stretch()
         self._find_the_map()
         self._place_scans()
         self.way = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
@@ -114,17 +121,35 @@ class RecordedDrive:
         self.remarks.append(remark)
 
     # -- where the robot was -----------------------------------------------------------------------
-    def _take_the_longest_stretch(self) -> None:
-        """Leaves out what lies before and behind jumps of the odometry."""
-        odometry = self.bag.odometry
-        far = np.hypot(*np.diff(odometry.pose[:, :2], axis=0).T) > JUMP + FASTEST * np.diff(odometry.stamp) / SECOND
-        cuts = [0, *(np.flatnonzero(far | (np.diff(odometry.stamp) < 0)) + 1), len(odometry.stamp)]
-        longest = int(np.argmax(np.diff(cuts)))
-        if len(cuts) > 2:
-            self.remarks.append(f"the odometry jumps {len(cuts) - 2} times: the longest stretch without is taken")
-        part = slice(cuts[longest], cuts[longest + 1])
-        at, stamp, pose, twist = (row[part] for row in (odometry.at, odometry.stamp, odometry.pose, odometry.twist))
-        self.bag.odometry = Poses(at, stamp, pose, twist, odometry.frame)
+    def _find_the_odometry(self, wanted: str) -> None:
+        """Sets the bag's odometry to the longest stretch of it in which nothing jumps, on one clock with the scans."""
+        bag, topics, frames = self.bag, self.bag.topics, self.robot.frames
+        other = not topics.odometry.endswith(wanted) and _name(bag.odometry.frame) != frames.odom
+        if other or not len(bag.odometry.stamp):
+            bag.odometry = _poses_of_tf(bag.transforms, frames.odom, frames.base)
+            self._lacks(f"nothing on {wanted}: poses are those of tf")
+        driven = bag.odometry
+        for what, times in ((topics.scan, bag.scan_at), (f"{wanted} nor in {topics.tf}", driven.stamp)):
+            if not len(times):
+                raise BagError(f"{self.path}: nothing on {what}: record it")
+        clocks = (bag.scan_at - bag.scan_stamp, driven.at - driven.stamp)
+        if max(abs(np.median(behind)) for behind in clocks) > SECOND:
+            self.remarks.append("recorded on another clock than its messages': the times of recording are taken")
+            bag.scan_stamp, driven.stamp = bag.scan_at, driven.at
+        if not driven.twist.any():
+            driven.twist = _twists(driven.stamp, driven.pose)
+        good = np.flatnonzero((np.abs(np.column_stack([driven.pose, driven.twist])) < NOWHERE).all(axis=1))
+        seconds, steps = np.diff(driven.stamp[good]) / SECOND, np.diff(driven.pose[good, :2], axis=0)
+        apart = np.hypot(*steps.T) > JUMP + FASTEST * seconds
+        jumps = np.flatnonzero(apart | (seconds < 0.0) | (seconds > PAUSE)) + 1
+        if len(jumps):
+            said = f"the odometry or its clock jumps {len(jumps)} times"
+            self.remarks.append(f"{said}: the longest stretch without is taken")
+        part = max(np.split(good, jumps), key=len)
+        if len(part) < SOME:
+            raise BagError(f"{self.path}: {len(part)} possible poses in a row on {topics.odometry}: record a drive")
+        rows = {name: getattr(driven, name)[part] for name in ("at", "stamp", "pose", "twist")}
+        bag.odometry = replace(driven, **rows)
 
     def _find_the_map(self) -> None:
         """Sets the frame of the poses, and where the odometry's frame was in it: [(from [ns], pose), ...]."""
@@ -144,16 +169,36 @@ class RecordedDrive:
         """The pose of the odometry's frame in self.frame at a time [ns]."""
         return _last(self.placed, at)
 
+    def _laser(self, frame: str) -> Tuple[Pose, bool]:
+        """The scanner's pose in the base's frame and whether it hangs upside down: as tf has it, or else robot.yaml."""
+        above = {child: (parent, rows[0][1]) for (parent, child), rows in self.bag.transforms.items()}
+        pose, inverted, link, given = (0.0, 0.0, 0.0), False, frame, self.robot.laser.pose
+        for _ in range(len(above) + 1):
+            if _name(link) == self.robot.frames.base:
+                if inverted or math.dist(pose[:2], given[:2]) + abs(normalize_angle(pose[2] - given[2])) > PLACED:
+                    x, y, yaw = pose
+                    turned = f"{yaw:.2f} rad" + ", upside down" * inverted
+                    self.remarks.append(f"tf has {frame} at {x:.2f}, {y:.2f} m, {turned}: taken instead of laser.pose")
+                    return pose, inverted
+                break
+            if link not in above:
+                break
+            if (above[link][0], link) in self.bag.inverted:
+                pose, inverted = (pose[0], -pose[1], -pose[2]), not inverted
+            pose, link = compose(above[link][1], pose), above[link][0]
+        return given, False
+
     def _place_scans(self) -> None:
         """Sets times (n,) [ns] and poses (n, 3) of the robot at its scans, and the scans."""
-        bag, odometry, laser = self.bag, self.bag.odometry, self.robot.laser
+        bag, odometry = self.bag, self.bag.odometry
         inside = (bag.scan_stamp >= odometry.stamp[0]) & (bag.scan_stamp <= odometry.stamp[-1])
-        wanted = np.flatnonzero(inside).tolist()
-        messages, poses, lost = bag.scans(wanted), [], 0
-        if len(wanted) < SOME:
-            raise BagError(f"{self.path}: {len(wanted)} scans within the odometry's time: record both on one clock")
+        messages = {i: m for i, m in bag.scans(np.flatnonzero(inside).tolist()).items() if _is_a_scan(m)}
+        if len(messages) < SOME:
+            raise BagError(f"{self.path}: {len(messages)} scans while there is odometry: record a drive, on one clock")
+        wanted, lost, poses = list(messages), 0, []
         track = [*odometry.pose[:, :2].T, np.unwrap(odometry.pose[:, 2])]
         self.code = _no_return([messages[i] for i in wanted[:: math.ceil(len(wanted) / 50)]])
+        laser, inverted = self._laser(messages[wanted[0]].header.frame_id.lstrip("/"))
         matcher, self.scans = ScanMatcher(), []  # type: ScanMatcher, List[Scan]
         for i in wanted:
             message, stamp = messages[i], bag.scan_stamp[i]
@@ -161,11 +206,13 @@ class RecordedDrive:
             ranges = np.array(message.ranges, dtype=np.float32)
             ranges[(ranges == np.float32(self.code)) | (ranges >= message.range_max)] = np.inf
             ranges[ranges < message.range_min] = np.nan
-            fan, limits = (message.angle_min, message.angle_increment), (message.range_min, message.range_max)
-            matcher.see(LaserScan(stamp / SECOND, *fan, *limits, ranges, compose(pose, laser.pose)))
+            first, step, limits = message.angle_min, message.angle_increment, (message.range_min, message.range_max)
+            if inverted:
+                first, ranges = -first - (len(ranges) - 1) * step, ranges[::-1].copy()
+            matcher.see(LaserScan(stamp / SECOND, first, step, *limits, ranges, compose(pose, laser)))
             lost += matcher.lost
             poses.append(matcher.corrected(pose))
-            self.scans.append(Scan(compose(poses[-1], laser.pose), *fan, ranges))
+            self.scans.append(Scan(compose(poses[-1], laser), first, step, ranges))
         self.times, self.poses = bag.scan_stamp[wanted], np.array(poses)
         if lost:
             self.remarks.append(f"scans contradict the poses {lost} times: the world may be wrong there")
@@ -178,27 +225,34 @@ class RecordedDrive:
         inner, outer = min(front, -back, left, -right), math.hypot(max(front, -back), max(left, -right))
         every = max(1, int(often), math.ceil(len(self.times) / MOST))
         place = seen(self.scans[::every], self.poses[:, :2], inner, outer)
+        if not len(place.surfaces):
+            self.remarks.append(f"no scan shows anything within {REACH:g} m: the course is open floor")
         if place.gone > PERSON:
             self.remarks.append(f"something moved: {place.gone:.1f} m^2 that were free later are left out")
-        found = [self._course(n + 1, *goal, place) for n, goal in enumerate(self._goals())]
+        goals = self._goals()
+        found = [self._course(n + 1, *goal, place) for n, goal in enumerate(goals)]
         courses = [course for course in found if course is not None]
+        if len(courses) < len(goals):
+            self.remarks.append(f"{len(goals) - len(courses)} of {len(goals)} goals were hardly driven to: left out")
         if not courses:
             raise BagError(f"{self.path}: no goal was driven to ({'; '.join(self.remarks)})")
         return courses
 
-    def _goals(self) -> List[Tuple[int, int, Pose]]:
-        """(from [ns], until [ns], pose in self.frame) of each goal."""
+    def _goals(self) -> List[Tuple[int, int, Optional[Pose]]]:
+        """(from [ns], until [ns], pose in self.frame) of each goal; None: it is not known."""
         bag, found = self.bag, []
-        if not bag.goals:
-            self._lacks("no goal: it is where the drive ends")
-            return [(int(self.times[0]), int(self.times[-1]), tuple(self.poses[-1]))]
-        ends = [*(goal[0] for goal in bag.goals), *(at for at, _ in bag.results.values()), bag.end]
-        for at, frame, *pose in bag.goals:
+        news = [goal for goal, last in zip(bag.goals, [(), *bag.goals]) if goal[1:] != last[1:]]  # some send it often
+        if not news:
+            self._lacks(f"no goal: {FARTHEST}")
+            return [(int(self.times[0]), int(self.times[-1]), None)]
+        ends = [*(goal[0] for goal in news), *(at for at, _ in bag.results.values()), bag.end]
+        for at, frame, *pose in news:
             change = self._in_frame(frame, at)
-            if change is None:
-                self.remarks.append(f"a goal in the frame {frame}, of which tf says nothing, is left out")
-            else:
-                found.append((at, min((end for end in ends if end > at), default=at), compose(change, tuple(pose))))
+            known = change is not None and bool(np.isfinite(pose).all())
+            if not known:
+                self.remarks.append(f"nothing says where a goal in the frame {frame[:60]!r} is: {FARTHEST}")
+            end = min((end for end in ends if end > at), default=at)
+            found.append((at, end, compose(change, tuple(pose)) if change is not None and known else None))
         return found
 
     def _in_frame(self, frame: str, at: int) -> Optional[Pose]:
@@ -210,15 +264,17 @@ class RecordedDrive:
         rows = [pose for time, pose in self.bag.transforms.get((frame, self.bag.odometry.frame), ()) if time <= at]
         return inverse(rows[-1]) if rows else None
 
-    def _course(self, number: int, begin: int, end: int, goal: Pose, place: Seen) -> Optional[DrivenCourse]:
+    def _course(self, number: int, begin: int, end: int, goal: Optional[Pose], place: Seen) -> Optional[DrivenCourse]:
         during = (self.times >= begin) & (self.times <= end)
         poses, times, bag = self.poses[during], self.times[during], self.bag
         if len(poses) < 3 or np.hypot(*np.ptp(poses[:, :2], axis=0)) < LEAST_WAY:
-            self.remarks.append(f"goal {number} was hardly driven to and is left out")
             return None
+        short = np.hypot(*(poses[:, :2] - goal[:2]).T).min() if goal else 0.0
+        if short > FAR:
+            self.remarks.append(f"goal {number} was not reached ({short:.1f} m): {FARTHEST}")
+        if not goal or short > FAR:
+            goal = _pose(poses[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T))])
         left = np.hypot(*(poses[:, :2] - goal[:2]).T)
-        if left.min() > FAR:
-            self.remarks.append(f"goal {number} was not reached: the course ends {left.min():.1f} m before it")
         values = branch(complete(self.robot.parameters()), self.robot.local_planner)
         tolerance = max(float(values.get("xy_goal_tolerance", 0.1)), float(left.min()) + 0.02)
         last = int(np.argmax(left <= tolerance)) + 1
@@ -227,7 +283,7 @@ class RecordedDrive:
         path = poses[np.unique(gone // SPACING, return_index=True)[1], :2]
         course = Course(_pose(poses[0]), _pose(goal), None, tolerance, path)
         free, dark = (_near(circles, path) for circles in (place.surfaces, place.unseen))
-        name = f"{self.path.stem}_{number}" if len(bag.goals) > 1 else self.path.stem
+        name = f"{self.name}_{number}" if len(bag.goals) > 1 else self.name
         worlds = (
             World(name, free, np.empty((0, 5)), course),
             World(f"{name}-wall", np.vstack([free, dark]), np.empty((0, 5)), course),
@@ -251,14 +307,25 @@ class RecordedDrive:
     # -- the robot ---------------------------------------------------------------------------------
     def measure(self) -> None:
         """Fills `fields` with what the drive says of those of robot.yaml."""
-        told, odometry = np.array(self.bag.commands, dtype=np.float64).reshape(-1, 3), self.bag.odometry
+        odometry, fields = self.bag.odometry, self.fields
+        told = np.array(self.bag.commands, dtype=np.float64).reshape(-1, 3)
         told = told[(told[:, 0] >= odometry.stamp[0]) & (told[:, 0] <= odometry.stamp[-1])]
+        told = told[(np.abs(told[:, 1:]) < NOWHERE).all(axis=1)]
         if len(told) < SOME or np.ptp(told[:, 0]) < SHORT * SECOND or np.ptp(told[:, 1]) < measured.LEAST:
-            self._lacks(f"hardly a command on {self.topics.command}: nothing of the base is measured")
+            self._lacks(f"hardly a command on {self.bag.topics.command}: nothing of the base is measured")
         else:
-            self._measure_base(told[:, 0] / SECOND, told[:, 1:], odometry.stamp / SECOND, odometry.twist)
+            fields.update(
+                measured.base(told[:, 0] / SECOND, told[:, 1:], odometry.stamp / SECOND, odometry.twist, SOME)
+            )
+            top = np.percentile(np.abs(odometry.twist), 99.5, axis=0)
+            braked = "" if ("monitor", "deceleration") in fields else ", and never braked hard (measure_braking.py)"
+            self.remarks.append(f"it drove up to {top[0]:.2f} m/s and {top[1]:.2f} rad/s{braked}")
+            metres, turned = second_on(self.robot, told, odometry)
+            self.remarks.append(
+                f"the same commands leave the simulated base {metres:.3f} m and {turned:.3f} rad off a second on"
+            )
         if not math.isnan(self.code) and self.code != self.robot.laser.no_return:
-            self.fields["laser", "no_return"] = Value(self.code, "m", 0.0, "most of the ranges that are none")
+            fields["laser", "no_return"] = Value(self.code, "m", 0.0, "most of the ranges that are none")
         slow = [np.abs(np.interp(self.times, odometry.stamp, odometry.twist[:, k])) < measured.STILL[k] for k in (0, 1)]
         still = np.flatnonzero((slow[0] & slow[1])[1:]) + 1
         pairs = [(self.scans[i - 1].ranges, self.scans[i].ranges) for i in still]
@@ -268,49 +335,45 @@ class RecordedDrive:
         if len(noise) < SOME:
             self.remarks.append("it hardly stands: the scanner's noise is not measured")
         else:
-            self._found("laser", "noise", noise, "m", "scans standing")
+            fields["laser", "noise"] = measured.middle(noise, "m", "scans standing")
         if self.frame == odometry.frame:
             self.remarks.append("no map in tf: the odometry's drift is not measured")
             return
-        begin, end = (tuple(odometry.pose[i]) for i in (0, -1))
+        begin, end = (_pose(odometry.pose[i]) for i in (0, -1))
         by_odometry = compose(inverse(begin), end)
-        begin, end = (compose(self._above(odometry.stamp[i]), pose) for i, pose in ((0, begin), (-1, end)))
+        begin, end = compose(self._above(odometry.stamp[0]), begin), compose(self._above(odometry.stamp[-1]), end)
         by_map = compose(inverse(begin), end)
         longer = abs(math.hypot(*by_odometry[:2]) - math.hypot(*by_map[:2])) / self.way
         turned = abs(normalize_angle(by_odometry[2] - by_map[2]))
         for name, value, unit in (("scale_error", longer, ""), ("heading_drift", turned, "rad")):
-            self.fields["odometry", name] = Value(value, unit, value, f"against the map after {self.way:.0f} m")
+            fields["odometry", name] = Value(value, unit, value, f"against the map after {self.way:.0f} m")
 
-    def _measure_base(self, time, command, at, twist) -> None:
-        how = measured.response(time, command[:, 0], at, twist[:, 0])
-        parts = [part for part in np.array_split(np.arange(len(time)), 3) if np.ptp(command[part, 0]) >= measured.LEAST]
-        each = [measured.response(time[p], command[p, 0], at, twist[:, 0]) for p in parts if np.ptp(time[p]) > SHORT]
-        places = (
-            ("simulation", "command_delay"),
-            ("odometry", "lag"),
-            ("base", "max_acceleration"),
-            ("monitor", "deceleration"),
-        )
-        for n, place in enumerate(places):
-            if math.isfinite(how[n + 1]):
-                spread = float(np.std([one[n + 1] for one in each if math.isfinite(one[n + 1])] or [0.0]))
-                self.fields[place] = Value(how[n + 1], "s" if n < 2 else "m/s^2", spread, f"{len(time)} commands")
-        if math.isinf(how.slower):
-            self.remarks.append("it never braked as hard as it can: measure_braking.py measures that")
-        for column, name, unit in ((0, "max_speed", "m/s"), (1, "max_yaw_rate", "rad/s")):
-            follows = measured.followed(time, command[:, column], at, twist[:, column], how.delay + how.lag)
-            fast = np.abs(follows[:, 0]) > 0.9 * np.max(np.abs(follows[:, 0]), initial=0.0)
-            if column and len(follows) >= SOME:
-                self._found("monitor", "turn_gain", np.clip(follows[:, 1], 0.5, 3.0), "", "moments of steady turns")
-            elif fast.sum() >= SOME and np.median(follows[fast, 1]) < measured.FELL:
-                self._found("base", name, np.abs(follows[fast].prod(axis=1)), unit, "moments in which it was told more")
-        top = np.percentile(np.abs(twist), 99.5, axis=0)
-        self.remarks.append(f"it drove up to {top[0]:.2f} m/s and {top[1]:.2f} rad/s")
 
-    def _found(self, section, name, values, unit, what) -> None:
-        quartiles = np.percentile(values, (25, 50, 75))
-        spread = float(quartiles[2] - quartiles[0]) / 1.35
-        self.fields[section, name] = Value(float(quartiles[1]), unit, spread, f"{len(values)} {what}")
+def second_on(robot: Robot, told: np.ndarray, odometry: Poses) -> np.ndarray:
+    """Means of how far [m] and how much turned [rad] the simulated base is off after a second with the same commands.
+
+    Args:
+        robot: whose commands count as they reach the base.
+        told: (n, 3) commands: time [ns], [m/s], [rad/s].
+        odometry: where it was; every half second the simulated base begins there, with its motion.
+    """
+    simulation = robot.simulation.model_copy(update={"command_delay": 0.0})
+    simulator, off = KinematicSimulator(replace(robot, simulation=simulation)), []
+    t, pose = odometry.stamp / SECOND, odometry.pose
+    command = told[np.maximum(np.searchsorted(told[:, 0], odometry.stamp, side="right") - 1, 0), 1:]
+    for start in np.arange(t[0], t[-1] - 1.0, 0.5):
+        begin, end = np.searchsorted(t, (start, start + 1.0))
+        if t[begin] > start + 0.5:  # nothing was recorded then
+            continue
+        simulator.reset(PLANE, 0, pose[begin].tolist())
+        v, w = odometry.twist[begin].tolist()
+        simulator.set_motion((v, 0.0, w), (v, w), (0.0, 0.0))
+        for k in range(begin, end):
+            simulator.command(*command[k])
+            state = simulator.advance(max(t[k + 1] - t[k], 1e-4))
+        x, y, yaw = np.array(state.pose) - pose[end]
+        off.append((math.hypot(x, y), abs(normalize_angle(yaw))))
+    return np.mean(off, axis=0)
 
 
 def _pose(values) -> Pose:
@@ -337,12 +400,24 @@ def _no_return(messages) -> float:
     return float(codes[np.argmax(counts)]) if len(odd) > 0.01 * len(ranges) else math.nan
 
 
-def _poses_of_tf(transforms, robot: Robot) -> Poses:
+def _is_a_scan(m) -> bool:
+    limits = m.range_min, m.range_max
+    return not geometry_fault(LaserScan(0.0, m.angle_min, m.angle_increment, *limits, m.ranges, (0.0, 0.0, 0.0)))
+
+
+def _name(frame: str) -> str:
+    """A frame without the name of its robot."""
+    return frame.rpartition("/")[2]
+
+
+def _poses_of_tf(transforms, odom: str, base: str) -> Poses:
     """The odometry as tf has it, without twists; empty where it has none."""
-    rows = transforms.get((robot.frames.odom, robot.frames.base), [])
-    at = np.array([at for at, _ in rows], dtype=np.int64)
-    pose = np.array([pose for _, pose in rows], dtype=np.float64).reshape(-1, 3)
-    return Poses(at, at, pose, np.zeros((len(rows), 2)), robot.frames.odom)
+    here = (frames for frames in transforms if tuple(map(_name, frames)) == (odom, base))
+    frames = next(here, (odom, base))
+    rows = transforms.get(frames, [])
+    at, first = np.unique(np.array([at for at, _ in rows], dtype=np.int64), return_index=True)
+    pose = np.array([pose for _, pose in rows], dtype=np.float64).reshape(-1, 3)[first]
+    return Poses(at, at, pose, np.zeros((len(at), 2)), frames[0])
 
 
 def _twists(stamp, pose) -> np.ndarray:

@@ -7,6 +7,7 @@ ranks. tune_robot.py and static_search.py call it.
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple, TypeVar
 
 import numpy as np
@@ -20,14 +21,14 @@ from training.actors.pool import Pool
 from training.env.settings import TrialSettings
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.plan import Trial, TrialResult, seed_of
-from training.evaluation.score import clearly_worse, summary
+from training.evaluation.score import Quantity, clearly_worse, summary
 from training.evaluation.store import TrialTable
 from training.evaluation.trials import content, drive, drive_missing
 
 with extra(__name__):
     import cma
 
-FINALISTS = 5  # generations whose means and winners take part in the last race
+FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
 BLOCK = 8  # trials between two tests of a race
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
@@ -48,7 +49,22 @@ class SetTrials:
 
     def __init__(self, drive: DriveTrials, worlds: Sequence[Tuple[str, str]], space: Space, planner: str = OURS):
         self.drive, self.worlds, self.space, self.planner = drive, worlds, space, planner
-        self.driven = 0  # trials, those of the table included
+
+    @classmethod
+    def kept(
+        cls,
+        pool: Pool,
+        robot: Robot,
+        worlds: Sequence[Tuple[str, str]],
+        table: Path,
+        settings: TrialSettings,
+        *,
+        planner: str = OURS,
+        drive: Callable[..., Any] = drive,
+    ) -> SetTrials:
+        """Those that a robot drives in a pool of workers. Every trial is kept in a table, the path of its file."""
+        kept = TrialTable(table, [settings.model_dump(mode="json", exclude={"robot"}), content(robot)])
+        return cls(partial(drive_missing, pool, partial(drive, settings), table=kept), worlds, space_of(robot), planner)
 
     def run(self, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[TrialResult]]:
         """Each set (k, n) in each job, which all drive with the same seed: a list of results for each set.
@@ -58,7 +74,6 @@ class SetTrials:
         """
         trials = [[self.trial(theta, world, number, seed) for world, number in jobs] for theta in sets]
         results = self.drive([trial for of_job in zip(*trials) for trial in of_job])  # equal sets drive once
-        self.driven += len(results)
         return [[results[trial] for trial in of_set] for of_set in trials]
 
     def trial(self, values: np.ndarray, world: int, number: int, seed: int) -> Trial:
@@ -67,21 +82,6 @@ class SetTrials:
         theta = tuple(float(value) for value in self.space.clip(values))
         seed = seed_of(CHOOSING + seed, name, number)
         return Trial(name, "set", number, seed, spec, "", self.planner, theta=theta)
-
-
-def set_trials(
-    pool: Pool,
-    robot: Robot,
-    table: str,
-    settings: TrialSettings,
-    worlds: Sequence[Tuple[str, str]],
-    planner: str = OURS,
-    drive: Callable[..., Any] = drive,
-) -> SetTrials:
-    """What drives a robot's sets in a pool, and keeps every trial in a table (the path of its file)."""
-    kept = TrialTable(table, [settings.model_dump(mode="json", exclude={"robot"}), content(robot)])
-    found = partial(drive_missing, pool, partial(drive, settings), table=kept)
-    return SetTrials(found, worlds, space_of(robot), planner)
 
 
 def search(
@@ -108,7 +108,7 @@ def search(
             quarter, and the better half of those the rest.
 
     Yields:
-        A dict of JSON values for each generation, with its "winner" and the "mean" of the distribution after it.
+        JSON values of each generation: the "sigma" of the distribution after it, its "mean", and the "winner".
     """
     rng, strategy = np.random.default_rng(seed), None
     for generation, trials in enumerate(rounds):
@@ -130,20 +130,15 @@ def search(
         drive = partial(trials.run, seed=seed + 1000 + generation)
         ranking, results = race(drive, sets, blocks, cost, halve=True)
         strategy.tell(candidates, np.argsort(ranking).astype(float).tolist())
-        yield {
-            "generation": generation,
-            "worlds": drawn,
-            "sigma": float(strategy.sigma),
-            "scores": [round(float(np.mean([cost(result) for result in found])), 3) for found in results],
-            "winner": line(space, sets[ranking[0]], results[ranking[0]], cost),
-            "mean": {"theta": space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()},
-        }
+        mean = space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()
+        winner = line(space, sets[ranking[0]], results[ranking[0]], cost)
+        yield {"sigma": float(strategy.sigma), "winner": winner, "mean": {"theta": mean}}
 
 
 def finalists(space: Space, starts: Sequence[np.ndarray], log: List[Dict[str, Any]]) -> np.ndarray:
-    """Sets (k, n) for the last race, each once: theta_0, the given ones, means and winners of the last generations."""
+    """Sets (k, n) for the last race, each once: theta_0, the given ones, the means of the last generations."""
     found = [space.theta0, *(space.clip(theta) for theta in starts)]
-    found += [line[which]["theta"] for line in log[-FINALISTS:] for which in ("mean", "winner")]
+    found += [line["mean"]["theta"] for line in log[-FINALISTS:]]
     return np.array(list(dict.fromkeys(tuple(float(value) for value in theta) for theta in found)))
 
 
@@ -156,9 +151,16 @@ def last_race(
 
 
 def without_idle(
-    trials: SetTrials, theta: np.ndarray, blocks: Callable[[], Iterable[Sequence[Job]]], cost: Cost, seed: int
+    trials: SetTrials,
+    theta: np.ndarray,
+    blocks: Callable[[], Iterable[Sequence[Job]]],
+    cost: Cost,
+    seed: int,
+    asked: Sequence[Quantity] = (),
 ) -> Tuple[np.ndarray, Dict[str, Estimate]]:
     """A set (n,) with each parameter at the robot's own value by which nothing is lost; those changed least go first.
+
+    Nothing is lost where neither the mean nor the median of the paired costs is larger.
 
     Args:
         trials: drives both sets of a comparison in the same jobs.
@@ -166,6 +168,7 @@ def without_idle(
         blocks: makes the jobs of a comparison, which ends where one of both is clearly worse.
         cost: of a trial.
         seed: of the trials.
+        asked: what no parameter may go back by which one of them is clearly better.
 
     Returns:
         The set, and for each parameter that stays in it by how much the cost rises without it, with its 95 % interval.
@@ -178,11 +181,16 @@ def without_idle(
             continue
         without = np.where(np.arange(len(theta)) == i, space.theta0, theta)
         ranking, results = race(partial(trials.run, seed=seed), np.array([without, theta]), blocks(), cost)
-        if ranking[0] == 0:  # where both are level, too
+        values = (cost, *(quantity.loss for quantity in asked))
+        both = (np.array([[value(result) for result in of_set] for of_set in results]) for value in values)
+        differences = [more - less for more, less in both]
+        saved, *gains = map(over_worlds, differences)
+        # a failure costs so much that the mean of some drives is mostly of failures: most must not be dearer, either
+        idle = ranking[0] == 0 and np.median(differences[0]) <= 0.0  # where both are level, too
+        if idle and not any(gain.low > 0.0 for gain in gains):
             theta = without
         else:
-            more, less = (np.array([cost(result) for result in of_set]) for of_set in results)
-            worth[space.names[i]] = over_worlds(more - less)
+            worth[space.names[i]] = saved
     return theta, worth
 
 
@@ -239,10 +247,8 @@ def line(space: Space, theta: np.ndarray, results: Sequence[TrialResult], cost: 
 
 def said(line: Dict[str, Any]) -> str:
     """A line in words."""
-    return (
-        f"{line['score']:.2f} in {line['trials']} trials (success {line['success']:.3f}, contact "
-        f"{line['collided']:.3f}, metric {line['metric']:.3f})"
-    )
+    how = f"{line['success']:.0%} arrive, {line['collided']:.0%} touch something, metric {line['metric']:.3f}"
+    return f"score {line['score']:.2f} in {line['trials']} drives ({how.replace('%', ' %')})"
 
 
 def blocks_of(worlds: int, trials: int, seed: int) -> List[List[Job]]:

@@ -1,4 +1,4 @@
-"""The applr node's inputs: scan, odometry, global plan and goal. Callbacks only keep the latest message.
+"""The applr node's inputs: scan, odometry, global plan, goal and what moves. Callbacks only keep the latest message.
 
 Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
 cost a sixth of a core.
@@ -8,7 +8,7 @@ import math
 import struct
 import threading
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import rospy
@@ -17,6 +17,8 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
+from applr_ros1.common.angles import transform_point
+from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.transforms import LaserMount, Transforms
 from applr_ros1.policy.observation import LAYOUT, ObservationError
@@ -34,7 +36,7 @@ class Snapshot:
     ranges (beams,) m as the layout has them; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps
     (rospy.Time) say which messages these were, so that a bag's reader can find them. twist (v, w) m/s and rad/s of the
     odometry; goal (x, y, yaw) as move_base has stated it in the plan's frame, or the plan's end where the node was
-    started later.
+    started later. movers (k, 4) x, y [m], vx, vy [m/s] in `frame`: nothing where no newest message says so.
     """
 
     ranges: np.ndarray
@@ -46,11 +48,13 @@ class Snapshot:
     plan_stamp: rospy.Time
     twist: tuple = (0.0, 0.0)
     goal: tuple = (0.0, 0.0, 0.0)
+    movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    movers_stamp: rospy.Time = field(default_factory=rospy.Time)
 
     @property
     def motion(self):
-        """(pose, twist, goal, plan), as a Context has them."""
-        return self.pose, self.twist, self.goal, self.plan
+        """(pose, twist, goal, plan, movers), as a Context has them."""
+        return self.pose, self.twist, self.goal, self.plan, self.movers
 
 
 class RobotInputs:
@@ -75,11 +79,12 @@ class RobotInputs:
         rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
+        rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self):
         """Forgets everything: the clock jumped back."""
         with self._lock:
-            self._scan = self._plan = None
+            self._scan = self._plan = self._movers = None
             self._odometry = deque(maxlen=100)
             self._goal, self._goal_heard, self._goal_since = None, None, None
             self._current_goal = self._former_goal = None  # as move_base stated them
@@ -103,11 +108,12 @@ class RobotInputs:
         """
         with self._lock:
             packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
-            former = self._former_goal
+            former, movers = self._former_goal, self._movers
             odometry = list(self._odometry)
         if packed_scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
-        scan = _unpack(packed_scan, LaserScan)
+        scan = _unpack(packed_scan[0], LaserScan)
+        scan.header.stamp = scan.header.stamp or packed_scan[1]  # 0: the driver gives none
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
         if not odometry:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
@@ -132,6 +138,7 @@ class RobotInputs:
             plan.header.stamp,
             (moving.linear.x, moving.angular.z),
             conversions.pose_of(plan.poses[-1].pose if goal is None else goal),
+            *self._moving(movers, frame, now),
         )
 
     def _pose(self, odometry, frame, stamp):
@@ -140,9 +147,24 @@ class RobotInputs:
             return conversions.pose_of(odometry.pose.pose)
         return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry), MAX_AGE))
 
+    def _moving(self, msg, frame, now):
+        """(k, 4) x, y, vx, vy in `frame` of what moves, and the message's stamp; () where there is none of now."""
+        if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE:
+            return ()
+        x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
+        if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
+            place = conversions.pose_of(self._transforms.newest(frame, msg.header.frame_id, MAX_AGE))
+            x, y = transform_point(place, x, y)
+            vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
+        return np.column_stack([x, y, vx, vy]), msg.header.stamp
+
+    def _on_movers(self, msg):
+        with self._lock:
+            self._movers = msg
+
     def _on_scan(self, msg):
         with self._lock:
-            self._scan = msg
+            self._scan = msg, rospy.Time.now()
 
     def _on_odometry(self, msg):
         with self._lock:

@@ -29,7 +29,8 @@ ANNOUNCED = 0.4  # s between a server's answer and its message on parameter_upda
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
 PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; none while move_base starts
-_KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float, "str": str}
+# no texts: for one, the library evaluates as Python what the server says of its choices (edit_method)
+_KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float}
 
 
 @dataclass
@@ -91,6 +92,8 @@ class Server:
     def _own_name(self, target: Target) -> str:
         for name in target.names:
             if name in self.declared:
+                if self.declared[name]["type"] not in _KINDS:
+                    raise ApplrError(f"declares {name} as {self.declared[name]['type']}, not as a number")
                 return name
         raise ApplrError(f"has no parameter {target.names[0]}")
 

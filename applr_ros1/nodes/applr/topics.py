@@ -33,10 +33,11 @@ class ApplrTopics:
         self._heartbeat.publish(Time(now))
 
     def decision(self, number, now, goal, seen, target, obs, theta_prev, theta, refused):
-        """One decision: the observation as the actor got it, and which messages it came from."""
+        """One decision: what was seen, in the paper's form, and which messages it came from."""
         message = Decision(number=number, goal=goal, observation=obs, refused=refused)
         message.header.stamp, message.header.frame_id = now, seen.frame
         message.scan, message.odometry, message.plan = seen.scan_stamp, seen.odom_stamp, seen.plan_stamp
+        message.movers = seen.movers_stamp
         message.x, message.y, message.yaw = seen.pose
         message.local_goal_x, message.local_goal_y = target
         message.before, message.after = (parameters_message(t, now, self._space) for t in (theta_prev, theta))

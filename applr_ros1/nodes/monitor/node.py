@@ -189,8 +189,8 @@ class CollisionMonitorNode:
         ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
         self._ages.add(known)
-        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(self._scan):
-            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.trouble(self._scan)})")
+        if verdict.action == STOP and "scan" in verdict.reason:
+            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.newest(self._scan)})")
         return verdict
 
     def _report(self) -> None:

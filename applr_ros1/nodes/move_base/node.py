@@ -206,10 +206,8 @@ class MoveBaseNode:
             rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
             topic, after = cycle.silent
-            why = ": " + sensors.trouble(topic) if sensors.trouble(topic) else ""
-            rospy.logerr_throttle(
-                1.0, f"standing still: no usable scan on {sensors.resolved(topic)} for {after:g} s{why}"
-            )
+            where = f"no usable scan on {sensors.resolved(topic)} for {after:g} s"
+            rospy.logerr_throttle(1.0, f"standing still: {where}: {sensors.newest(topic)}")
         else:
             sensors.forgive()
         if cycle.recovery is not None and pose is not None:

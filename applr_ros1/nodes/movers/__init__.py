@@ -1,1 +1,1 @@
-"""The node movers: what moves and where it will be, for move_base's costmaps and for display."""
+"""The node movers: what moves and where it will be, for move_base's costmaps, the policy and display."""

@@ -1,8 +1,8 @@
 """The ROS node movers: tells the costmaps where moving obstacles will be, as one more observation source.
 
 With each scan it publishes what movers/prediction.py says on applr/predicted (sensor_msgs/PointCloud2), no point where
-nothing moves, and for display its marks and an arrow for each mover on applr/movers. Both are in the frame of the
-odometry and have the scan's stamp.
+nothing moves; for the policy what moves now on applr/tracked (Movers); and for display its marks and an arrow for each
+mover on applr/movers. All are in the frame of the odometry and have the scan's stamp.
 
 Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map) and ~tf_prefix.
 """
@@ -23,6 +23,7 @@ from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.movers.warm_up import warm_up
+from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors, jumped_back
 from applr_ros1.planner.parameters.layers import PREDICTED
@@ -42,6 +43,7 @@ class MoversNode:
         self._prediction, self._news = Prediction(robot), threading.Event()
         self._frame, self._scan, self._now = prefix + robot.frames.odom, robot.topics.scan, rospy.get_rostime()
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
+        self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
         self._display = rospy.Publisher("applr/movers", MarkerArray, queue_size=1)
         self._sensors = Sensors(
             (self._frame, self._frame, prefix + robot.frames.base),
@@ -66,6 +68,8 @@ class MoversNode:
                 stamp = rospy.Time.from_sec(scan.stamp)
                 points = self._prediction.see(scan).points
                 self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))
+                head, seen = conversions.header(self._frame, stamp), self._prediction.movers
+                self._tracked.publish(Movers(head, seen.x, seen.y, seen.vx, seen.vy, seen.radius))
                 if self._display.get_num_connections():
                     self._display.publish(shown(self._prediction, self._frame, stamp))
 

@@ -212,9 +212,8 @@ class Evaluation:
         before = read_json(path) if path.exists() else settings
         for name, value in settings.items():
             if before.get(name) != value:
-                raise ApplrError(
-                    f"{options.out} holds runs with {name} {before.get(name)}, not {value}: give another --out"
-                )
+                there = f"{options.out} holds runs with {name} {before.get(name)}"
+                raise ApplrError(f"{there}, not {value}: give another --out")
         write_json(path, settings)
 
     def done(self) -> Dict[Job, Run]:
@@ -351,7 +350,5 @@ def main() -> None:
     finally:
         evaluation.write()
     if evaluation.failed:
-        raise ApplrError(
-            f"{len(evaluation.failed)} of {len(evaluation.jobs)} runs could not be driven; "
-            "the same command tries them again"
-        )
+        missing = f"{len(evaluation.failed)} of {len(evaluation.jobs)} runs"
+        raise ApplrError(f"{missing} could not be driven; the same command tries them again")

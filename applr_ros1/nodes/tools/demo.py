@@ -82,10 +82,8 @@ def prepare(words):
     given = given_arguments(words, (*known, *OWN))
     values = {**known, **OWN, **given}
     if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
-        raise ApplrError(
-            "the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
-            "roslaunch applr_ros1 jackal_applr.launch"
-        )
+        needs = "the demo needs sim:=true, move_base:=python and a goal"
+        raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
     with contextlib.suppress(ValueError):
         values["limit"] = float(values["limit"])
     number_within("limit", values["limit"], 1.0, 3600.0)

@@ -110,31 +110,19 @@ def main() -> None:
         description="Drive the robot forwards at several speeds, brake, drive back, turn in place and stop; then print "
         "the line `monitor:` of robot.yaml. Commands go to the base directly, past the collision monitor.",
     )
-    parser.add_argument(
-        "--free",
-        type=float,
-        required=True,
-        metavar="METRES",
-        help="Free way ahead of the robot, and half a metre on all sides.",
-    )
-    parser.add_argument(
-        "--yes", action="store_true", help="Needed: nobody stands in the way, and the emergency stop is at hand."
-    )
-    parser.add_argument("--robot", default="jackal", help="Name or folder of its description. Default: %(default)s.")
-    parser.add_argument(
-        "--odometry",
-        default="",
-        help="Topic of the true motion (nav_msgs/Odometry): a tracking system's, or sim_bridge/ground_truth. Default: "
-        "the robot's odometry, which does not see sliding wheels.",
-    )
-    parser.add_argument("--repeats", type=int, default=3, help="Runs of each kind. Default: %(default)s.")
+    add = parser.add_argument
+    add("--free", type=float, required=True, metavar="METRES", help="Free way ahead, and half a metre on all sides.")
+    add("--yes", action="store_true", help="Needed: the way is free of people, and the emergency stop is at hand.")
+    add("--robot", default="jackal", help="Name or folder of its description. Default: %(default)s.")
+    truth = "Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: the robot's odometry, "
+    add("--odometry", default="", help=truth + "which does not see sliding wheels.")
+    add("--repeats", type=int, default=3, help="Runs of each kind. Default: %(default)s.")
     options = parser.parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
         raise ApplrError("the robot would drive: give --yes when its way is free and the emergency stop is at hand")
     if not options.free >= LEAST_WAY or options.repeats < 1:
-        raise ApplrError(
-            f"--free {options.free:g} --repeats {options.repeats}: give {LEAST_WAY:g} m or more, and a run or more"
-        )
+        wrong = f"--free {options.free:g} --repeats {options.repeats}"
+        raise ApplrError(f"{wrong}: give {LEAST_WAY:g} m or more, and a run or more")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
@@ -148,9 +136,7 @@ def main() -> None:
         turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
     reaction = statistics.median(s.reaction for s in straight + turns)
     brake, turn_brake = deceleration(straight, reaction), deceleration(turns, reaction)
-    print(
-        f"worst deceleration {brake:.2f} m/s^2 and {turn_brake:.2f} rad/s^2 from {reaction:.3f} s after the command on"
-    )
+    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2 from {reaction:.3f} s after the command on")
     print(f"turn rate over the commanded one: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
     total = reaction + 1.0 / RATE + 1.0 / robot.laser.rate  # a command and a scan may be so old
     print(

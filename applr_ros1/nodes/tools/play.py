@@ -26,19 +26,11 @@ def main():
         description="Start a simulated robot and a page in a browser: drive it, tune it, see why it does what it does. "
         "Ctrl-C ends it.",
     )
-    parser.add_argument("--no-browser", action="store_true", help="Only say where the page is.")
-    parser.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="Address of the page; 0.0.0.0 lets other computers that have its token open it. %(default)s.",
-    )
-    parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="ARG:=VALUE",
-        help="Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0. No goal is sent unless "
-        "goal:=auto is given.",
-    )
+    add = parser.add_argument
+    add("--no-browser", action="store_true", help="Only say where the page is.")
+    add("--host", default="127.0.0.1", help="Of the page; 0.0.0.0: any computer that has its token. %(default)s.")
+    words = "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; goal:=auto sends a goal."
+    add("words", nargs="*", metavar="ARG:=VALUE", help=words)
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
     defaults = launch_arguments()

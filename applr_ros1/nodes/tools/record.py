@@ -21,7 +21,7 @@ STACK = (
     "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
     "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
     "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "
-    "applr/heartbeat applr/decision applr/parameters applr/local_goal applr/predicted applr/movers "
+    "applr/heartbeat applr/decision applr/parameters applr/local_goal applr/predicted applr/tracked applr/movers "
     "collision_monitor/action "
     "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
 )
@@ -58,17 +58,10 @@ def main() -> None:
     """The command record.py: becomes rosbag's recorder. Returns only with an error."""
     words = sys.argv[1:]
     parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
-    parser.add_argument("bag", help="Bag file (.bag) to write.")
-    parser.add_argument(
-        "--costmaps",
-        default="false",
-        help="Whether to record costmaps and sampled trajectories, too: true or false, the default.",
-    )
-    parser.add_argument(
-        "--robot",
-        default=JACKAL.name,
-        help="Robot whose topics are recorded: a name or a folder. Default: %(default)s.",
-    )
+    add = parser.add_argument
+    add("bag", help="Bag file (.bag) to write.")
+    add("--costmaps", default="false", help="Costmaps and sampled trajectories, too: true or false, the default.")
+    add("--robot", default=JACKAL.name, help="Robot that is recorded: a name or a folder. Default: %(default)s.")
     options = parser.parse_args(without_remappings(words))
     bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
     if not os.path.isabs(bag) and any(word.startswith("__name:=") for word in words):
@@ -90,7 +83,5 @@ def become(package: str, program: str, arguments: Sequence[str]) -> None:
     except rospkg.ResourceNotFound:
         found = []
     if not found:
-        raise ApplrError(
-            f"{package} is not installed: apt-get install {package} (ros-noetic-{package} on Ubuntu 20.04)"
-        )
+        raise ApplrError(f"{package} is not installed: apt-get install {package} (Ubuntu: ros-noetic-{package})")
     os.execv(found[0], [found[0], *arguments])

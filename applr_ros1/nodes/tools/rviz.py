@@ -27,9 +27,7 @@ def main() -> None:
 
     words = sys.argv[1:]
     parser = argparse.ArgumentParser(prog="rviz.py", description="Start RViz with the configuration of this package.")
-    parser.add_argument(
-        "--robot", default=JACKAL.name, help=f"Robot: {', '.join(NAMES)}, or the folder of a description."
-    )
+    parser.add_argument("--robot", default=JACKAL.name, help=f"{', '.join(NAMES)}, or the folder of a description.")
     parser.add_argument("--prefix", default="none", help="Prefix of the robot's frames; none: they have none.")
     options = parser.parse_args(without_remappings(words))
     robot = load(options.robot)

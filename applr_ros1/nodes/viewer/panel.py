@@ -59,15 +59,8 @@ class Panel:
         rows = SERVERS.get(target.server, SERVERS["local_costmap/inflater_layer"])
         declared = next((p for p in rows if p.name in target.names), None)
         title = f"{name} [{declared.unit}]" if declared and declared.unit else name
-        slider = gui.add_slider(
-            title,
-            low,
-            high,
-            step,
-            initial_value=min(max(default, low), high),
-            marks=((default, "default"),),
-            hint=declared.doc if declared else "",
-        )
+        look = {"marks": ((default, "default"),), "hint": declared.doc if declared else ""}
+        slider = gui.add_slider(title, low, high, step, initial_value=min(max(default, low), high), **look)
         by_hand(slider, lambda value: self._pilot.take_over(name, float(value)))
         return slider
 

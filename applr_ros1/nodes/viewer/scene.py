@@ -6,6 +6,7 @@ With a map everything is drawn in the map's frame. Places [m]; the ground is z =
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Dict, List, Tuple
 
 import numpy as np
@@ -59,9 +60,8 @@ class Scene:
         scene.add_light_ambient("/light", intensity=0.8)
         ground = {"cell_size": 1.0, "section_size": 5.0, "plane_opacity": 1.0, "position": (0, 0, -0.01)}
         scene.add_grid("/ground", 60.0, 60.0, **ground)
-        self.layers = {
-            name: scene.add_frame("/" + name, show_axes=False, visible=name not in HIDDEN) for name in LAYERS
-        }
+        layer = partial(scene.add_frame, show_axes=False)
+        self.layers = {name: layer("/" + name, visible=name not in HIDDEN) for name in LAYERS}
         self._model = Model(scene, "/robot", robot, ROBOT, None)
         self._world = scene.add_frame("/world", show_axes=False)
         look = {"point_size": 0.03, "visible": False}
@@ -86,15 +86,12 @@ class Scene:
         """Bring everything up to date; speed [m/s] colours the trail. driving: whether goal and plans hold."""
         self.pose = self._listener.frame_pose(self._base)
         self._model.put(self.pose)
-        for draw in (
-            self._draw_world,
-            self._draw_scan,
-            self._draw_movers,
-            self._draw_plans,
-            self._draw_samples,
-            self._draw_costmaps,
-        ):
-            draw()
+        self._draw_world()
+        self._draw_scan()
+        self._draw_movers()
+        self._draw_plans()
+        self._draw_samples()
+        self._draw_costmaps()
         for shown in () if driving else self._of_goal:
             shown.visible = False
         self._draw_trail(speed)

@@ -5,8 +5,8 @@ Called by the costmap (radii, clearing under the robot), the trajectory planner 
 
 from __future__ import annotations
 
-import ast
 import math
+import re
 from typing import Sequence, Tuple, Union
 
 import numpy as np
@@ -24,14 +24,15 @@ HUGE = float(np.finfo(np.float64).max)
 def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
     """Vertices (n, 2) float64 [m] from the parameter `footprint`: a string "[[x, y], ...]" or a sequence.
 
-    Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2).
+    Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2). In a
+    string commas may be missing (array_parser.cpp).
     """
     value = text
     if isinstance(text, str):
-        try:
-            value = ast.literal_eval(text.strip() or "[]")
-        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-            raise _not_points(text) from None
+        inside = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
+        if inside is None:
+            raise _not_points(text)
+        value = [re.findall(r"[^\s,'\"]+", point) for point in re.findall(r"\[([^]]*)\]", inside[1] or "")]
     try:
         points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
     except (TypeError, ValueError, OverflowError):

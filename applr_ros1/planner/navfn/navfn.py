@@ -119,21 +119,18 @@ class Navfn:
             return
         self._flooded = (robot, goal)
         self._asked = None
-        self._flood_within(() if whole else window.around(self._extent, robot, goal, nx, ny))
+        self._flood_within(None if whole else window.around(self._extent, robot, goal, nx, ny))
 
-    def _flood_within(self, fences=()):
-        """Flood the last question inside the first of these fences that the wave leaves, else the whole map."""
+    def _flood_within(self, fence=None):
+        """Flood the last question inside this fence, else the whole map."""
         nx, ny = self._costmap.size
-        for fence in (*fences, None):
-            self._fence = fence
-            reset(self._field, self._lines)
-            if fence is not None:
-                window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
-            flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
-            if fence is not None:
-                window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
-                if window.leaves(self._potential, nx, ny, *fence):
-                    return
+        self._fence = fence
+        reset(self._field, self._lines)
+        if fence is not None:
+            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
+        flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
+        if fence is not None:
+            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
 
     def _trace(self, costmap, ox, oy, goal, tolerance):
         nx, ny = costmap.size

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections import Counter
-from typing import Any, Dict, Iterable, Iterator, List
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 from applr_ros1.common.errors import MEANT, Finding, misspelt
 from applr_ros1.common.trees import branch
@@ -92,12 +91,19 @@ def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
         if isinstance(value, dict) and (label in known or label in behaviours):
             yield from _names_and_values(value, label, known, behaviours)
         elif key in mine and not isinstance(value, dict):
+            p = mine[key]
+            if not p.reads(value):
+                if p.type != "list":  # _recoveries says so
+                    yield Finding(label, f"is {value!r}", f"{p.default!r} counts, as in C++; {p.give}", "warning")
+                continue
+            if key != p.name and here.get(p.name, value) != value:
+                yield Finding(label, "is an older name", f"{p.name} counts", "remark")
             try:
-                converted, taken = mine[key].convert(value, label), mine[key].taken(value, label)
-                bounds, beyond = f"{mine[key].min!r} to {mine[key].max!r}", mine[key].beyond
-                if taken != converted and beyond:
-                    advice = f"give a value from {bounds}" if beyond == "error" else f"{taken!r} counts, of {bounds}"
-                    yield Finding(label, f"is {converted!r}", advice, beyond)
+                converted, taken = p.convert(value, label), p.taken(value, label)
+                bounds = f"{p.min!r} to {p.max!r}"
+                if taken != converted and p.beyond:
+                    advice = f"give a value from {bounds}" if p.beyond == "error" else f"{taken!r} counts, of {bounds}"
+                    yield Finding(label, f"is {converted!r}", advice, p.beyond)
             except ParameterError as problem:
                 yield problem.finding
         elif not path and label in known and value is not None:
@@ -114,20 +120,17 @@ def warnings(tree: Dict[str, Any]) -> List[Finding]:
     """What has no effect in a tree without mistakes, or is a risk."""
     found: List[Finding] = []
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
-        given = without_effect(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
+        given = without_effect(branch(tree, "DWAPlannerROS"), tree.get("latch_xy_goal_tolerance", False))
         found += [finding.below("DWAPlannerROS") for finding in given]
     for planner, names in OLDER.items():
         values = branch(tree, planner) if planner == _local_planner(tree) else {}
         for old in filter(values.__contains__, names):
-            value, advice = "is an older name without effect", f"give {names[old]}"
+            value, advice = "is no longer read", f"give {names[old]}"
             found.append(Finding(f"{planner}/{old}", value, advice, "remark"))
-    instead = "as in C++ the default behaviours take the place of the list; give each a name of its own"
-    for name in _repeated(tree):
-        found.append(Finding("recovery_behaviors", f"has the name {name!r} more than once", instead, "remark"))
-    found += replaced(tree)
+    found += [*_recoveries(tree)[1], *replaced(tree)]
     tree = arranged(tree)
     found += [finding for finding in _walked(tree) if finding.severity != "error"]
-    return found + list(_clearings(tree)) + list(_blind(tree))
+    return found + list(_clearings(tree)) + list(_risks(tree))
 
 
 def _clearings(tree: Dict[str, Any]) -> Iterator[Finding]:
@@ -140,9 +143,13 @@ def _clearings(tree: Dict[str, Any]) -> Iterator[Finding]:
                 yield Finding(f"{path}/{name}", "is without effect", why, "remark")
 
 
-def _blind(tree: Dict[str, Any]) -> Iterator[Finding]:
-    """A robot that sees nothing."""
-    seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
+def _risks(tree: Dict[str, Any]) -> Iterator[Finding]:
+    """A robot that sees nothing, or has two base frames."""
+    world, local = (branch(tree, name).get("robot_base_frame", "base_link") for name in COSTMAPS)
+    if world != local:
+        value = f"is {local} in local_costmap and {world} in global_costmap"
+        yield Finding("local_costmap/robot_base_frame", value, f"{world} counts for both, give that", "warning")
+    seen = [layer for layer in layers("local_costmap", branch(tree, "local_costmap")) if layer.kind == OBSTACLE_LAYER]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
         yield Finding("local_costmap", "has no observation source", "the robot will not see obstacles", "remark")
 
@@ -171,15 +178,12 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
         for p in parameters:
             if f"{path}/{p.name}" in known:
                 continue  # a layer has this name, and nothing reads the parameter
-            named = [have[name] for name in p.names if not isinstance(have.get(name, {}), dict)]
-            if not named and p.name == "controller_frequency" and p.name in tree:
+            named = [have[name] for name in p.names if p.reads(have.get(name))]
+            if not named and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
             if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):
                 continue  # the layers have it
             label = f"{path}/{p.name}" if path else p.name
-            if any(other != named[0] for other in named[1:]):
-                other = f"is {named[0]!r} but its other name {p.aliases[0]} is {named[1]!r}"
-                raise ParameterError(Finding(label, other, "give one of them"))
             try:
                 value = p.taken(named[0] if named else p.default, label)
             except ParameterError:
@@ -192,10 +196,8 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
-    """Adds the parameters of each recovery behaviour that the tree lists."""
-    names = _behaviours(tree)
-    if _repeated(tree):  # C++ says so and takes the defaults (move_base.cpp, loadRecoveryBehaviors)
-        names, full["recovery_behaviors"] = [], DEFAULT_RECOVERIES
+    """Adds the recovery behaviours in force, and the parameters of each that the tree lists."""
+    names, full["recovery_behaviors"] = _behaviours(tree), _recoveries(tree)[0]
     for name in names:
         if not NAME.fullmatch(name) or name in full and name not in USUAL:
             why = "something else has this name" if name in full else "a name has letters, digits and _ only"
@@ -203,9 +205,10 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
-        own, usual = branch(tree, name), full.get(name, {})
+        own = {**full.get(name, {}), **branch(tree, name)}
         full[name] = {
-            p.name: p.taken(own.get(p.name, usual.get(p.name, p.default)), f"{name}/{p.name}") for p in BEHAVIOUR
+            p.name: p.taken(own[p.name] if p.reads(own.get(p.name)) else p.default, f"{name}/{p.name}")
+            for p in BEHAVIOUR
         }
 
 
@@ -222,14 +225,6 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[Finding]:
         turn = {"sim_granularity": math.inf, **full[name], "a turn of": 2 * math.pi}
         yield from (finding.below(name) for finding in too_many_points(turn, "sim_granularity", ["a turn of"]))
     yield from _sources(full)
-    world, local = (full[name]["robot_base_frame"] for name in COSTMAPS)
-    if world != local:
-        yield Finding("robot_base_frame", f"is {world} in global_costmap and {local} in local_costmap", "give the same")
-    for behaviour in full["recovery_behaviors"]:
-        named = isinstance(behaviour, dict) and isinstance(behaviour.get("name"), str)
-        if not named or behaviour.get("type") not in RECOVERY_TYPES:
-            advice = f"give a name and a type of {' or '.join(RECOVERY_TYPES)}"
-            yield Finding("recovery_behaviors", f"has {behaviour!r}", advice)
 
 
 def _sources(full: Dict[str, Any]) -> Iterator[Finding]:
@@ -245,12 +240,30 @@ def _sources(full: Dict[str, Any]) -> Iterator[Finding]:
                 yield Finding(f"{layer.path}/{name}", value, "give one type")
 
 
+def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[Finding]]:
+    """The recovery behaviours in force, and what there is to say of a tree's list.
+
+    As in move_base.cpp, loadRecoveryBehaviors, the default ones take the place of a list with a mistake, and a type may
+    lack its package. Types that are not here are left out.
+    """
+    listed = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
+    entries = listed if isinstance(listed, list) else [listed]
+    names = [e.get("name") if isinstance(e, dict) and isinstance(e.get("type"), str) else None for e in entries]
+    for entry, name in zip(entries, names):
+        again = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
+        if again or not isinstance(name, str):
+            value = f"has the name {name!r} more than once" if isinstance(name, str) else f"has {entry!r}"
+            instead = "as in C++ the default behaviours count; give each a name of its own and a type"
+            return DEFAULT_RECOVERIES, [Finding("recovery_behaviors", value, instead, "warning")]
+    types = {namespace(kind): kind for kind in RECOVERY_TYPES}
+    here = [dict(entry, type=types.get(namespace(entry["type"]), entry["type"])) for entry in entries]
+    absent = [f"has {entry['type']}" for entry in here if entry["type"] not in RECOVERY_TYPES]
+    left = "that behaviour is not here, the rest counts"
+    found = [Finding("recovery_behaviors", value, left, "warning") for value in absent]
+    return [entry for entry in here if entry["type"] in RECOVERY_TYPES], found
+
+
 def _behaviours(tree: Dict[str, Any]) -> List[str]:
-    """The names that recovery_behaviors lists."""
-    listed = tree.get("recovery_behaviors")
-    named = [b.get("name") for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
-    return [name for name in named if isinstance(name, str)]
-
-
-def _repeated(tree: Dict[str, Any]) -> List[str]:
-    return [name for name, times in Counter(_behaviours(tree)).items() if times > 1]
+    """The names that recovery_behaviors lists; none where the default ones are in force."""
+    found, _ = _recoveries(tree)
+    return [] if found == DEFAULT_RECOVERIES else [behaviour["name"] for behaviour in found]

@@ -110,10 +110,10 @@ def replaced(tree: Dict[str, Any]) -> Iterator[Finding]:
             yield Finding(f"{name}/map_type", "is voxel", "an obstacle layer stands for the voxel layer", "remark")
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
-            given = entry.get("type") if isinstance(entry, dict) else OBSTACLE_LAYER
+            given = entry.get("type") if isinstance(entry, dict) else None
             if given == VOXEL_LAYER:
                 yield Finding(f"{name}/plugins", f"has {given}", "an obstacle layer stands for it", "remark")
-            elif given not in TYPES:
+            elif isinstance(given, str) and given not in TYPES:
                 instead = "an obstacle layer stands for it" if _kind(entry, costmap) else "the costmap is without it"
                 yield Finding(f"{name}/plugins", f"has {given}", f"that layer is not here, {instead}", "warning")
 

@@ -15,6 +15,7 @@ INF = math.inf
 INT_MAX = 2147483647
 MOST_POINTS = 100_000  # of one trajectory or turn; more are refused instead of taking minutes
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
+_TYPES = {"bool": bool, "str": str, "list": list}
 _GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
 
 
@@ -55,21 +56,28 @@ class Parameter:
         """Its name, then the older ones."""
         return (self.name, *self.aliases)
 
+    @property
+    def give(self) -> str:
+        """What its values are, for people."""
+        return f"give {_GIVE[self.type]}"
+
+    def reads(self, value: Any) -> bool:
+        """Whether roscpp reads `value`; it passes over one of another type, so that the default counts."""
+        if self.type in ("double", "int"):
+            return isinstance(value, (int, float)) and not isinstance(value, bool)
+        return isinstance(value, (str, list) if self.name in TEXT_OR_LIST else _TYPES[self.type])
+
     def convert(self, value: Any, label: str = "") -> Any:
         """`value` as its type, bounds aside. ParameterError for another type, NaN, infinity or a useless 0."""
         label = label or self.name
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if number and self.type in ("double", "int"):
-            if not math.isfinite(value):
-                raise ParameterError(Finding(label, f"is {value!r}", "give a finite number"))
-            if self.not_zero and value == 0:
-                raise ParameterError(Finding(label, "is 0, which cannot work", "give a number above it"))
-            return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds
-        if self.type == "bool" and isinstance(value, bool) or self.type == "list" and isinstance(value, list):
-            return value
-        if self.type == "str" and isinstance(value, (str, list) if self.name in TEXT_OR_LIST else str):
-            return str(value)
-        raise ParameterError(Finding(label, f"is {value!r}", f"give {_GIVE[self.type]}"))
+        number = self.type in ("double", "int")
+        if not self.reads(value) or number and not math.isfinite(value):
+            raise ParameterError(Finding(label, f"is {value!r}", self.give))
+        if not number:
+            return str(value) if self.type == "str" else value
+        if self.not_zero and value == 0:
+            raise ParameterError(Finding(label, "is 0, which cannot work", "give a number above it"))
+        return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds
 
     def taken(self, value: Any, label: str = "") -> Any:
         """`value` as the node has it: converted and within the bounds. ParameterError where it cannot be."""

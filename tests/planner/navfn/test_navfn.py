@@ -155,9 +155,7 @@ def test_a_map_too_small_to_have_an_inside():
 def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
     """On maps that are mostly free, along short drives with cells that change: plans, and potentials in the fence."""
     whole, stat = window.around, Counter()
-    rises = window.leaves
-    monkeypatch.setattr(window, "leaves", lambda *given: (stat.update([bool(rises(*given))]), rises(*given))[1])
-    for seed in range(60):
+    for seed in range(90):
         rng = np.random.default_rng(seed)
         nx, ny = (int(n) for n in rng.integers(150, 400, 2))
         cells = np.zeros((ny, nx), np.uint8)
@@ -171,12 +169,12 @@ def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
             start = tuple((at + 0.5) * RES)
             monkeypatch.setattr(window, "around", whole)
             plan = fenced.plan(costmap, start, goal)
-            monkeypatch.setattr(window, "around", lambda *given: [])
+            monkeypatch.setattr(window, "around", lambda *given: None)
             np.testing.assert_array_equal(plan, full.plan(costmap, start, goal))
             stat["fenced"] += fenced._fence is not None
             if fenced._fence is not None:
                 x0, y0, x1, y1 = fenced._fence
-                within = np.s_[y0 + window.ROWS : y1 - window.ROWS + 1, x0 + window.ROWS : x1 - window.ROWS + 1]
+                within = np.s_[y0 + 2 : y1 - 1, x0 + 2 : x1 - 1]
                 mine = fenced._potential[: nx * ny].reshape(ny, nx)[within]
                 np.testing.assert_array_equal(mine, full.potential[within])
             at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
@@ -184,5 +182,4 @@ def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
             cells[y, x] = rng.choice([0, 100, 254])
             costmap.paint(cells)
         np.testing.assert_array_equal(fenced.potential, full.potential)
-    assert stat["fenced"] > 60
-    assert stat[False] > 5, "where the wave does not leave, the whole map is flooded"
+    assert stat["fenced"] > 200

@@ -16,6 +16,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
+from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES
 from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support import ROOT
 from tests.support.jackal import JACKAL
@@ -108,7 +109,7 @@ SEEN = "local_costmap/obstacles_layer/"
     [
         ("DWAPlannerROS/latch_xy_goal_tolerance", True, None, "is without effect here"),
         ("DWAPlannerROS/occdist_scale", 0.0, None, "is 0"),
-        ("DWAPlannerROS/max_rot_vel", 0.4, None, "is an older name without effect"),
+        ("DWAPlannerROS/max_rot_vel", 0.4, None, "is no longer read"),
         ("aggressive_reset/affected_maps", "local", None, "is without effect"),
         ("aggressive_reset/invert_area_to_clear", True, None, "is without effect"),
         (SEEN + "observation_sources", "bump", SEEN + "scan", "is not read"),
@@ -158,30 +159,23 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
     ("path", "value", "words"),
     [
         (PLANNER + "/xy_goal_tolerance", -0.1, "is -0.1: give a value from 0.0 to inf"),
-        (PLANNER + "/vx_samples", "6", "give a whole number"),
         (PLANNER + "/world_model", "freespace", "give costmap"),
         (PLANNER + "/max_vel_x", math.nan, "give a finite number"),
-        (PLANNER + "/dwa", 1, "give true or false"),
-        (PLANNER + "/pdist_scale", 0.5, "one of them"),
         (PLANNER + "/sim_granularity", 1e-9, "is 1e-09: .*more than 100000 points"),
         ("rotate_recovery/sim_granularity", 1e-9, "100000 points"),
         ("controller_frequency", 0, "cannot work"),
         ("base_local_planner", "teb_local_planner/TebLocalPlannerROS", "teb_.*: give base_local_planner/Traj"),
         ("local_costmap/width", 100000, "cells"),
         ("local_costmap/resolution", 20.0, "local_costmap/width, height are 10 x 10 m.*20 m.*no cells"),
-        ("local_costmap/robot_base_frame", "base", "give the same"),
         ("local_costmap/plugins", [{"name": "v"}], "give a name and a type of"),
         ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
         ("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}], "'width'"),
         (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
         (SEEN + "scan/data_type", "PointCloud2", "takes PointCloud2 from the topic front/scan, another .* LaserScan"),
-        (SEEN + "observation_sources", ["scan"], "give text"),
         (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
         ("local_costmap", 3, "give a mapping"),
-        ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
         ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
         ("recovery_behaviors", [{"name": "a b", "type": TURN}], "'a b'.*letters"),
-        ("recovery_behaviors", [{"type": TURN}], "give a name and a type"),
     ],
 )
 def test_check_says_what_where_and_what_to_do(path, value, words):
@@ -209,6 +203,41 @@ def test_values_are_read_as_roscpp_reads_them():
     assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # half is rounded up
     assert full["local_costmap"]["footprint"].startswith("[[0.27, 0.21]")  # found above the costmap
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
+
+
+MOVE_SLOW = {"name": "slow", "type": "move_slow_and_clear/MoveSlowAndClear"}
+KEPT = [{"name": "turn", "type": TURN}]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "counts", "said"),
+    [
+        (PLANNER + "/vx_samples", "6", 20, "is '6': 20 counts, as in C++; give a whole number"),
+        (PLANNER + "/max_vel_x", "1e-1", 0.55, "is '1e-1': 0.55 counts"),
+        (PLANNER + "/max_vel_x", True, 0.55, "is True: 0.55 counts"),
+        (PLANNER + "/dwa", 1, False, "is 1: False counts, as in C++; give true or false"),
+        ("local_costmap/rolling_window", "true", False, "is 'true': False counts"),
+        (SEEN + "scan/obstacle_range", "1.0", 2.5, "is '1.0': 2.5 counts"),
+        (SEEN + "observation_sources", ["scan"], "", "is ['scan']: '' counts, as in C++; give text"),
+        ("recovery_behaviors", [{"type": TURN}], DEFAULT_RECOVERIES, "default behaviours count; give each a name"),
+        ("recovery_behaviors", "none", DEFAULT_RECOVERIES, "has 'none': as in C++ the default behaviours count"),
+        ("recovery_behaviors", [MOVE_SLOW, *KEPT], KEPT, "has move_slow_and_clear/MoveSlowAndClear: that behaviour is"),
+        ("recovery_behaviors", [{"name": "turn", "type": "RotateRecovery"}], KEPT, ""),  # the older form of its type
+        ("controller_frequency", "10", 20.0, "is '10': 20.0 counts"),
+        ("local_costmap/robot_base_frame", "base", "base", "base_link counts for both"),
+        (PLANNER + "/pdist_scale", 0.5, 0.75, "is an older name: path_distance_bias counts"),
+    ],
+)
+def test_what_roscpp_passes_over_counts_as_not_given(path, value, counts, said):
+    tree = changed(path, value)
+    assert check(tree) == []
+    full = complete(tree)
+    for part in path.split("/"):
+        full = full[part]
+    assert full == counts
+    found = [finding for finding in warnings(tree) if finding.key == path]
+    assert {finding.severity for finding in found} == ({"remark" if "older" in said else "warning"} if said else set())
+    assert said in "".join(map(str, found))
 
 
 def test_older_names_count_where_cpp_reads_them():
@@ -265,12 +294,13 @@ def test_layers_that_are_not_here_are_named_and_the_rest_drives():
 
 
 def test_all_mistakes_are_found_at_once():
-    tree = changed(PLANNER + "/max_vel_x", "fast")
-    tree["local_costmap"].update(resolution=-1.0, robot_base_frame="base")
+    tree = changed(PLANNER + "/max_vel_x", math.inf)
+    tree["local_costmap"].update(resolution=-1.0)
+    tree["base_global_planner"] = "carrot_planner/CarrotPlanner"
     assert {finding.key for finding in check(tree)} == {
         PLANNER + "/max_vel_x",
         "local_costmap/resolution",
-        "robot_base_frame",
+        "base_global_planner",
     }
 
 
@@ -285,7 +315,7 @@ def test_a_layer_may_be_called_as_what_a_list_of_layers_replaces():
 
 def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
     with pytest.raises(ParameterError, match="give a name and a type"):
-        complete(changed("recovery_behaviors", [{"type": TURN}]))
+        complete(changed("local_costmap/plugins", [{"type": "costmap_2d::StaticLayer"}]))
 
 
 def test_scan_source_may_have_any_name():

@@ -1,6 +1,8 @@
 """Bags to transitions: rebuilt as the node saw them, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
 
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ import pytest
 from rosbags import rosbag2
 from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.rosbag2 import StoragePlugin
 
@@ -23,7 +26,7 @@ from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
 from training.bags.episodes import BagReport, decision_period, trajectories
-from training.bags.reader import SECOND, BagError, find, read_bag
+from training.bags.reader import SECOND, BagError, _is_right, find, read_bag
 from training.env.reward import Reward
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
@@ -302,9 +305,9 @@ def damaged(tmp_path):
     """{file name: its reason for being left out, as counted}"""
     record(tmp_path / "whole.bag")
     whole = (tmp_path / "whole.bag").read_bytes()
+    (tmp_path / "cut_end.bag").write_bytes(whole[:-200])  # all messages are there
     broken = {
-        "truncated.bag": whole[: len(whole) // 2],
-        "cut_end.bag": whole[:-200],
+        "truncated.bag": whole[:5000],
         "text.bag": b"no bag at all\n" * 100,
         "run.bag.active": whole[:5000],
         "noise.bag": whole[:20000] + bytes(400) + whole[20400:],
@@ -359,6 +362,45 @@ def test_only_the_definitions_of_needed_topics_decide(tmp_path, name):
         rebuild(tmp_path / "needed.bag")
 
 
+PARTS = "=" * 80 + "\nMSG: x_msgs/B\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        ("float64[36] covariance\nuint8[] data", True),
+        ("x_msgs/B result\n" + PARTS, True),  # such as MoveBaseResult
+        ("string[1001] names", False),
+        ("x_msgs/B[] results\n" + PARTS, False),  # a message says how many
+        ("x_msgs/B[2] results\n" + PARTS + "x_msgs/C c\n" + PARTS.replace("B", "C"), False),
+        ("# " + "x" * 70_000 + "\nuint8 a", False),
+        ("uint8 A = 1\n", False),
+    ],
+)
+def test_a_definition_that_asks_for_endless_work_is_wrong(text, right):
+    kind = MessageDefinitionFormat.IDL if "=" in text and "A" in text else MessageDefinitionFormat.MSG
+    connection = SimpleNamespace(msgdef=MessageDefinition(kind, text), msgtype="x_msgs/msg/A", digest="")
+    assert _is_right(connection, False) is right
+
+
+def test_databases_and_settings_of_ros_2_bags_are_plain(tmp_path):
+    """A view can be endless; the settings of a topic are YAML in YAML."""
+    record(tmp_path / "whole.bag")
+    convert([tmp_path / "whole.bag"], tmp_path / "whole", "sqlite3", 9, None, "none", None, None, (), (), (), ())
+    endless = "".join(f"a{k + 1}: &a{k + 1} {{<<: [*a{k}, *a{k}]}}\n" for k in range(60))
+    with closing(sqlite3.connect(next((tmp_path / "whole").glob("*.db3")))) as database, database:
+        database.execute("UPDATE topics SET offered_qos_profiles = ?", ("a0: &a0 {x: 1}\n" + endless,))
+    assert rebuild(tmp_path / "whole")[0]
+    with closing(sqlite3.connect(next((tmp_path / "whole").glob("*.db3")))) as database, database:
+        database.execute("ALTER TABLE schema RENAME TO before")
+        database.execute(
+            "CREATE VIEW schema AS WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r) "
+            "SELECT MAX(x) AS schema_version FROM r"
+        )
+    with pytest.raises(BagError, match="it has more than plain tables"):
+        rebuild(tmp_path / "whole")
+
+
 @pytest.mark.parametrize("storage", StoragePlugin)
 def test_of_a_ros_2_bag_too(tmp_path, storage):
     record(tmp_path / "whole.bag")
@@ -390,9 +432,10 @@ def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
     source = store.about("source")
     said = {bag["name"]: bag for bag in source["bags"]}
     assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
-    assert set(said) == set(reasons) | {"whole.bag"}
-    assert said["whole.bag"]["transitions"] == 5
-    assert said["whole.bag"]["skipped"] == {}
+    assert set(said) == set(reasons) | {"whole.bag", "cut_end.bag"}
+    for name in ("whole.bag", "cut_end.bag"):
+        assert said[name]["transitions"] == 5
+        assert said[name]["skipped"] == {}
     for name, reason in reasons.items():
         if name == "noise.bag" and said[name]["transitions"]:
             continue  # the damage may lie where nothing needed is

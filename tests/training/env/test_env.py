@@ -10,21 +10,23 @@ import pytest
 
 import sim_bridge
 from applr_ros1 import robots
+from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode, nearest
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
-from worlds import Course, World
+from worlds import Course, Mover, World
 
 
 class FakeMoveBase:
     """Drives straight ahead at v, and after `end` cycles says `result`."""
 
-    def __init__(self, v=1.0, end=None, result=None):
-        self.v, self.end, self.result = v, end, result
+    def __init__(self, v=1.0, end=None, result=None, w=0.0):
+        self.v, self.w, self.end, self.result = v, w, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
         self.parameters = {"applr": {"movers": False}}
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
@@ -52,7 +54,7 @@ class FakeMoveBase:
         self.steps.append((now, pose, twist))
         self.scans.append(scan)
         over = self.end is not None and len(self.steps) > self.end
-        command = (0.0 if over else self.v, 0.0) if self.goals else None
+        command = (0.0 if over else self.v, self.w) if self.goals else None
         result = self.result if over and len(self.steps) == self.end + 1 else None
         return SimpleNamespace(command=command, result=result)
 
@@ -186,12 +188,12 @@ class Scripted(FakeMoveBase):
 
 
 FIELDS = ("phi", "progress", "progress_y", "last_scan_min", "decision_min", "contact", "collided", "seconds")
-FIELDS += ("time_s", "path_length_m", "min_clearance_m", "mean_jerk", "mean_turn", "mean_range")
+FIELDS += ("time_s", "path_length_m", "min_clearance_m", "mean_clearance_m", "mean_jerk", "mean_turn", "mean_range")
 GOLDEN = (
-    (-1.48, 0.73, 0.82, 0.51, 0.45, 0, 0, 1, 1, 0.82, 0.45, 9.74, 0.44, 4.50),
-    (-2.86, 1.15, 1.30, 0.15, 0.15, 1, 1, 1, 2, 2.13, 0.15, 34.91, 2.47, 3.77),
-    (-2.64, -0.33, -0.57, 0.79, 0.15, 1, 1, 1, 3, 2.79, 0.15, 26.71, 2.40, 4.51),
-    (2.99, -0.24, -0.32, 1.13, 0.79, 0, 1, 1, 4, 3.13, 0.15, 22.29, 2.39, 4.75),
+    (-1.48, 0.73, 0.82, 0.51, 0.45, 0, 0, 1, 1, 0.82, 0.45, 0.54, 9.74, 0.44, 4.50),
+    (-2.86, 1.15, 1.30, 0.15, 0.15, 1, 1, 1, 2, 2.13, 0.15, 0.55, 34.91, 2.47, 3.77),
+    (-2.64, -0.33, -0.57, 0.79, 0.15, 1, 1, 1, 3, 2.79, 0.15, 0.50, 26.71, 2.40, 4.51),
+    (2.99, -0.24, -0.32, 1.13, 0.79, 0, 1, 1, 4, 3.13, 0.15, 0.60, 22.29, 2.39, 4.75),
 )
 
 
@@ -388,3 +390,25 @@ def test_the_costmaps_get_where_moving_obstacles_will_be_if_the_settings_say_so(
             env.step(np.zeros(env.action_space.shape, np.float32))
         assert (marked() > 20) == movers
     env.close()
+
+
+def test_a_policy_is_told_where_a_mover_is_from_a_robot_that_turns():
+    """It begins at (1, 2) in the world, which is the odometry's origin, and looks back to the left in the end."""
+    walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
+    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v=0.0, w=0.6)
+    planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
+    episode, form = Episode(simulator, planner, period=0.5), DimensionlessForm(robots.JACKAL, 0.5)
+    episode.layout = form.layout
+    told = {}
+    for movers in ((), (walker,)):
+        episode.reset(replace(straight(), movers=movers), 0)
+        drive(episode, most=3)
+        told[len(movers)] = form.observe(episode.context())[-12:]
+    assert told[0].tolist() == [1.0, 0.0, 0.0, 0.0] * 3
+    assert told[1][4:].tolist() == [1.0, 0.0, 0.0, 0.0] * 2
+    state = simulator.state
+    assert state.pose[2] > 2.0
+    x, y = transform_point(inverse(state.pose), *walker.position(state.time))
+    vx, vy = transform_point((0.0, 0.0, -state.pose[2]), 1.25, 0.0)
+    seen = told[1][:4] * ([15.0 * form.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
+    np.testing.assert_allclose(seen, [x, y, vx, vy], atol=0.2)

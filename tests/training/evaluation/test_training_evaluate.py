@@ -3,6 +3,7 @@ one line. A toy runner stands in for the robot; the real one is driven at the en
 """
 
 import csv
+import io
 import json
 import math
 import os
@@ -15,6 +16,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
@@ -177,6 +179,10 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     for text in (*wrong, whole.replace("1.0", ""), whole + whole.splitlines()[1] + ",1\n"):
         (tmp_path / "trials.csv").write_text(text)
         refuse("expected world,method")
+    pd.read_csv(io.StringIO(whole)).drop(columns="mean_clearance_m").to_csv(tmp_path / "trials.csv", index=False)
+    older = trial_store.read_trials(tmp_path / "trials.csv")
+    assert (older.time_s == 1.0).all()
+    assert older.mean_clearance_m.isna().all(), "it was not noted then"
     (tmp_path / "evaluation.json").write_text("{")
     refuse("not JSON")
     (tmp_path / "evaluation.json").unlink()

@@ -47,7 +47,7 @@ def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
         ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
         ("gamma: fast\n", "own.yaml: gamma is 'fast': input should be a valid number"),
         ("- 3\n", "holds no options"),
-        ("a: [\n", "not YAML"),
+        ("a: [\n", "not readable as YAML"),
     ):
         own.write_text(text)
         with pytest.raises(ApplrError, match=pattern):

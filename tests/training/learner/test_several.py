@@ -8,18 +8,18 @@ from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
 from training import several, train
 from training.evaluation.plan import Trial, TrialResult
 from training.evaluation.store import TRIALS, TrialTable
-from training.evaluation.trials import world_list
 from training.learner.config import parse
+from worlds import specs
 
 SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7.5}
 
 
 def fake(options):
     """Drives as fast as SECONDS says."""
-    worlds = [world[0] for world in world_list(options.worlds, options.protocol, options.robot)]
-    assert len(worlds) == 50
+    found = specs(options.worlds)
+    assert len(found) == 50
     table = TrialTable(options.out + "/" + TRIALS)
-    for i, world in enumerate(worlds):
+    for i, world in enumerate(found):
         for name in (text.partition("=")[0] for text in options.methods.split(",")):
             result = TrialResult(success=True, time_s=SECONDS[name] + 0.1 * (i % 3), total_reward=0.0)
             table.add(Trial(world, name, 0, 1, world, name, "ours"), result)
@@ -56,6 +56,28 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
     one_line(capsys, arguments, "holds a run already", train.main)
     assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
     assert json.loads((out / "seed_3/checkpoint.json").read_text())["transitions"] == json.loads(before)["transitions"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "says", "advice"),
+    [
+        ({"applr": 7.5, "static": 5.0}, "the tuned parameters do", "Drive with the best single set (method static)"),
+        ({"applr": 7.5, "static": 20.0}, "The policy pays on jackal", "Copy "),
+        ({"applr": 30.0, "static": 20.0}, "The policy does not pay on jackal", "Keep your parameters"),
+    ],
+)
+def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, says, advice, tmp_path, evaluated, monkeypatch):
+    for name, value in seconds.items():
+        monkeypatch.setitem(SECONDS, name, value)
+    policy = tmp_path / "seed_3/best.safetensors"
+    policy.parent.mkdir()
+    policy.write_bytes(b"a policy")
+    _, arrivals, judged, next_step = several.choose(parse(toy(tmp_path, "--seeds", 2)), tmp_path, [policy])
+    ends = [f"in {seconds.get(name, SECONDS[name]) + 0.1:.1f} s" for name in ("dwa", "static", "applr")]
+    assert [end in arrivals for end in ends] == [True] * 3
+    assert says in judged
+    assert next_step.startswith(advice)
+    assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"
 
 
 def test_what_seeds_cannot_be_combined_with(tmp_path, capsys):

@@ -151,6 +151,3 @@ def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
     bag = tmp_path / "part.bag"
     assert demonstrate.main([str(bag), "--world", "generated:0", "--simulator", "kinematic"]) == 130
     assert not bag.exists()
-
-
-# -- pipes and devices where a run keeps its files --------------------------------------------------------------------

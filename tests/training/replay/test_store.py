@@ -6,7 +6,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from applr_ros1.common.files import StorageError
+from applr_ros1.common.files import StorageError, sha256
 from tests.support import episodes
 from training.learner.learner import Learner, LearnerOptions
 from training.replay.store import NAME, TrajectoryStore
@@ -95,6 +95,45 @@ def test_what_is_no_store_is_one_line(store, tmp_path):
         database.execute("PRAGMA user_version = 1")
     with pytest.raises(StorageError, match="not a store of trajectories of this version"):
         TrajectoryStore(tmp_path)
+
+
+VIEW = "DROP TABLE episodes; CREATE VIEW episodes AS WITH RECURSIVE r(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM r) "
+
+
+@pytest.mark.fault("18b")
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (VIEW + "SELECT id, '' AS sum FROM r", "more than plain tables"),
+        ("CREATE TRIGGER t AFTER INSERT ON about BEGIN DELETE FROM episodes; END", "more than plain tables"),
+        ("DROP TABLE about; CREATE TABLE about (name, value BLOB AS (zeroblob(1000000000)), sum)", "more than plain"),
+        (("episodes", 2**62, "a", 9, 3, "{}"), "its newest episode is number 4611686018427387904"),
+        (("episodes", 6, "a", 9, "many", "{}"), "cannot be used"),
+        (("episodes", 6, "a", 9, 3, "[" * 100_000), "nested too deep"),
+        (("about", "source", "{"), "cannot be used"),
+        (("arrays", 2, 5), ""),
+    ],
+)
+def test_what_a_stranger_made_is_one_line(store, tmp_path, change, words):
+    """With right checksums."""
+    store.close()
+    with closing(sqlite3.connect(tmp_path / NAME, isolation_level=None)) as database:
+        if isinstance(change, str):
+            database.executescript(change)
+        else:
+            table, *row = change
+            database.execute(f"REPLACE INTO {table} VALUES ({', '.join('?' * (len(row) + 1))})", (*row, sha256(*row)))
+
+    def read():
+        found = TrajectoryStore(tmp_path)
+        return len(list(found.trajectories())), found.infos(), found.about("source")
+
+    if not words:
+        assert read()[0] == 4
+        return
+    with pytest.raises(StorageError, match=words) as refused:
+        read()
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.fault("18b")

@@ -100,6 +100,7 @@ def test_holm_by_hand():
 
 def test_wilson_by_the_book():
     assert statistics.wilson(0.0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert statistics.wilson(0.0, 94)[0] == 0.0, "not -0"
     assert statistics.wilson(0.9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -74,8 +75,9 @@ def driven():
     return tape.events, outcome
 
 
-def written(path, events):
-    with StackWriter(path, Tape.topics) as writer:
+def written(path, events, topics=Tape.topics, chunk=1 << 20):
+    with StackWriter(path, topics) as writer:
+        writer._writer.chunk_threshold = chunk
         for name, *args, more in sorted(events, key=lambda event: event[1]):
             getattr(writer, name)(*args, **more)
     return path
@@ -96,6 +98,9 @@ def test_the_world_is_what_stood_there_and_the_course_what_was_driven(recorded, 
     surfaces = in_world(free.cylinders[:, :2])
     depth = -clearance(WORLD, surfaces)  # a surface is that of cylinders whose middles lie .04 m behind it
     assert -0.03 < depth.min() < 0.02 < np.median(depth) < depth.max() < 0.08
+    away = clearance(WORLD, in_world(recorded.courses[0].poses[:, :2]))
+    narrower = away - clearance(free, recorded.courses[0].poses[:, :2])
+    assert abs(narrower[away < 0.8].mean()) < 0.006, "passages are as wide as they were"
     seen_posts = np.hypot(*(surfaces[:, None] - WORLD.cylinders[-2:, :2]).transpose(2, 0, 1)).min(axis=0)
     assert (seen_posts < 0.15).all()
     away = in_world(dark.cylinders[len(free.cylinders) :, :2]) - START[:2]
@@ -122,10 +127,19 @@ def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded,
     assert "may not hold" in check.sentence
 
 
+def test_each_drive_of_the_check_draws_its_own_noise_half_of_them_with_the_unseen_as_wall(recorded, monkeypatch):
+    (course,), driven = recorded.courses, []
+    monkeypatch.setattr(bag, "simulated", lambda *how: driven.append((how[3], how[2].name)) or course.drive)
+    assert recorded.check(drives=2, seed=5).agrees
+    free, dark = (world.name for world in course.worlds)
+    assert driven == [(5, free), (6, dark), (7, free), (8, dark)]
+
+
 def test_the_robot_is_measured(recorded):
     fields = recorded.fields
     assert fields["simulation", "command_delay"].value == pytest.approx(DELAY, abs=0.03)
     assert fields["odometry", "lag"].value == pytest.approx(0.03, abs=0.021)
+    assert fields["odometry", "lag"].spread >= measured.STEP, "it is no better known than the grid that was tried"
     assert fields["laser", "noise"].value == pytest.approx(NOISE, rel=0.15)
     assert recorded.robot.laser.noise == fields["laser", "noise"].value
     assert ("laser", "no_return") not in fields
@@ -156,15 +170,23 @@ def standing(events):
     return [event for event in events if event[1] > max(event[1] for event in events) - 1.5]
 
 
-def jump(events):
-    """The odometry is set elsewhere in the last second."""
-    end = max(event[1] for event in events) - 1.0
+def changed(events, kind, change):
+    """Events in which the first argument of one kind is change(argument, time)."""
     return [
-        (name, at, (args[0][0] + 9.0, *args[0][1:]), *args[1:])
-        if name == "odometry" and at > end
-        else (name, at, *args)
-        for name, at, *args in events
+        (name, at, change(args[0], at), *args[1:]) if name == kind else (name, at, *args) for name, at, *args in events
     ]
+
+
+def jump(events):
+    """The odometry is set elsewhere in the last second, and is no number before."""
+    end = max(event[1] for event in events) - 1.0
+    nowhere = np.nan, 1e300, 1.0
+    return changed(events, "odometry", lambda p, at: nowhere if at < 1.2 else (p[0] + 9.0 * (at > end), *p[1:]))
+
+
+def clock(events):
+    """The computer's clock is set by 30 years while the robot stands, as where it has no battery."""
+    return [(name, at + 1e9 * (at > 1.2), *args) for name, at, *args in events]
 
 
 def in_a_map(*steps):
@@ -181,46 +203,70 @@ def in_a_map(*steps):
 def person(events):
     """Somebody stands 1.5 m ahead for the first two seconds."""
     first = min(event[1] for event in events if event[0] == "scan")
-
-    def seen(ranges):
-        return np.where(np.abs(np.arange(720) - 360) < 25, np.minimum(ranges, 1.5), ranges)
-
-    return [
-        (name, at, seen(args[0]), *args[1:]) if name == "scan" and at < first + 2.0 else (name, at, *args)
-        for name, at, *args in events
-    ]
+    ahead = np.abs(np.arange(720) - 360) < 25
+    return changed(events, "scan", lambda r, at: np.where(ahead & (at < first + 2.0), np.minimum(r, 1.5), r))
 
 
 def zeros(events):
-    return [
-        (name, at, np.where(np.asarray(args[0]) < 4.0, args[0], 0.0), *args[1:])
-        if name == "scan"
-        else (name, at, *args)
-        for name, at, *args in events
-    ]
+    return changed(events, "scan", lambda ranges, at: np.where(np.asarray(ranges) < 4.0, ranges, 0.0))
+
+
+def hanging(events):
+    """The scanner hangs upside down, as tf says; the first scans are empty."""
+    hangs = ("transform", 0.5, "base_link", JACKAL.laser.frame, (0.055, 0.0, 0.0), {"inverted": True})
+    return [hangs, *changed(events, "scan", lambda ranges, at: np.asarray(ranges)[::-1] if at > 1.1 else [])]
+
+
+def often(events):
+    """The goal is sent every second, in a frame that tf does not know."""
+    (goal,) = (args for name, _, *args in events if name == "goal")
+    more = [("goal", 0.9 + n, *goal[:-1], {"frame": "nowhere"}) for n in range(5)]
+    return [*without("goal")(events), *more]
 
 
 @pytest.mark.parametrize(
     ("change", "remark"),
     [
-        (without("goal"), "no goal: it is where the drive ends"),
+        (without("goal"), "no goal: the course ends where it was farthest from its start"),
         (without("command"), "nothing of the base is measured"),
         (without("parameters"), "values of the robot's files are taken"),
-        (jump, "the odometry jumps 1 times"),
+        (jump, "the odometry or its clock jumps 1 times"),
+        (clock, "the odometry or its clock jumps 1 times"),
         (in_a_map(0.0, 1.0), "the localisation in map jumps 1 times"),
         (person, "something moved"),
+        (hanging, "tf has front_laser at 0.06, 0.00 m, 0.00 rad, upside down"),
+        (often, "nothing says where a goal in the frame 'nowhere' is"),
     ],
-    ids=["goal", "command", "parameters", "jump", "map", "person"],
+    ids=["goal", "command", "parameters", "jump", "clock", "map", "person", "laser", "frame"],
 )
 def test_what_is_wrong_is_one_line_and_the_course_is_found(driven, tmp_path, change, remark):
     found = bag.read([written(tmp_path / "a.bag", change(driven[0]))], JACKAL, copies=0)
     assert [remark in line for line in found.remarks].count(True) == 1, found.remarks
-    assert found.courses[0].drive.path_m > 4.0
+    (course,) = found.courses
+    assert course.drive.path_m > 4.0
     assert clearance(found.worlds[0], found.worlds[0].course.path).min() > 0.15
     if change is not jump and change.__name__ != "change":  # nothing where nothing stands
         assert clearance(WORLD, in_world(found.worlds[0].cylinders[:, :2])).max() < 0.2
     lacking = [line for line in found.remarks if "rosbag record" in line]
     assert len(lacking) == (remark.startswith(("no goal", "nothing of", "values")))
+
+
+def test_a_robots_topics_may_lie_in_a_namespace_or_have_other_names(driven, recorded, tmp_path):
+    names = {name: "/two" + topic for name, topic in vars(Tape.topics).items()}
+    other = replace(Tape.topics, scan="/laser", command="/nav_vel")
+    for name, topics in {"space": TopicNames(**names), "other": other}.items():
+        found = bag.read([written(tmp_path / f"{name}.bag", driven[0], topics)], JACKAL, copies=0)
+        assert f"{name}.bag: not recorded under" in found.remarks[0]
+        assert f"read instead: {topics.scan}, " in found.remarks[0]
+        assert found.courses[0].drive == recorded.courses[0].drive
+        assert found.fields == recorded.fields
+
+
+def test_of_two_odometries_that_have_other_names_the_one_with_more_messages_is_read():
+    there = {"/front/scan": ("LaserScan", 9), "/wheels/odom": ("Odometry", 9), "/odometry/filtered": ("Odometry", 18)}
+    connections = [SimpleNamespace(topic=t, msgtype=f"x/{kind}", msgcount=n) for t, (kind, n) in there.items()]
+    found = TopicNames(odometry="/odom", plan="").found(connections)
+    assert (found.scan, found.odometry, found.plan) == ("/front/scan", "/odometry/filtered", "")
 
 
 def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):
@@ -235,6 +281,14 @@ def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):
     )
     assert by_tf.courses[0].drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
     assert by_tf.fields["simulation", "command_delay"].value == pytest.approx(DELAY, abs=0.05)
+
+
+def test_of_a_bag_that_is_cut_short_what_is_whole_is_read(driven, recorded, tmp_path):
+    path = written(tmp_path / "cut.bag", driven[0], chunk=1 << 15)
+    path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
+    found = bag.read([path], JACKAL, copies=0)
+    assert "cut.bag: it is cut short: what is whole of it is read" in found.remarks
+    assert 1.5 < found.courses[0].drive.path_m < recorded.courses[0].drive.path_m
 
 
 def test_each_goal_of_a_bag_is_a_course(driven, tmp_path):
@@ -260,12 +314,22 @@ def test_bags_that_cannot_be_used_are_remarks_beside_one_that_can(driven, tmp_pa
     for name, remark in (
         ("stands", "the robot stands"),
         ("blind", "nothing on /front/scan"),
-        ("lost", "nothing on /odometry/filtered nor /tf"),
+        ("lost", "nothing on /odometry/filtered nor in /tf"),
         ("cut", "damaged"),
     ):
         assert any(line.startswith(f"{name}.bag: ") and remark in line for line in found.remarks), found.remarks
     with pytest.raises(BagError, match="blind.bag: nothing on .* rosbag record"):
         bag.read([tmp_path / "blind.bag"], JACKAL)
+
+
+def test_a_measured_value_that_contradicts_the_robot_is_left_out(driven, tmp_path):
+    robot = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"range_max": 60.0}))
+    far = changed(driven[0], "scan", lambda ranges, at: np.where(np.asarray(ranges) < 4.0, ranges, 40.0))
+    found = bag.read([written(tmp_path / "a.bag", far)], robot, copies=0)
+    assert found.remarks[0].startswith("measured laser.no_return 40 m"), found.remarks
+    assert "is left out: laser.no_return is 40" in found.remarks[0]
+    assert found.robot.laser.no_return is None
+    assert ("laser", "no_return") not in found.new
 
 
 def test_a_base_is_known_by_how_it_follows():
@@ -313,7 +377,7 @@ def test_what_moves_and_what_is_not_seen_is_told_from_what_stands():
     driven = np.zeros((1, 2))
     place = seen(scans, driven, 0.2, 0.3)
     assert place.gone > 0.0
-    np.testing.assert_allclose(place.surfaces[:, 0], 2.04, atol=0.025)
+    np.testing.assert_allclose(place.surfaces[:, 0], 2.05, atol=0.02)
     assert place.surfaces[:, 1].min() < -1.9
     assert place.surfaces[:, 1].max() > 1.9
     sides = np.abs(np.arctan2(place.unseen[:, 1], place.unseen[:, 0]))

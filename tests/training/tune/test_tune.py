@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 import rosparam
@@ -18,12 +19,14 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.measured import Value
 from training import tune_robot
 from training.evaluation.plan import TrialResult
-from training.evaluation.score import AIMS
+from training.evaluation.score import AIMS, Own
 from training.report import verdict as judging
 from training.tune import parameter_file
 from training.tune.bag import Check
 
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
+WIDTH = robots.JACKAL.body.size[1]
+NOISE = Value(0.02, "m", 0.001, "52 scans")
 DRIVEN = []  # trials, each of which takes a second
 
 
@@ -55,9 +58,11 @@ def only_in_search(settings, task):
 @pytest.fixture
 def few(monkeypatch):
     """Few courses, and time in which nothing but drives takes any."""
+    DRIVEN.clear()
     monkeypatch.setattr(tune_robot, "WORLDS", "generated:1-12")
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
+    monkeypatch.setattr(tune_robot.open_floor, "sentences", lambda robot, simulator: (True, []))
 
 
 @pytest.fixture
@@ -88,7 +93,8 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
     assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
     page = next((tmp_path / "out").glob("fast_*/report/index.html")).read_text()
-    assert page.index("The tuned parameters are better") < page.index("What changed") < page.index("Table")
+    said = ("The tuned parameters are better", "Below, dwa stands for", "What changed", "Table")
+    assert [page.index(words) for words in said] == sorted(page.index(words) for words in said)
     assert "Duration for which each sampled velocity is simulated." in page
     assert "0.5 m/s" in page
     searched = {task.world for task in DRIVEN if task.method == "set"}
@@ -97,22 +103,30 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert not searched & judged
 
 
-def test_blocks_begin_until_their_share_of_the_time_is_spent(monkeypatch):
-    now = [0.0]
+def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_the_same_ones_again(tmp_path, monkeypatch):
+    now = [7.0]
     monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
-    def begun(before, fewest=1):
-        now[0] = 7.0
-        budget, found = tune_robot.Budget(100.0, before), []
-        for block in budget.until(0.5, range(10), fewest):
+    def begun(clock, fewest=1):
+        found = []
+        for block in clock.until(0.5, range(10), fewest):
             found.append(block)
             now[0] += 20.0
         return found
 
-    assert begun(0.0) == [0, 1, 2]
-    assert begun(15.0) == [0, 1]
-    assert begun(60.0) == [0]
-    assert begun(60.0, fewest=4) == [0, 1, 2, 3]
+    clock = tune_robot.Clock(tmp_path / "clock", 100.0, ["this"])
+    assert clock.spent() == 0.0
+    assert begun(clock) == [0, 1, 2]
+    assert begun(clock) == [0]
+    now[0] = 1000.0
+    again = tune_robot.Clock(tmp_path / "clock", 100.0, ["this"])
+    assert (again.spent(), list(again.until(0.5, range(10)))) == (0.0, [0, 1, 2])
+    now[0] += 5.0
+    assert begun(again, fewest=4) == [0, 1, 2, 3]
+    assert again.minutes == 80.0 / 60.0  # as when it was interrupted
+    now[0] += 3.0
+    assert again.spent() == pytest.approx(0.83)
+    assert tune_robot.Clock(tmp_path / "clock", 100.0, ["another"]).spent() == 0.0
 
 
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
@@ -123,25 +137,35 @@ def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal
     assert sorted(jackal.iterdir()) == before
 
 
-def test_an_interrupted_search_goes_on(jackal, tmp_path, capsys, monkeypatch):
-    stop = tune_robot.write_json
+def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
+    monkeypatch.setattr(tune_robot.open_floor, "sentences", lambda robot, simulator: (False, ["The set-up is wrong."]))
+    assert tune(jackal, "toy") == 1
+    assert capsys.readouterr().out == "The set-up is wrong.\n"
+    assert not DRIVEN
+    assert tune(jackal, "toy", "--anyway") == 0
 
-    def interrupted(path, values):
-        stop(path, values)
-        if len(values["generations"]) == 2:
+
+def test_an_interrupted_run_goes_on_to_the_result_that_it_would_have_had(jackal, tmp_path, capsys, monkeypatch):
+    assert tune(jackal, "toy") == 0
+    whole, driven = (jackal / "tuned.yaml").read_text(), DRIVEN[:]
+    shutil.rmtree(tmp_path / "out")
+    (jackal / "tuned.yaml").unlink()
+    (jackal / "static.json").unlink()
+    DRIVEN.clear()
+    keep = tune_robot.write_json
+
+    def stop(file, kept):
+        keep(file, kept)
+        if len(kept["looks"]) == 6:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(tune_robot, "write_json", interrupted)
-    assert tune(jackal, "toy") == 130
-    log = tmp_path / "out" / "search_fast.json"
-    begun = json.loads(log.read_text())["generations"]
     monkeypatch.setattr(tune_robot, "write_json", stop)
+    assert tune(jackal, "toy") == 130
+    monkeypatch.setattr(tune_robot, "write_json", keep)
+    assert 0 < len(DRIVEN) < len(driven)
     assert tune(jackal, "toy") == 0
-    whole = json.loads(log.read_text())["generations"]
-    assert len(whole) > len(begun) == 2
-    assert whole[:2] == begun
-    assert tune(jackal, "toy", "--seed", "1") == 0
-    assert json.loads(log.read_text())["generations"][0] != begun[0]
+    assert (jackal / "tuned.yaml").read_text() == whole
+    assert driven == DRIVEN
 
 
 def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jackal, tmp_path, capsys, monkeypatch):
@@ -150,7 +174,8 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
     said = SimpleNamespace(
         worlds=[replace(worlds.load(f"generated:{50 + n}"), name=name) for n, name in enumerate(names)],
         courses=[None],
-        fields={("laser", "noise"): Value(0.02, "m", 0.001, "52 scans")},
+        fields={("laser", "noise"): NOISE, ("odometry", "lag"): Value(0.02, "s", 0.01, "400 commands")},
+        new={("laser", "noise"): NOISE},
         remarks=["drive.bag: no map in tf"],
         check=lambda seed: Check(["hall: recorded 22 s, simulated 30 s"], agrees[0], "the simulator disagrees"),
     )
@@ -164,7 +189,8 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
     printed = capsys.readouterr()
     assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
     assert "no map in tf" in printed.out
-    assert "laser.noise: 0.02 m +- 0.001 (52 scans)" in printed.out
+    assert "measured: laser.noise 0.02 m +- 0.001 (52 scans)\n" in printed.out
+    assert "measured: odometry.lag 0.02 s +- 0.01 (400 commands), as robot.yaml has it\n" in printed.out
     assert (jackal / "robot.yaml").read_text() == before
     DRIVEN.clear()
     assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag", "--anyway") == 0
@@ -187,25 +213,44 @@ def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
 
 
 def result(**values):
-    return TrialResult(**{"success": True, "time_s": 12.0, "route_m": 10.0, "min_clearance_m": 0.3, **values})
+    return TrialResult(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
 
 
 def test_each_aim_prices_what_it_is_named_for():
     robot = robots.JACKAL  # at most 2 m/s: the optimal time is 5 s
 
     def cost(aim, **values):
-        return AIMS[aim].seconds(result(**values), robot)
+        return AIMS[aim].seconds(result(**values), robot, Own(4.0, 8.0, 1.0))
 
     assert cost("fast") == 12.0
     assert cost("fast", success=False, time_s=60.0) == 100.0
     assert cost("fast", collided=True) == 32.0
-    assert cost("fast", min_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 12.0
-    assert cost("careful", min_clearance_m=0.2) > cost("careful", min_clearance_m=0.25, time_s=14.0)
-    assert cost("careful", min_clearance_m=0.155) == 12.0 + 25.0
-    assert cost("careful", min_clearance_m=0.5) == cost("careful", min_clearance_m=2.0) == 12.0
+    assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
+    assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
+    assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
+    assert cost("careful", mean_jerk=6.0, mean_turn=2.0) == pytest.approx(12.0)
     assert cost("careful", collided=True) - cost("careful") > cost("fast", collided=True) - cost("fast")
-    assert cost("smooth", mean_jerk=6.0) == pytest.approx(12.0 + 5.0 * 0.4 * 3.0)
-    assert cost("smooth", mean_turn=2.0) == pytest.approx(12.0 + 5.0 * 4.0 * 0.5)
+    assert cost("smooth", mean_jerk=6.0) == pytest.approx(12.0 + 5.0 * 15.0 * 0.75)
+    assert cost("smooth", mean_turn=2.0) == pytest.approx(12.0 + 5.0 * 10.0 * 2.0)
+    assert cost("smooth", mean_clearance_m=0.3) == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("aim", ["careful", "smooth"])
+def test_what_an_aim_is_named_for_outweighs_time_and_never_an_arrival(aim):
+    robot, aim = robots.JACKAL, AIMS[aim]
+    own = result(time_s=20.0, mean_clearance_m=0.8, mean_jerk=8.0, mean_turn=1.0)
+    fast = replace(own, time_s=10.0, mean_clearance_m=0.72, mean_jerk=8.8, mean_turn=1.1)
+    better = replace(own, mean_clearance_m=0.88, mean_jerk=7.2, mean_turn=0.9)
+    of_own = Own.of([own, replace(own, time_s=10.0), replace(own, success=False, mean_jerk=99.0)], robot)
+    assert of_own == (3.0, 8.0, 1.0)
+    costs = [aim.seconds(one, robot, Own(4.0, *of_own[1:])) for one in (better, own, fast)]
+    assert costs == sorted(costs)
+    slow = replace(better, time_s=30.0)
+    assert aim.seconds(slow, robot, Own(4.0, *of_own[1:])) > costs[1], "half as slow again is too slow"
+    stands = replace(own, success=False, time_s=60.0, mean_clearance_m=3.0 * WIDTH, mean_jerk=0.0, mean_turn=0.0)
+    assert aim.seconds(stands, robot, of_own) > 1.5 * costs[2]
+    assert Own.of([stands], robot) == Own()
+    assert aim.seconds(slow, robot, Own()) < 1e4, "no own drive arrives"
 
 
 def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_speed():
@@ -213,7 +258,8 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     space = space_of(robot)
     starts = tune_robot.warm_starts(robot)
     assert starts[0].tolist() == space.theta0.tolist()
-    assert len(starts) == 1 + 2 * 2, "of the other two that have one, and half-way to them"
+    assert len(starts) == 1 + 2 * 3, "its own, those of the other two that have one, and half-way to them"
+    assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
     jackals = methods.make("static").theta(None)
     speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
     fast = [theta for theta in starts if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)]
@@ -265,6 +311,37 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     other = shutil.copytree(folder, tmp_path / "other" / name)
     (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
     assert space_of(robots.load(str(other))).theta0.tolist() == wanted.tolist()
+
+
+@pytest.mark.parametrize(("aim", "other"), [("careful", "smooth"), ("smooth", "careful")])
+def test_the_verdict_names_what_was_asked_for_and_that_must_get_better(aim, other):
+    rows = []
+    for number in range(30):
+        off = 0.01 * (number % 5)
+        rows.append((f"w{number}", 0, "dwa", True, False, 20.0, "", 20.0, 0.4 + off, 8.0 + off, 1.0))
+        jerk = 6.0 if number != 7 else 0.0  # it stands
+        rows.append((f"w{number}", 0, "static", number != 7, False, 20.0, "", 10.0 + off, 0.5, jerk, 0.75))
+    columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
+    trials = pd.DataFrame(rows, columns=[*columns, "mean_clearance_m", "mean_jerk", "mean_turn"])
+    words = {
+        "careful": [
+            "the clearance is 0.5 m with them and 0.42 m with its own parameters (95 % interval of the gain: 0.07"
+        ],
+        "smooth": [
+            "the jerk is 6 m/s^3 with them and 8.02 m/s^3 with",
+            "the yaw acceleration is 0.75 rad/s^2 with them",
+        ],
+    }
+    better, sentences = judging.tuned_verdict(trials, "mine", "mine/tuned.yaml", aim)
+    assert better
+    assert all(word in sentences[1] for word in words[aim])
+    assert not any(word in sentences[1] for word in words[other])
+    name, value = {"careful": ("mean_clearance_m", 0.4), "smooth": ("mean_turn", 1.01)}[aim]
+    worse = trials.assign(**{name: trials[name].where(trials.method == "dwa", value)})
+    better, sentences = judging.tuned_verdict(worse, "mine", "mine/tuned.yaml", aim)
+    assert not better
+    asked = {"careful": "clearance", "smooth": "jerk and yaw acceleration"}[aim]
+    assert sentences[1].startswith(f"Nothing clearly better in {asked} was found: where both arrive, the ")
 
 
 def test_the_verdict_names_what_gets_worse_although_it_is_faster():

@@ -1,0 +1,114 @@
+"""Single rules of the tracker, for which no scene is needed: free space, hidden edges, where the robot is."""
+
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.movers import clusters, tracks
+from applr_ros1.movers.free_space import SCANS, STAMP, SWEPT, depths, sees_through
+from applr_ros1.movers.slip import shift, slip
+
+FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # of a laser at (1, 2, 0.5): beam 100 is ahead
+
+
+@pytest.mark.parametrize(
+    ("beams", "says", "through"),
+    [
+        ([], 0.0, True),
+        ([100], 2.10, False),
+        ([100], 2.15, True),  # 12 cm behind the point at least
+        ([95], 1.9, False),  # 6 cm and 0.02 rad beside it, these are 5 beams
+        ([105], 1.9, False),
+        ([93], 1.9, True),
+        (range(94, 99), np.nan, True),
+        (range(94, 101), np.nan, False),  # more than half are not measured
+        (range(94, 101), 0.05, False),
+        (range(94, 101), -np.inf, False),
+        (range(94, 107), np.inf, True),
+    ],
+)
+def test_a_point_is_seen_through_if_the_beams_about_it_go_on(beams, says, through):
+    ranges, depth = np.full(201, 4.0, np.float32), np.empty(201, np.float32)
+    ranges[list(beams)] = says
+    depths(ranges, 0.1, 10.0, depth)
+    ahead = FAN[1] + 2.0 * math.cos(FAN[3]), FAN[2] + 2.0 * math.sin(FAN[3])
+    assert sees_through(depth, FAN, *ahead, 0.0) == through
+    assert not sees_through(depth, FAN, 2.0 * FAN[1] - ahead[0], 2.0 * FAN[2] - ahead[1], 0.0), "behind the laser"
+
+
+@pytest.mark.parametrize(
+    ("free", "swept", "moved"), [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)]
+)
+def test_two_of_three_points_tell_what_moved_in_scans_that_are_not_bent(free, swept, moved):
+    """They are where the earlier scan saw free space, or leave it to the newest; all else is a wall 2 m away."""
+    beams = np.array([50, 100, 150])
+    angles = FAN[3] + FAN[4] + FAN[5] * beams
+    points = np.column_stack([FAN[1] + 2.0 * np.cos(angles), FAN[2] + 2.0 * np.sin(angles)]).ravel()
+    wall, through, fans = np.full(201, 2.0, np.float32), np.full(201, 2.0, np.float32), np.zeros((SCANS, 10))
+    for beam in beams[:free]:
+        through[beam - 22 : beam + 23] = 4.0
+    fans[:, STAMP], fans[0], newest = -np.inf, FAN, FAN.copy()
+    newest[SWEPT] = swept
+    history, ranges = np.full((SCANS, 6), np.nan), np.zeros((SCANS, 201), np.float32)
+    ranges[0] = through
+    assert tracks.has_moved(points, history, ranges, fans, wall, newest) == moved
+    history[0], ranges[0] = points, wall
+    assert tracks.has_moved(points, history, ranges, fans, through, newest) == moved
+
+
+@pytest.mark.parametrize("step", [0.01, -0.01])
+@pytest.mark.parametrize(
+    "hidden",
+    [(), (clusters.HIDDEN_FROM, clusters.FROM, -0.2), (clusters.HIDDEN_TO, clusters.TO, 0.2)],
+    ids=["no edge hidden", "first edge hidden", "last edge hidden"],
+)
+def test_a_disc_is_where_its_visible_edge_has_it(hidden, step):
+    """Of its half on one side a fifth is seen, or all."""
+    sensor, radius, distance, bearing = (1.0, -1.0, 0.4), 0.3, 2.0, 0.7
+    half, row = math.copysign(math.asin(radius / distance), step), np.zeros(clusters.COLUMNS)
+    row[[clusters.NEAR, clusters.FROM, clusters.TO]] = distance - radius, bearing - half, bearing + half
+    if hidden:
+        edge, end, seen = hidden
+        row[edge], row[end] = 1.0, bearing + seen * half
+    x, y, sigma = clusters.centre(row, radius, sensor)
+    assert (x, y) == pytest.approx((1.0 + 2.0 * math.cos(bearing), -1.0 + 2.0 * math.sin(bearing)), abs=1e-6)
+    assert (sigma > 0.05) == bool(hidden)
+
+
+def seen_from(sensor, by, places, odd=0):
+    """Clusters (n, COLUMNS) of `places` (n, 2) for a laser at `sensor` whose pose is wrong by (dx, dy, turn)."""
+    rows = np.zeros((len(places), clusters.COLUMNS))
+    c, s = math.cos(by[2]), math.sin(by[2])
+    x, y = (places - sensor[:2] - by[:2]).T
+    rows[:, clusters.CX], rows[:, clusters.CY] = sensor[0] + c * x + s * y, sensor[1] - s * x + c * y
+    rows[:odd, clusters.CX] += 0.8
+    rows[:, clusters.SIGMA] = 0.02
+    return rows
+
+
+def test_what_stands_tells_how_far_the_pose_is_wrong():
+    """One of eight is somewhere else; where half of them are, nothing is corrected."""
+    sensor, by = np.array((5.0, -3.0, 0.6)), np.array((0.02, -0.03, 0.02))
+    places = sensor[:2] + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
+    given = np.column_stack([places, np.full(8, 1e-5)]), np.arange(8)
+    rows = seen_from(sensor, by, places, odd=1)
+    found = slip(*given, 8, rows, tuple(sensor))
+    np.testing.assert_allclose(found, by, atol=0.004)
+    fan = FAN.copy()
+    pose = shift(rows, 8, fan, tuple(sensor), tuple(by))
+    np.testing.assert_allclose(rows[1:, [clusters.CX, clusters.CY]], places[1:], atol=1e-9)
+    np.testing.assert_allclose(rows[:, clusters.FROM], by[2])
+    assert pose == tuple(fan[1:4]) == pytest.approx(sensor + by)
+    assert slip(*given, 2, rows, tuple(sensor)) == (0.0, 0.0, 0.0), "two are too few"
+    assert slip(*given, 8, seen_from(sensor, by, places, odd=4), tuple(sensor)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("moves", "begun"), [(1.0, [(4.0, 0.0)]), (0.0, [(2.2, 0.3), (4.0, 0.0)])])
+def test_a_part_of_a_mover_gets_no_track_of_its_own(moves, begun):
+    known, rows = np.zeros((8, tracks.COLUMNS)), np.zeros((3, clusters.COLUMNS))
+    known[0, [tracks.ID, tracks.TX, tracks.TR, tracks.MOVES]] = 5.0, 2.0, 0.3, moves
+    rows[:, [clusters.CX, clusters.CY, clusters.RADIUS]] = (2.2, 0.3, 0.1), (2.0, 0.0, 0.3), (4.0, 0.0, 0.3)
+    assert tracks.begin(known, rows, 3, np.array([False, True, False]), 1.0, 7) == 7 + len(begun)
+    new = known[known[:, tracks.ID] >= 7.0]
+    assert [tuple(place) for place in new[:, [tracks.TX, tracks.TY]].tolist()] == begun
