@@ -152,7 +152,8 @@ def test_an_error_of_an_earlier_set_up_is_not_told_again(clone):
 
 
 def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
-    waiting = {"PIP_STAND_IN": "sleep 600", "APPLR_PYTHON": str(clone.programs / "python")}
+    # in short naps: an interrupt just before a nap begins reaches the shell alone, which ends after the nap
+    waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
     stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
     log = tmp_path / ".applr" / "setup.log"
     wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
