@@ -104,12 +104,12 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path):
         process = subprocess.Popen(
             command(killed), cwd=ROOT, env=environment(TOY_SECONDS=0.4), stderr=subprocess.DEVNULL
         )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + HANGS
         before = _rows(killed)
         while _rows(killed) < before + 3 and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.05)
         process.send_signal(signal_)
-        assert process.wait(20) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
+        assert process.wait(HANGS) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
     assert 0 < _rows(killed) < 24
     assert run(command(killed)).returncode == 0
     assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
