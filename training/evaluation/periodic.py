@@ -48,8 +48,9 @@ class PeriodicEvaluation:
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
-        self.contact_seconds, self.setting = contact_seconds, setting
-        self.planner, self.robots = planner, robots
+        self.contact_seconds, self.planner, self.robots = contact_seconds, planner, robots
+        setting_of = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
+        self._judged: Dict[str, Any] = {**setting_of, "contact_seconds": contact_seconds}
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
         self._results: List[TrialResult] = []
@@ -91,7 +92,7 @@ class PeriodicEvaluation:
         if not self._results:
             raise StorageError("every trial of an evaluation failed; see the messages above")
         found = summary(self._results, self.contact_seconds)
-        found.update(round=number, step=self.step, version=self.version, setting=self.setting, **self._judged)
+        found.update(round=number, step=self.step, version=self.version, **self._judged)
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
         # of another round the trials that failed by an error may have been the hard ones
         whole = len(self._results) == len(self.worlds) * self.trials
@@ -106,17 +107,7 @@ class PeriodicEvaluation:
 
         Rounds of runs that did not note how they were judged were judged as now.
         """
-        same = {"setting": self.setting, **self._judged}
-        return [r for r in self.history if all(r.get(name, value) == value for name, value in same.items())]
-
-    @property
-    def _judged(self) -> Dict[str, Any]:
-        """What a score depends on beside the setting."""
-        return {
-            "worlds": len(self.worlds),
-            "trials_per_world": self.trials,
-            "contact_seconds": self.contact_seconds,
-        }
+        return [r for r in self.history if all(r.get(name, value) == value for name, value in self._judged.items())]
 
     # -- what ----------------------------------------------------------------------------------------
     @property

@@ -11,6 +11,7 @@ import numpy as np
 from applr_ros1.planner.variant import OURS
 
 POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
+TRACED = ("time", "pose", "twist", "theta", "decided")  # what is kept of a drive's Trace (training/env/outcome.py)
 
 
 @dataclass(frozen=True)

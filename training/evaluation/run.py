@@ -115,23 +115,15 @@ def settings(
         for part in (world.cylinders, world.boxes, world.course.path):
             digest.update(part.tobytes())
         digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
+    made = {name: methods.make(spec, options.robot) for name, spec in chosen}
     return {
         "worlds": [name for name, _, _ in worlds],
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": digest.hexdigest(),
         "world_specs": [spec for _, spec, _ in worlds],
-        "methods": {name: _description(spec, options) for name, spec in chosen},
+        "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
         "robot": described(options.robot),
-        "simulator": options.simulator,
-        "protocol": options.protocol,
-        "planner": options.planner,
-        "monitor": options.monitor,
-        "movers": options.movers,
+        **{name: getattr(options, name) for name in ("simulator", "protocol", "planner", "monitor", "movers")},
         "ground": options.ground or options.robot.simulation.ground,
         "seed": options.seed,
     }
-
-
-def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
-    method = methods.make(spec, options.robot)
-    return {**method.describe(), "period_s": method.period}

@@ -19,15 +19,9 @@ FEWEST = 5  # common trials before the test is asked
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
 
 
-def trial_seconds(
-    success: bool,
-    time_s: float,
-    collided: bool = False,
-    contact_seconds: float = 0.0,
-    failure_seconds: float = FAILURE_SECONDS,
-) -> float:
-    """A trial's score [s]: its time, or failure_seconds, and contact_seconds more where the robot touched something."""
-    return (time_s if success else failure_seconds) + contact_seconds * collided
+def trial_seconds(success: bool, time_s: float, collided: bool = False, contact_seconds: float = 0.0) -> float:
+    """A trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where the robot touched something."""
+    return (time_s if success else FAILURE_SECONDS) + contact_seconds * collided
 
 
 class Aim(NamedTuple):
@@ -113,14 +107,14 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: f
     return success * np.logical_not(collided) * optimal / np.clip(time_s, least * optimal, 8.0 * optimal)
 
 
-def clearly_worse(scores: np.ndarray, best: np.ndarray, level: float = LEVEL) -> bool:
+def clearly_worse(scores: np.ndarray, best: np.ndarray) -> bool:
     """Whether the first scores (n,) are significantly larger than the second (n,) of the same n trials."""
     difference = scores - best
-    if len(difference) < FEWEST or level <= 0.0:
+    if len(difference) < FEWEST:
         return False
     if np.ptp(difference) == 0.0:
         return bool(difference[0] > 0.0)
-    return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < level)
+    return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < LEVEL)
 
 
 def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:

@@ -22,7 +22,7 @@ import pandas as pd
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.common.folders import Lock, make_folder
-from training.evaluation.plan import Trial, TrialResult
+from training.evaluation.plan import TRACED, Trial, TrialResult
 
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
@@ -103,17 +103,22 @@ class TrialTable:
         return trial.world, method, trial.trial, trial.seed
 
 
-class TrialStore:
-    """The folder, locked for this process. `settings`: what must be the same when an evaluation is continued."""
+class TrialStore(TrialTable):
+    """The folder with its table, locked for this process.
+
+    Args:
+        out: the folder.
+        settings: what must be the same when an evaluation is continued.
+        plan: trials whose results are in `results`.
+    """
 
     def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Trial]):
         self.folder, self.plan = make_folder(out), plan
         self._lock = Lock(self.folder, "evaluate.py")
         try:
             self._settings = self._checked(settings)
-            self.table = TrialTable(self.folder / TRIALS)
-            found = ((trial, self.table.find(trial)) for trial in plan)
-            self.results: Dict[Trial, TrialResult] = {trial: result for trial, result in found if result is not None}
+            super().__init__(self.folder / TRIALS)
+            self.results = {trial: result for trial in plan if (result := self.find(trial)) is not None}
             self._begun_with = len(self.results)
         except BaseException:
             self._lock.close()
@@ -138,15 +143,11 @@ class TrialStore:
                 raise StorageError(f"{self.folder}: was begun with another {name} ({was}, now {now}); {remedy}")
         return stored
 
-    def find(self, trial: Trial) -> Optional[TrialResult]:
-        """The result of a trial of the plan, or None."""
-        return self.results.get(trial)
-
     def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> TrialResult:
         """Keep a trial; its row comes last: what is there is whole. Returns the result as it is kept."""
         if trace:
             write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
-        self.results[trial] = self.table.add(trial, result)
+        self.results[trial] = super().add(trial, result)
         return self.results[trial]
 
     def finish(self, seconds: float, provenance: Optional[Dict[str, Any]] = None, **more: Any) -> None:
@@ -162,7 +163,7 @@ class TrialStore:
     def close(self) -> None:
         """Brings the rows into the plan's order, and lets go of the folder."""
         try:
-            self.table.write(self.plan)
+            self.write(self.plan)
         finally:
             self._lock.close()
 
@@ -180,7 +181,7 @@ def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:
         with np.load(path) as arrays:
-            return {name: arrays[name] for name in ("time", "pose", "twist", "theta", "decided")}
+            return {name: arrays[name] for name in TRACED}
     except FileNotFoundError:
         return None
 

@@ -10,7 +10,7 @@ import dataclasses
 import io
 import json
 from functools import lru_cache
-from typing import Any, Callable, Dict, List, Optional, Protocol, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -21,35 +21,28 @@ from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots import Robot
 from training.actors.pool import CallFailed, Pool
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
 from training.env.rollout import PolicyWeights
 from training.env.settings import TrialSettings
-from training.evaluation.plan import POLICY, Trial, TrialResult
+from training.evaluation.plan import POLICY, TRACED, Trial, TrialResult
 from worlds import World, WorldError
+
+if TYPE_CHECKING:  # workers need no pandas
+    from training.evaluation.store import TrialTable
 
 TRIAL_RUNNER = "training.evaluation.trials:drive"  # as the commands' hidden option names it
 Drive = Callable[[Trial], Tuple[TrialResult, bytes]]  # the result, and the packed trace where it was asked for
-
-
-class TrialTable(Protocol):
-    """Where trials are kept and looked up (store.py)."""
-
-    def find(self, trial: Trial) -> Optional[TrialResult]:
-        """The result of a trial, or None."""
-
-    def add(self, trial: Trial, result: TrialResult, trace: bytes) -> TrialResult:
-        """Keep a trial; returns the result as it is kept."""
 
 
 def drive_missing(
     pool: Pool,
     drive: Drive,
     trials: Sequence[Trial],
-    table: Optional[TrialTable] = None,
+    table: TrialTable,
     show: Callable[[Trial, TrialResult], None] = lambda trial, result: None,
 ) -> Dict[Trial, TrialResult]:
     """The results of trials, of which those are driven that the table does not hold; equal ones once.
@@ -65,14 +58,13 @@ def drive_missing(
         ApplrError: a trial failed by an error.
     """
     wanted = dict.fromkeys(trials)
-    known = {trial: table.find(trial) for trial in wanted} if table else {}
-    results = {trial: result for trial, result in known.items() if result is not None}
+    results = {trial: result for trial in wanted if (result := table.find(trial)) is not None}
     for trial, future in pool.unordered(drive, [trial for trial in wanted if trial not in results]):
         try:
             result, trace = future.result()
         except CallFailed as error:
             raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
-        results[trial] = table.add(trial, result, trace) if table else result
+        results[trial] = table.add(trial, result, trace)
         show(trial, results[trial])
     return results
 
@@ -94,7 +86,7 @@ def drive(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[
     return result, pack_trace(runner.trace) if trial.trace else b""
 
 
-def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:
+def at_scale(protocol: str, spec: str, robot: Robot) -> World:
     """The world that a robot drives under a protocol: with its course, at the robot's scale. Raises WorldError."""
     return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
 
@@ -156,22 +148,9 @@ class TrialRunner:
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
             total += self.settings.reward.judge(self.form, before, episode)[0]
         self.trace = episode.trace
-        return TrialResult(
-            success=bool(outcome.success),
-            collided=bool(outcome.collided),
-            timeout=bool(outcome.timeout),
-            time_s=float(outcome.time_s),
-            path_length_m=float(outcome.path_length_m),
-            reason=outcome.reason,
-            route_m=float(world.course.route_m),
-            min_clearance_m=float(outcome.min_clearance_m),
-            mean_jerk=float(outcome.mean_jerk),
-            mean_turn=float(outcome.mean_turn),
-            switching=float(np.mean(changes)),
-            mean_clearance_m=float(outcome.mean_clearance_m),
-            decisions=int(outcome.decisions),
-            total_reward=float(total),
-        )
+        more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
+        found = {**vars(outcome), **more}
+        return TrialResult(**{name: type(default)(found[name]) for name, default in vars(TrialResult()).items()})
 
     def episode(self, planner: str, period: float) -> Episode:
         """The loop that drives this kind of planner, made when first asked for; period: that of the decisions [s]."""
@@ -204,18 +183,12 @@ class TrialRunner:
 def pack_trace(trace: Trace) -> bytes:
     """A trial's trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
     buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        time=np.array(trace.time, np.float32),
-        pose=np.array(trace.pose, np.float32),
-        twist=np.array(trace.twist, np.float32),
-        theta=np.array(trace.theta, np.float32),
-        decided=np.array(trace.decided, np.float32),
-    )
+    arrays: Dict[str, Any] = {name: np.array(getattr(trace, name), np.float32) for name in TRACED}
+    np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
 
-def world_list(text: str, protocol: str, robot: Robot = JACKAL) -> List[Tuple[str, str, World]]:
+def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
     """[(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
     found: List[Tuple[str, str, World]] = []
     for part in text.split(","):
