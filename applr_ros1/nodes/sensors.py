@@ -161,8 +161,7 @@ class Sensors:
         return min(times, key=lambda pair: pair[1], default=(0.0, 0.0))
 
     def _can_place(self, message) -> bool:
-        frame = message.header.frame_id.lstrip("/")
-        return self.transforms.buffer.can_transform_core(self.local, frame, message.header.stamp)[0]
+        return self.transforms.has(self.local, message.header.frame_id, message.header.stamp)
 
     def odometry_trouble(self, now, patience: float) -> str:
         """What is wrong if no odometry has come for `patience` [s], or ever; "" if it comes."""

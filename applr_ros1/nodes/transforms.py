@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -16,7 +16,13 @@ from applr_ros1.policy.observation import ObservationError
 
 LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
 AHEAD = 1.0  # [s] that the stamp of a scan or of odometry may be ahead of the clock
+LATEST = 2**31 - 100  # [s]: stamps 2^31 s apart, or an end in 2106, end the process inside tf2
 MAX_AHEAD = 3.0  # [s] that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
+
+
+def _is_possible(stamp: rospy.Time, *frames: str) -> bool:
+    """Whether tf2 takes this time and these names."""
+    return stamp.secs < LATEST and "\0" not in "".join(frames)
 
 
 class Transforms:
@@ -34,12 +40,19 @@ class Transforms:
         """The geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest, however old."""
         if not source.strip("/"):
             raise ObservationError("a message has no frame_id: give it one")
+        if not _is_possible(stamp, target, source):
+            raise ObservationError(f"transform {target} <- {source!r} at {stamp.to_sec():g}: no such name or time")
         self.listen()
         try:
             return self.buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), stamp)
         except tf2_ros.TransformException as error:
             when = "the newest" if stamp.is_zero() else f"{stamp.to_sec():.3f}"
             raise ObservationError(f"transform {target} <- {source} at {when}: {reason(error)}") from None
+
+    def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
+        """Whether `at` would give the transform now."""
+        possible = _is_possible(stamp, target, source)
+        return possible and self.buffer.can_transform_core(target, source.lstrip("/"), stamp)[0]
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
         """The newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
@@ -75,8 +88,22 @@ class _Listener(tf2_ros.TransformListener):
 
     def callback(self, data: Any) -> None:
         """Transforms have come."""
+        data.transforms = _possible(data.transforms)
         super().callback(data)
         self._on_news()
+
+    def static_callback(self, data: Any) -> None:
+        """Transforms have come that hold for ever."""
+        data.transforms = _possible(data.transforms)
+        super().static_callback(data)
+
+
+def _possible(transforms: List[Any]) -> List[Any]:
+    """Those of the geometry_msgs/TransformStamped that tf2 takes."""
+    found = [t for t in transforms if _is_possible(t.header.stamp, t.header.frame_id, t.child_frame_id)]
+    if len(found) < len(transforms):
+        rospy.logerr_throttle(1.0, f"tf: a transform is stamped later than {LATEST} s, or a name has a zero: not used")
+    return found
 
 
 class LaserMount:

@@ -10,6 +10,9 @@ from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
 from applr_ros1.nodes import transforms
+from applr_ros1.policy.observation import ObservationError
+
+LISTENER = transforms._Listener
 
 
 @pytest.fixture
@@ -146,3 +149,22 @@ def test_ages_as_diagnostics_show_them():
     for k in range(101):
         ages.add({"scan": 0.001 * k})
     assert ages.values() == {"scan_age_s": "median 0.050, 99 % 0.099, largest 0.100"}
+
+
+@pytest.mark.parametrize(
+    ("secs", "frame"), [(2**32 - 1, "base"), (2**31, "base"), (101, "ba\0se")], ids=["2106", "2038", "a zero in a name"]
+)
+def test_no_stamp_or_name_ends_the_process_inside_tf2(robot, secs, frame):
+    """Of a scan, of a transform and of one that holds for ever; what is possible is used as before."""
+    known, listener = robot.sensors.transforms, object.__new__(LISTENER)
+    listener.buffer, listener._on_news = known.buffer, lambda: None
+    listener.check_for_reset = listener.unregister = lambda: None
+    robot.tf(101.0)
+    for callback in (listener.callback, listener.static_callback):
+        odd = TransformStamped(child_frame_id=frame)
+        odd.header.stamp, odd.header.frame_id, odd.transform.rotation.w = rospy.Time(secs), "odom", 1.0
+        callback(SimpleNamespace(transforms=[odd], _connection_header={}))
+    assert not known.has("odom", frame, rospy.Time(secs))
+    with pytest.raises(ObservationError, match="no such name or time"):
+        known.at("odom", frame, rospy.Time(secs))
+    assert known.has("odom", "base", rospy.Time(101))
