@@ -11,7 +11,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
 from training.actors.collector import collect, environment, layout_of
-from training.env.rollout import PolicyWeights, make_environment, roll_out
+from training.env.rollout import PolicyWeights, roll_out
 from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
@@ -41,7 +41,7 @@ def toy_run(config, env=LINE):
         @staticmethod
         def prepare(config):
             held_out = [("environment", "")] * (config.eval_worlds != "none")
-            layout = layout_of(make_environment(env, {}))
+            layout = layout_of(environment(env, "{}"))
             return Preparation(partial(collect, env, "{}"), partial(drive, env), None, held_out, layout)
 
         def write_policy(self, path, weights, metadata):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import lru_cache
+from pkgutil import resolve_name
 from typing import Any, Dict, Optional
 
 import gymnasium
 import numpy as np
 
-from training.env.rollout import PolicyWeights, make_environment, roll_out
+from training.env.rollout import PolicyWeights, roll_out
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 ACTOR = "actor-0"  # as trajectories name who drove them; all workers together count episodes on
@@ -42,7 +43,7 @@ def draw_world(seed: int, episode: int, worlds: Optional[int]) -> Optional[int]:
 @lru_cache(maxsize=1)
 def environment(env: str, options: str) -> gymnasium.Env:
     """The environment "module:Class", made once in a process; options: its keyword arguments as JSON."""
-    return make_environment(env, json.loads(options))
+    return resolve_name(env)(**json.loads(options))
 
 
 def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:

@@ -22,7 +22,7 @@ from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.reader import SECOND, Recording
-from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest
+from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest, progress
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
@@ -347,10 +347,7 @@ def label_outcome(recording, goal, before, sample) -> None:
     outcome = sample.outcome
     here = _pose(recording, sample.pose, goal.frame, sample.at)
     there = _pose(recording, before.pose, goal.frame, before.at)
-    gx, gy = goal.xy[0] - there[0], goal.xy[1] - there[1]
-    moved, distance = (here[0] - there[0], here[1] - there[1]), math.hypot(gx, gy)
-    outcome.progress = (moved[0] * gx + moved[1] * gy) / distance if distance else 0.0
-    outcome.progress_y = moved[1]
+    outcome.progress, outcome.progress_y = progress(goal.xy, there, here)
     outcome.seconds = (sample.at - before.at) / SECOND
     during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= sample.at)
     if during.any():

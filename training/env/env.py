@@ -22,9 +22,15 @@ from applr_ros1.robots import JACKAL, Robot
 from training.common.options import checked
 from training.env import drawn_robots, privileged, protocols
 from training.env.episode import Episode, laser_pose
+from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import TrialSettings
 from worlds.draw import top_view
+
+INFO = (  # what info says of an Outcome
+    *("theta", "success", "collided", "timeout", "flipped", "aborted", "time_s", "decisions"),
+    *("path_length_m", "min_clearance_m", "reason"),
+)
 
 
 class ApplrEnv(gymnasium.Env):
@@ -171,21 +177,8 @@ class ApplrEnv(gymnasium.Env):
             return found
         raise ApplrError("world %r is not among this environment's %d" % (which, len(self.worlds)))
 
-    def _info(self, outcome):
-        return {
-            "world": self.episode.world.name,
-            "theta": outcome.theta,
-            "success": outcome.success,
-            "collided": outcome.collided,
-            "timeout": outcome.timeout,
-            "flipped": outcome.flipped,
-            "aborted": outcome.aborted,
-            "time_s": outcome.time_s,
-            "decisions": outcome.decisions,
-            "path_length_m": outcome.path_length_m,
-            "min_clearance_m": outcome.min_clearance_m,
-            "reason": outcome.reason,
-        }
+    def _info(self, outcome: Outcome) -> Dict[str, Any]:
+        return {"world": self.episode.world.name, **{name: getattr(outcome, name) for name in INFO}}
 
 
 def load_worlds(spec):

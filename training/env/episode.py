@@ -22,7 +22,7 @@ from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
+from applr_ros1.policy.observation import goal_angle, layout_of, local_goal
 from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
@@ -31,7 +31,6 @@ from training.env.outcome import CLEAR, Outcome, Trace
 
 CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
-NEAREST = JACKAL.laser.range_min  # smallest distance that a laser can tell [m]: what lies nearer counts as this
 
 
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
@@ -176,36 +175,19 @@ class Episode:
         now.decision_min = min(now.decision_min, now.last_scan_min)
         now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
         now.phi = self._phi(self.move_base.global_plan)
-        now.progress, now.progress_y = self._progress(came_from, state.pose)
+        now.progress, now.progress_y = progress(self.world.course.goal, came_from, state.pose)
         now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
         now.mean_clearance_m = self._clearances / self._cycles
         self.outcome = now
         return now
 
-    def observation(self, outcome: Optional[Outcome] = None) -> np.ndarray:
-        """(729,) float32 in [-1, 1]: what the policy sees; another number of values in another space or layout."""
-        o = outcome or self.outcome
-        assert o is not None, "reset() comes first"
-        return observe(o.ranges, o.phi, o.theta, self.space, self.layout)
-
     def context(self) -> Context:
         """What a method may look at for the next decision."""
         o, state = self.outcome, self.simulator.state
         assert o is not None, "reset() comes first"
+        seen, known = (o.ranges, o.phi, o.theta, o.time_s), (self.space, self.layout)
         plan = self.move_base.global_plan
-        return Context(
-            o.ranges,
-            o.phi,
-            o.theta,
-            o.time_s,
-            state.odom_pose,
-            state.odom_twist,
-            self.goal,
-            plan,
-            self.movers(),
-            self.space,
-            self.layout,
-        )
+        return Context(*seen, state.odom_pose, state.odom_twist, self.goal, plan, self.movers(), *known)
 
     def movers(self) -> np.ndarray:
         """(k, 4) x, y, vx, vy of what the tracker sees moving, in the odometry's frame [m, m/s]."""
@@ -302,21 +284,21 @@ class Episode:
         dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
         return normalize_angle(math.atan2(dy, dx) - yaw)
 
-    def _progress(self, p, q) -> Tuple[float, float]:
-        """The paper's R_p, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
-        goal = self.world.course.goal
-        gx, gy = goal[0] - p[0], goal[1] - p[1]
-        distance = math.hypot(gx, gy)
-        along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
-        return along, q[1] - p[1]
+
+def progress(goal, p, q) -> Tuple[float, float]:
+    """The paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
+    gx, gy = goal[0] - p[0], goal[1] - p[1]
+    distance = math.hypot(gx, gy)
+    along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
+    return along, q[1] - p[1]
 
 
-def laser_pose(pose, laser: Laser = JACKAL.laser) -> Tuple[float, float, float]:
+def laser_pose(pose, laser: Laser) -> Tuple[float, float, float]:
     """A laser's pose for a robot at pose (x, y, yaw)."""
     return (*transform_point(pose, *laser.pose[:2]), pose[2] + laser.pose[2])
 
 
-def nearest(ranges: np.ndarray, lowest: float = NEAREST) -> float:
+def nearest(ranges: np.ndarray, lowest: float) -> float:
     """d(o): the smallest range [m], at least `lowest` (-inf: too near to tell) and inf where nothing returns."""
     low = float(np.fmin.reduce(ranges))
     return math.inf if math.isnan(low) else max(lowest, low)

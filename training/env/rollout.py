@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
 import gymnasium
@@ -46,20 +45,6 @@ class Rollout(NamedTuple):
     terminated: bool
     info: Dict[str, Any]  # of the last step
     terms: Dict[str, float]
-
-
-def make_environment(name: str, options: Dict[str, Any]) -> gymnasium.Env:
-    """The environment "module:Class", made with options.
-
-    Raises:
-        ImportError, AttributeError: where there is no such class.
-        TypeError: where it is no environment.
-    """
-    module, _, attribute = name.partition(":")
-    made = getattr(importlib.import_module(module), attribute)(**options)
-    if not isinstance(made, gymnasium.Env):
-        raise TypeError("it is no gymnasium.Env")
-    return made
 
 
 def roll_out(

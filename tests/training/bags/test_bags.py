@@ -532,17 +532,17 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
     sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
     from applr_ros1.planner.move_base import MoveBase
 
-    rng, observations, actions = np.random.default_rng(0), [], []
+    rng, form, observations, actions = np.random.default_rng(0), PaperForm(robots.JACKAL), [], []
     with StackWriter(tmp_path / "a.bag") as writer:
         planner = MoveBase(robots.JACKAL.parameters())
         episode = RecordingEpisode(sim_bridge.make("kinematic"), planner, writer, period=2.0, limit=3)
         for course in range(2):
             outcome = episode.reset(worlds.load("generated:%d" % course), course)
             while not outcome.over:
-                observations.append(episode.observation(outcome))
+                observations.append(form.observe(episode.context()))
                 outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, len(SPACE))))
-                actions.append(PaperForm(robots.JACKAL).action(outcome.theta))
-            observations.append(episode.observation(outcome))
+                actions.append(form.action(outcome.theta))
+            observations.append(form.observe(episode.context()))
     found, report = rebuild(tmp_path / "a.bag")
     assert len(actions) == report.transitions
     assert not report.skipped

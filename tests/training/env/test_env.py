@@ -15,6 +15,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
+from applr_ros1.policy.observation import LAYOUT, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode, nearest
 from training.env.outcome import Outcome
@@ -111,8 +112,9 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
-    assert (laser, episode.observation().shape) == (pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01), (729,))
-    assert episode.observation()[720] == pytest.approx(episode.outcome.phi / math.pi)
+    observation = PaperForm(robots.JACKAL).observe(episode.context())
+    assert (laser, observation.shape) == (pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01), (729,))
+    assert observation[720] == pytest.approx(episode.outcome.phi / math.pi)
 
 
 def test_the_local_goal_is_seen_from_the_robot():
@@ -222,9 +224,9 @@ def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():
-    assert nearest(np.array([np.nan, 0.5, np.inf, 3.0], np.float32)) == pytest.approx(0.5)
-    assert nearest(np.array([-np.inf, 0.5], np.float32)) == 0.1
-    assert nearest(np.full(3, np.nan, np.float32)) == math.inf
+    assert nearest(np.array([np.nan, 0.5, np.inf, 3.0], np.float32), 0.1) == pytest.approx(0.5)
+    assert nearest(np.array([-np.inf, 0.5], np.float32), 0.1) == 0.1
+    assert nearest(np.full(3, np.nan, np.float32), 0.1) == math.inf
 
 
 # -- reward: the paper's section III-C ---------------------------------------------------------------------------------
@@ -351,7 +353,7 @@ def test_drives_a_course_with_the_real_planner():
     assert 11.0 < outcomes[-1].time_s < 100.0
     assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)
     for o in outcomes:
-        assert np.isfinite(episode.observation(o)).all()
+        assert np.isfinite(observe(o.ranges, o.phi, o.theta, SPACE, LAYOUT)).all()
 
 
 def test_decision_period_changes_the_steps_not_what_a_second_costs():
