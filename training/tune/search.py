@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -30,11 +30,19 @@ with extra(__name__):
 
 FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
 BLOCK = 8  # trials between two tests of a race
+LEAST = 0.05  # [s] per course that a parameter has to save
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
 Cost = Callable[[TrialResult], float]  # what is made small
 DriveTrials = Callable[[Sequence[Trial]], Dict[Trial, TrialResult]]  # evaluation.trials.drive_missing
 Found = TypeVar("Found")
+
+
+class Saved(NamedTuple):
+    """What a parameter of a set saves per course [s]: the mean, and the median, which no single failure moves."""
+
+    mean: Estimate
+    median: float
 
 
 class SetTrials:
@@ -157,10 +165,11 @@ def without_idle(
     cost: Cost,
     seed: int,
     asked: Sequence[Quantity] = (),
-) -> Tuple[np.ndarray, Dict[str, Estimate]]:
+) -> Tuple[np.ndarray, Dict[str, Saved]]:
     """A set (n,) with each parameter at the robot's own value by which nothing is lost; those changed least go first.
 
-    Nothing is lost where neither the mean nor the median of the paired costs is larger.
+    Nothing is lost where neither the mean nor the median of the paired costs is larger by LEAST. A failure costs so
+    much that the mean of some drives is mostly of failures: most must not be dearer, either.
 
     Args:
         trials: drives both sets of a comparison in the same jobs.
@@ -171,7 +180,7 @@ def without_idle(
         asked: what no parameter may go back by which one of them is clearly better.
 
     Returns:
-        The set, and for each parameter that stays in it by how much the cost rises without it, with its 95 % interval.
+        The set, and for each parameter that stays in it by how much the cost rises without it.
     """
     space, worth = trials.space, {}
     theta = space.clip(theta)
@@ -180,14 +189,13 @@ def without_idle(
         if theta[i] == space.theta0[i]:
             continue
         without = np.where(np.arange(len(theta)) == i, space.theta0, theta)
-        ranking, results = race(partial(trials.run, seed=seed), np.array([without, theta]), blocks(), cost)
+        _, results = race(partial(trials.run, seed=seed), np.array([without, theta]), blocks(), cost)
         values = (cost, *(quantity.loss for quantity in asked))
         both = (np.array([[value(result) for result in of_set] for of_set in results]) for value in values)
         differences = [more - less for more, less in both]
-        saved, *gains = map(over_worlds, differences)
-        # a failure costs so much that the mean of some drives is mostly of failures: most must not be dearer, either
-        idle = ranking[0] == 0 and np.median(differences[0]) <= 0.0  # where both are level, too
-        if idle and not any(gain.low > 0.0 for gain in gains):
+        mean, *gains = map(over_worlds, differences)
+        saved = Saved(mean, float(np.median(differences[0])))
+        if max(mean.value, saved.median) < LEAST and not any(gain.low > 0.0 for gain in gains):
             theta = without
         else:
             worth[space.names[i]] = saved
