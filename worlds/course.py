@@ -134,7 +134,7 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
         first, last = across[:, axis].min(), across[:, axis].max()
         cells = search.shortest_path(room, *(across[across[:, axis] == end] for end in (first, last)))
         if cells is not None:
-            return _along(low + SEARCH_CELL * (cells + 0.5), (0.0, math.pi / 2)[axis])
+            return _along(path, low + SEARCH_CELL * (cells + 0.5), (0.0, math.pi / 2)[axis])
     sides = int(round(MARGIN / SEARCH_CELL))
     if high[0] - low[0] > NARROW:  # through the world, not around it
         free[:sides, sides:-sides] = False
@@ -144,7 +144,7 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     if cells is None:
         wide = f"{2.0 * ROBOT_RADIUS:.2f} m"
         raise WorldError(f"{path} has no passage of {wide} along y; clear a way, or {GIVE.format(path)}")
-    return _along(low + SEARCH_CELL * (cells + 0.5), math.pi / 2)
+    return _along(path, low + SEARCH_CELL * (cells + 0.5), math.pi / 2)
 
 
 def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
@@ -174,12 +174,15 @@ def given(path: str, points: np.ndarray) -> Course:
     if len(points) < 2 or not np.isfinite(points).all() or not np.any(points[1] != points[0]):
         raise WorldError(f"the course for {path} is no way; give X Y of two places or more in metres")
     dx, dy = points[1] - points[0]
-    return _along(points, math.atan2(dy, dx))
+    return _along(path, points, math.atan2(dy, dx))
 
 
-def _along(points: np.ndarray, yaw: float) -> Course:
+def _along(path: str, points: np.ndarray, yaw: float) -> Course:
     """From the first of points (n, 2) [m] to the last one, with this heading [rad] at both ends."""
     (x0, y0), (x1, y1) = points[[0, -1]].tolist()
+    if math.hypot(x1 - x0, y1 - y0) <= barn.GOAL_TOLERANCE:
+        near = f"a course that ends {math.hypot(x1 - x0, y1 - y0):.2f} m from its start, where it counts as driven"
+        raise WorldError(f"{path} has {near}; {GIVE.format(path)}")
     return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE, points)
 
 

@@ -17,6 +17,13 @@ EXTERNAL = (
 )
 
 
+SHED = "".join(
+    f"<model name='w{n}'><pose>{x} {y} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box><size>{size} 1"
+    "</size></box></geometry></collision></link></model>"
+    for n, (x, y, size) in enumerate(((0, 0.45, "1 .1"), (0, -0.45, "1 .1"), (0.45, 0, ".1 1"), (-0.45, 0, ".1 1")))
+)
+
+
 def refused(path, *words):
     started = time.process_time()
     with pytest.raises(ApplrError) as error:
@@ -42,6 +49,7 @@ def refused(path, *words):
         (sdf(cylinder(0, 0, radius=-1)), ["radius", "above 0"]),
         (sdf(cylinder(0, 0).replace("0.000000</pose>", "</pose>")), ["pose", "6 numbers"]),
         (sdf(cylinder(0, 0) + cylinder(900, 900)), ["too large"]),
+        (sdf(SHED), ["ends 0.10 m from its start", "--course X Y X Y"]),
     ],
 )
 def test_bad_files(tmp_path, text, words):
