@@ -46,9 +46,10 @@ def checked(folder, capsys):
     [
         ("local_costmap: a", "local_costmap is 'a': give a mapping"),
         ("local_costmap: {plugins: [{name: a, type: [1]}]}", r"plugins has {'name': 'a', 'type': \[1\]}: give"),
+        ("local_costmap: {plugins: {name: a, type: 'costmap_2d::ObstacleLayer'}}", "plugins has {'name': 'a', .*give"),
         ("_ns: " + "a/" * 2000, "a name of 2002 levels; give at most 50"),
     ],
-    ids=["a text", "a type", "levels"],
+    ids=["a text", "a type", "no list", "levels"],
 )
 def test_what_no_file_of_parameters_holds_is_a_finding(tmp_path, text, line):
     folder = changed(

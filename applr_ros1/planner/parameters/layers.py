@@ -87,8 +87,8 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     found: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
-        good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
-        if not good or not isinstance(entry.get("type"), str):
+        good = isinstance(plugins, list) and isinstance(entry, dict) and entry.get("name")
+        if not good or not all(isinstance(entry.get(key), str) for key in ("name", "type")):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(Finding(f"{name}/plugins", f"has {entry!r}", advice))
         if any(layer.name == entry["name"] for layer in found):
@@ -225,11 +225,10 @@ def _move_to_layers(costmap) -> None:
 def _arrange_sources(layer, above) -> None:
     """Each source gets its topic, and the ranges of the nearest place above it, where it has none of its own."""
     for name in sources(layer):
-        own = layer.get(name, {})
-        if isinstance(own, dict):
-            own = layer[name] = dict(own)
-            own.setdefault("topic", name)
-            for key in ("obstacle_range", "raytrace_range"):
-                found = next((place[key] for place in above if key in place), None)
-                if key not in own and found is not None:
-                    own[key] = found
+        given = layer.get(name)
+        own = layer[name] = dict(given) if isinstance(given, dict) else {}
+        own.setdefault("topic", name)
+        for key in ("obstacle_range", "raytrace_range"):
+            found = next((place[key] for place in above if key in place), None)
+            if key not in own and found is not None:
+                own[key] = found

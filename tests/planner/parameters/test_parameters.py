@@ -330,6 +330,8 @@ def test_scan_source_may_have_any_name():
     bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
+    layer["bump"] = "no section"
+    assert complete(tree)["local_costmap"]["obstacles_layer"]["bump"] == bump
 
 
 TURTLEBOT = {  # in the shape of its navigation package
