@@ -87,10 +87,13 @@ def whole_number(text: Any) -> int:
 
 
 def plain_xml(data: bytes) -> str:
-    """XML as TinyXML takes it: with anything before the declaration, in comments, and in any encoding."""
+    """XML as TinyXML takes it: with anything before the declaration and in comments, a bare &, no name spaces."""
     first, *others = data.decode("utf-8-sig", "replace").split("<!--")
     parts = (part.partition("-->") for part in others)
     text = first + "".join("\n" * comment.count("\n") + rest for comment, _, rest in parts)
+    text = re.sub(r"&(?!#?\w+;)", "&amp;", re.sub(r"""\sxmlns\s*=\s*("[^"<>]*"|'[^'<>]*')""", "", text))
+    bound = set(re.findall(r"\bxmlns:([\w.-]+)", text))
+    text = re.sub(r"(</?)([\w.-]+):(?=\w)", lambda tag: tag[0] if tag[2] in bound else f"{tag[1]}{tag[2]}_", text)
     return re.sub(r"<\?xml\b[^<>]*>", "", text, count=1).lstrip()
 
 

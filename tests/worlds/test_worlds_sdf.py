@@ -231,7 +231,10 @@ def test_walls_that_are_no_room_are_not_driven_along_outside(tmp_path):
 
 
 def test_bytes_that_gazebos_parser_passes_over(tmp_path):
-    text = "<!-- a -- \xfc -->\n<?xml version='1.0' encoding='latin-1'?>" + sdf(cylinder(0, 0)).replace("unit", "\xfc")
+    text = "<!-- a -- \xfc -->\n<?xml version='1.0' encoding='latin-1'?>" + sdf(cylinder(0, 0)).replace(
+        "unit", "\xfc & "
+    )
+    text = text.replace("<sdf ", "<sdf xmlns='http://sdf' ").replace("</world>", "<not:declared/></world>")
     (tmp_path / "w.world").write_bytes(b"\xef\xbb\xbf" + text.encode("latin-1"))
     assert len(worlds.load(str(tmp_path / "w.world")).cylinders) == 1
 
