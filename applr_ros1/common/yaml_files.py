@@ -16,12 +16,14 @@ MAX_VALUES, MAX_LEVELS = 100_000, 50  # of a YAML file, each alias counted as wh
 class Yaml(yaml.SafeLoader):
     """Plain values alone, and no more of them than a person writes: aliases can stand for any number."""
 
+    most = MAX_VALUES
+
     def get_single_node(self) -> Any:
         """What yaml.load makes the value of."""
         node = super().get_single_node()
         values, levels = _extent(node, {})
-        if values > MAX_VALUES or levels > MAX_LEVELS:
-            raise yaml.YAMLError(f"more than {MAX_VALUES} values or {MAX_LEVELS} levels")
+        if values > self.most or levels > MAX_LEVELS:
+            raise yaml.YAMLError(f"more than {self.most} values or {MAX_LEVELS} levels")
         return node
 
 

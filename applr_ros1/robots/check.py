@@ -15,6 +15,7 @@ import re
 import sys
 from contextlib import suppress
 from functools import lru_cache
+from itertools import chain
 from math import isnan, pi
 from types import SimpleNamespace
 from typing import Any, Dict, Iterable, Iterator, List, Tuple
@@ -157,8 +158,8 @@ class _Setup:
         A layer's value may stand at its costmap, a planner's line may leave its name space out.
         """
         first, _, rest = path.partition("/")
-        ends = [known for known in self._places if known.endswith("/" + path)]
-        for candidate in (path, f"{first}/{rest.rpartition('/')[2]}", f"{self.planner}/{path}", *ends[:1]):
+        ends = (known for known in self._places if known.endswith("/" + path))
+        for candidate in chain((path, f"{first}/{rest.rpartition('/')[2]}", f"{self.planner}/{path}"), ends):
             if candidate in self._places:
                 file, key = self._places[candidate]
                 return file, key or candidate

@@ -23,11 +23,13 @@ FILE = "robot.yaml"
 # names that stand at move_base itself alone
 MOVE_BASE = {"base_local_planner", "base_global_planner", "planner_frequency", "recovery_behaviors", "NavfnROS"}
 MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
-MAX_BYTES = 2**17
+MAX_BYTES = 2**19  # what roslaunch --dump-params writes holds the robot's description, too
 
 
 class _Loader(Yaml):
     """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
+
+    most = 30_000
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
@@ -67,7 +69,12 @@ def _mapping(text: str, path: str) -> Dict[str, Any]:
 
 
 def read_parameters(path: str) -> Dict[str, Any]:
-    """The parameters of move_base in a YAML file, as rosparam loads it, without the levels above those of move_base."""
+    """The parameters of move_base in a YAML file, without the levels above those of move_base."""
+    return of_move_base(read_levels(path))
+
+
+def read_levels(path: str) -> Dict[str, Any]:
+    """The parameters in a YAML file, nested, as rosparam loads it."""
     found: Dict[str, Any] = {}
     text = re.sub(r"^%.*", "", _text(path), flags=re.MULTILINE)
     if text.lstrip().startswith("<"):
@@ -76,6 +83,11 @@ def read_parameters(path: str) -> Dict[str, Any]:
         content = _mapping(document, path)
         space = str(content.pop("_ns", ""))  # rosparam's name of the level that a document is loaded below
         found = merged(found, _levels({f"{space}/{name}".strip("/"): value for name, value in content.items()}, path))
+    return found
+
+
+def of_move_base(found: Dict[str, Any]) -> Dict[str, Any]:
+    """What is for move_base in nested parameters; all of them where no level is named after it or holds its names."""
     levels = [found]
     for here in levels:
         if isinstance(here.get("move_base"), dict):
@@ -92,9 +104,11 @@ def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:
         if len(parts) > MAX_LEVELS:
             raise ApplrError(f"{path}: a name of {len(parts)} levels; give at most {MAX_LEVELS}")
         value = _levels(value, path) if isinstance(value, dict) else value
-        for part in reversed(parts):
-            value = {part: value}
-        found = merged(found, value)
+        here = found
+        for part in parts[:-1]:
+            here[part] = here[part] if isinstance(here.get(part), dict) else {}
+            here = here[part]
+        here.update(merged({parts[-1]: here.get(parts[-1])}, {parts[-1]: value}))
     return found
 
 

@@ -45,7 +45,7 @@ def test_jackal_has_the_files_of_the_authors():
         ("a: !!python/object/apply:os.system [true]\n", "could not determine a constructor"),
         ("- 1\n", "holds no mapping"),
         ("[" * 5000, "not readable as YAML"),
-        ("#" * 2**18, "bytes are too many"),
+        ("#" * 2**20, "bytes are too many"),
     ],
 )
 def test_damaged_file_is_one_line(tmp_path, text, line):
