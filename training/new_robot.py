@@ -75,7 +75,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         values["frames"]["odom"] = parameters.frame("local_costmap")
         if parameters.frame("global_costmap"):
             values["frames"]["map"] = parameters.frame("global_costmap")
-    topics = [str(source["topic"]).rstrip("/") for source in parameters.scans() if "topic" in source]
+    topics = [str(source["topic"]).rstrip("/") for source in parameters.scans()]
     named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
     names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)

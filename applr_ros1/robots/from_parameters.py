@@ -16,7 +16,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.common.yaml_files import yaml_value
 from applr_ros1.planner.parameters.layers import INFLATION_LAYER, replaced
-from applr_ros1.robots.parameter_files import MOVE_BASE, read_parameters
+from applr_ros1.robots.parameter_files import MOVE_BASE, of_move_base, read_levels
 from applr_ros1.robots.urdf_file import Packages
 
 _COSTMAPS = ("local_costmap", "global_costmap")
@@ -145,16 +145,18 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
         ApplrError: A file cannot be read or lacks what roslaunch would put into it, or none is for move_base.
     """
     found = Parameters()
-    plain = {path: read_parameters(path) for path in paths}
+    whole = {path: read_levels(path) for path in paths}
+    plain = {path: of_move_base(values) for path, values in whole.items()}
     read = {path: _inserted(values, path, arguments) for path, values in plain.items()}
     _insertions(read)
     found.changed = {path: values for path, values in read.items() if values != plain[path]}
     for path, given in read.items():
         namespaces = _namespaces(os.path.basename(path), given)
-        limits = _limits(given)
+        beside = {**whole[path], **given}  # such as a controller's parameters, where all of a robot's are in one file
+        limits, driven = _limits(beside), set(_driven(beside))
         found.limits.update(limits)
-        found.driven |= set(_driven(given))
-        if not namespaces and not limits and not any(_driven(given)):
+        found.driven |= driven
+        if not namespaces and not limits and not driven:
             found.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
         for namespace in namespaces:
             found.files.append((path, namespace))
@@ -291,9 +293,9 @@ def one_scan(tree: Dict[str, Any], topic: str) -> Tuple[Dict[str, Any], Set[str]
 
 
 def _sources(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
-    """The observation sources in a costmap's tree."""
+    """The observation sources in a costmap's tree, each with its topic."""
     for name in str(tree.get("observation_sources", "")).split():
-        yield branch(tree, name)
+        yield {"topic": name, **branch(tree, name)}
     for below in tree.values():
         if isinstance(below, dict):
             yield from _sources(below)

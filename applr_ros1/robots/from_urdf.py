@@ -155,7 +155,7 @@ def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
         across = abs(axis[1]) > 0.95 or disc
         if not (disc or _turns(joint) and across or _rolls(urdf, parts, axis)):
             continue  # a leg, a swivel that lies
-        locked = [j for j in urdf.above(joint.child) if j.type == "fixed" and _STEERING.search(j.name)]
+        locked = [j for j in urdf.above(joint.child) if not _range(j) and _STEERING.search(j.name)]
         rollers = [j.name for j in urdf.joints if joint in urdf.moving.get(j.child, [])[1:] and _turns(j)]
         if swivels or locked:
             wrong[joint.child] = f"{(swivels + locked)[0].name} steers the wheel of {joint.name}"
@@ -239,7 +239,8 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str])
     front, left = middles[:, 0] > ahead + radius / 4, middles[:, 1] > middles[:, 1].mean()
     pairs = (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum()))
     if pairs not in ((4, 2, 2, 1), (2, 0, 1, 0)):
-        raise ApplrError(f"{urdf.path}: the driven wheels are {', '.join(sorted(wheels))}{_CONTROLLER}: {_OURS}")
+        found_ones = [*sorted(wheels), *(f"{name} is {kind}" for name, kind in _loosened(urdf).items())]
+        raise ApplrError(f"{urdf.path}: the driven wheels are {', '.join(found_ones)}{_CONTROLLER}: {_OURS}")
     found: Dict[str, Any] = {
         "drive": "two_wheel" if len(wheels) == 2 else "skid_steer",
         "wheel_radius": radius,

@@ -24,6 +24,8 @@ MAX_LINKS = 2000
 MAX_MESH, MAX_MESHES = 64 * 2**20, 256 * 2**20  # bytes of one, of all
 MANIFESTS = ("package.xml", "manifest.xml")  # of a package; the latter's name is its folder's
 MESHES = ("stl", "dae", "obj")  # what RViz and Gazebo read; of others, archives among them, nothing bounds the size
+JOINTS = ("continuous", "revolute", "prismatic", "fixed", "floating", "planar")
+NUMBERS = {"xyz": 3, "rpy": 3, "size": 3, "radius": 1, "length": 1}  # how many an attribute has
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
@@ -58,7 +60,9 @@ def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     old = re.search(r"<(include|property|macro)\b", text)
     text, problem, packages.missing = expand(path, arguments, packages.found)
     if problem:
-        needed = re.search(r"Undefined substitution argument (\S+)", problem)
+        needed = re.search(r"Undefined substitution argument (\S+)|environment variable '(\w+)' is not set", problem)
+        if needed and needed[2]:
+            raise ApplrError(f"{path} reads {needed[2]} from the environment: export it as on the robot")
         if needed:
             raise ApplrError(f"{path} needs the argument {needed[1]}: give {needed[1]}:=VALUE")
         absent = ", ".join(sorted(packages.missing))
@@ -134,8 +138,11 @@ def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str
     return "".join(found)
 
 
-def _bare(text: str) -> bytes:
-    """A URDF without all that says nothing of links and joints, so that a mistake in it stops nothing."""
+def _bare(text: str, path: str) -> bytes:
+    """A URDF without all that says nothing of links and joints, so that a mistake in it stops nothing.
+
+    ApplrError, with the place, for a number or a kind of joint that is none.
+    """
     xml = ElementTree.fromstring(text)
     for part in [part for part in xml if part.tag not in ("link", "joint")]:
         xml.remove(part)
@@ -143,6 +150,13 @@ def _bare(text: str) -> bytes:
         kept = ("origin", "parent", "child", "axis", "limit", "mimic", "inertial", "visual", "collision")
         for inner in [inner for inner in part if inner.tag not in kept]:
             part.remove(inner)
+        place = f"{path} cannot be read as URDF: {part.tag} {part.get('name')}"
+        if part.tag == "joint" and part.get("type") not in JOINTS:
+            raise ApplrError(f"{place} has the type {part.get('type')}: give {', '.join(JOINTS)}")
+        for name, given in (item for element in part.iter() for item in element.items() if item[0] in NUMBERS):
+            words, many = given.split(), NUMBERS[name]
+            if len(words) != many or not all(re.fullmatch(r"[-+.\deE]{1,60}", word) for word in words):
+                raise ApplrError(f"{place} has {name} {given!r:.60}: give {many} finite number{'s' * (many > 1)}")
         for axis in part.findall("axis"):
             if not any(float(number) for number in (axis.get("xyz") or "1").split()):
                 part.remove(axis)  # (0, 0, 0), which says nothing
@@ -189,7 +203,9 @@ class UrdfFile:
             raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
         try:
-            self.urdf = yourdfpy.URDF.load(io.BytesIO(_bare(text)), load_meshes=False)
+            self.urdf = yourdfpy.URDF.load(io.BytesIO(_bare(text, path)), load_meshes=False)
+        except ApplrError:
+            raise
         except Exception as error:  # the library says of a missing tag that None has no attribute
             problem = f"{type(error).__name__}: {reason(error)}; ask check_urdf for the place"
             raise ApplrError(f"{path} cannot be read as URDF: {problem}") from None
@@ -254,7 +270,7 @@ class UrdfFile:
                 self._meshes[mesh.filename] = np.empty((0, 3))
         corners = self._meshes[mesh.filename]
         if not len(corners):
-            self.lost.add(mesh.filename)
+            self.lost.add(mesh.filename or "one without a filename")
             return None
         return corners * (1.0 if mesh.scale is None else np.asarray(mesh.scale))
 

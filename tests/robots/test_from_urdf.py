@@ -310,7 +310,7 @@ NAMED = "<transmission name='{0}'><joint name='{0}_joint'/></transmission>"
 BY_TRANSMISSIONS = PLAIN + wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
 BY_TRANSMISSIONS += NAMED.format("left") + NAMED.format("right")
 RIGHT_AFTER = '<axis xyz="0 0 1"/></joint><link name="right"'
-ODD_HEAD = ' \n<!-- a -- b --><?xml version="1.0"?><robot name="crate">'
+ODD_HEAD = ' \n<!-- a -- b --><?xml version="1.0"?><robot name="crate" xmlns="http://ros">'
 MANY_TURNS = '<axis xyz="0 0 1"/><limit lower="-1e16" upper="1e16" effort="1" velocity="1"/>'
 SPRUNG = link("arm") + joint("arm", "0 0 0", kind="prismatic", axis="0 0 1") + PLAIN
 DRIVE = '<gazebo><plugin name="d" filename="libdiff_drive.so"><leftJoint>left_joint</leftJoint>'
@@ -319,6 +319,8 @@ MOVED_SIDEWAYS = '<gazebo><plugin name="m" filename="libplanar_move.so"/></gazeb
 LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/></joint>'
 KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 0 1").replace("</joint>", LIMIT)
 KNUCKLE += wheel("steered", "0 0 0", parent="knuckle")
+LOCKED = KNUCKLE.replace("knuckle", "steering").replace('axis xyz="0 0 1"/><limit', 'axis xyz="0 1 0"/><limit')
+LOCKED = LOCKED.replace('lower="-.5" upper=".5"', 'lower="0" upper="0"')
 TURNED = PLAIN.replace(
     'rpy="0 0 0"/><axis xyz="0 1 0"/></joint><link name="base_link"', 'rpy="0 0 1.57"/></joint><link name="base_link"'
 )
@@ -331,7 +333,11 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
     [
         ("wheels: 2\n", {"head": ""}, "is no XML"),
         ("<sdf/>", {"head": ""}, "outermost tag is <sdf>"),
-        (link("a") + "<joint/>", {}, "cannot be read as URDF: .*; ask check_urdf for the place"),
+        (link("a", "<capsule/>"), {}, "cannot be read as URDF: .*; ask check_urdf for the place"),
+        (link("a") + "<joint name='hinge' type='Hinge'/>", {}, "joint hinge has the type Hinge: give continuous, rev"),
+        (PLAIN.replace('"0 .12 0"', '"0 nan 0"'), {}, "joint left_joint has xyz '0 nan 0': give 3 finite numbers"),
+        (PLAIN.replace('radius=".03"', 'radius="3 cm"'), {}, "link roller has radius '3 cm': give 1 finite number"),
+        (PLAIN.replace('left_joint" type="continuous', 'left_joint" type="fixed'), {}, "right, left_joint is fixed "),
         (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
         (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
@@ -355,9 +361,11 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
         ),
         (link("base_link") + link("wheel") + joint("wheel", "0 .1 0", kind="continuous"), {}, "give the URDF of the"),
         (PLAIN + KNUCKLE + NAMED.format("left") + NAMED.format("right"), {}, "knuckle_joint steers the wheel of"),
+        (PLAIN + LOCKED, {}, "steering_joint steers the wheel of"),
         (PLAIN + wheel("more", ".1 .12 0") + MOVED_SIDEWAYS, {}, "libplanar_move.so is of an omni base"),
         (PLAIN + joint("nowhere", "0 0 0"), {}, "joints name nowhere, which is no link there; take each"),
         (TWO + RAYS, {}, "needs the argument reach: give reach:=VALUE"),
+        (TWO + '<link name="$(env UNSET_PART)"/>', {}, "reads UNSET_PART from the environment: export it"),
         ('<xacro:macro name="m"><link name="a"/></xacro:macro>', {}, "no links, .*: give the file that uses them"),
         ('<property name="a" value="1"/><link name="${a}"/>', {}, "it has <property>, and since Noetic xacro takes"),
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
@@ -428,7 +436,10 @@ DRIVEN = {
     "omni": PLAIN.replace('"roller"', '"omni_wheel"'),
     "many turns": PLAIN.replace(RIGHT_AFTER, MANY_TURNS + '</joint><link name="right"'),
     "sprung": SPRUNG.replace(*BELOW_ARM),
-    "harmless parts": PLAIN + "<material/><gazebo reference='nothing'><sensor/></gazebo>",
+    "harmless parts": PLAIN
+    + "<material/><gazebo reference='nothing'><sensor/></gazebo>"
+    + link("emblem", "<mesh/>")
+    + joint("emblem", "0 0 .1"),
     "all fixed": PLAIN.replace("continuous", "fixed"),
     "revolute without limits": PLAIN.replace("continuous", "revolute"),
     "axes along the robot": PLAIN.replace('axis xyz="0 0 1"', 'axis xyz="1 0 0"'),
@@ -444,7 +455,7 @@ DRIVEN = {
     + link("hub", '<cylinder radius=".05" length=".01"/>')
     + joint("hub", "0 0 0", "left"),
     "moved sideways in Gazebo": PLAIN + MOVED_SIDEWAYS,
-    "blank and comment": "\n" + PLAIN,
+    "blank and comment": "\n" + PLAIN + "<not:declared>this & that</not:declared>",
 }
 
 
@@ -518,6 +529,13 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     assert robots.load(str(file.parent)).frames.map == "site_map"
 
 
+def test_one_file_may_hold_all_parameters_of_a_robot(make):
+    tree = {"robot_description": "<robot/>" * 30_000, "move_base": yaml.safe_load(PLANNER)}
+    status, said, file = make(PLAIN, **{"dwa.yaml": yaml.safe_dump({**tree, **yaml.safe_load(CONTROLLER)})})
+    assert status == 0, said
+    assert yaml.safe_load(file.read_text())["base"]["max_speed"] == 0.6
+
+
 def test_a_wrong_value_leaves_the_scale_of_worlds_right(make):
     wrong = {
         "dwa.yaml": PLANNER.replace("max_vel_x: 0.4", "max_vel_x: .nan"),
@@ -557,8 +575,9 @@ SLASH = "local_costmap/seen/scan/topic: /scan\n"
         {"  observation_sources": "  z_voxels: 8\n  mark_threshold: 0\n  observation_sources"},
         {"margin: {": "other_layer: {some: 1}\nmargin: {"},
         {"margin: {inflation_radius: 0.3}": "inflation_radius: 1.5"},
+        {"bumper scan": "bumper front", " scan: {data_type: LaserScan, topic: scan,": " front: {data_type: LaserScan,"},
     ],
-    ids=["two sensors", "a voxel layer's own", "a layer that is not in use", "a value above its layer"],
+    ids=["two sensors", "a voxel layer's own", "a layer not in use", "a value above its layer", "a source's name"],
 )
 def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
     common = COMMON
@@ -573,7 +592,7 @@ def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
     said = capsys.readouterr().out
     assert "bumper" not in said
     assert "warning" not in said
-    assert "TebLocalPlannerROS is not read here" in said
+    assert re.search("TebLocalPlannerROS (is|are) not read here", said)
 
 
 def test_layers_and_planners_as_move_base_has_them(make, tmp_path):
