@@ -67,6 +67,7 @@ class Results:
             raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._digests = {tuple(self.settings["worlds"]): self.settings["worlds_sha256"]}
+        self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
         for path in folders[1:]:
             self._join(path)
         self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
@@ -98,11 +99,7 @@ class Results:
         if other:
             raise ApplrError(f"{folder}: driven with another {other[0]} than {self.folder}; it cannot be joined")
         here["methods"] = {**methods, **more}
-        known = set(here["worlds"])
-        for name, spec in zip(there["worlds"], there["world_specs"]):
-            if name not in known:
-                here["worlds"].append(name)
-                here["world_specs"].append(spec)
+        self._specs = {**dict(zip(there["worlds"], there["world_specs"])), **self._specs}
         for name in ("worlds_with_movers", "provenance"):
             here[name] = [*here.get(name, []), *there.get(name, [])]
         here["wall_s"] = here.get("wall_s", 0.0) + there.get("wall_s", 0.0)
@@ -153,9 +150,8 @@ class Results:
 
     def load(self, name: str) -> Optional[World]:
         """A world of the evaluation, None where its file has gone since."""
-        specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
         try:
-            world = under(self.settings["protocol"], worlds_package.load(specs[name]))
+            world = under(self.settings["protocol"], worlds_package.load(self._specs[name]))
             return worlds_package.scaled(world, self.robot["world_scale"])
         except ApplrError as error:
             log.warning("no map of %s: %s", name, error)

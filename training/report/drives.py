@@ -16,7 +16,6 @@ from applr_ros1.common.files import read_bytes, write_bytes
 from training.common.folders import make_folder
 from training.report.data import Results
 from training.report.figures import colors
-from worlds import World
 
 FILE = "drives.html"
 TEMPLATE = Path(__file__).with_name("drives_page.html")
@@ -71,13 +70,14 @@ def _world(results: Results, name: str) -> Optional[Dict[str, Any]]:
     circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
     boxes = _near(world.boxes, np.hypot(world.boxes[:, 3], world.boxes[:, 4]) / 2.0, low, high)
     sides = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
+    times = (PERIOD * np.arange(max(len(drive["p"]) for drive in drives))).tolist()  # of the poses
     margin = ASIDE if np.ptp(driven[:, 0]) > np.ptp(driven[:, 1]) else MARGIN  # courses along x: as much beside them
     return {
         "name": name,
         "view": _whole([sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100),
         "circles": _whole(circles, 1000),  # [mm]; all else in hundredths
         "boxes": _whole(boxes, 100),
-        "movers": _movers(world, max(len(drive["p"]) for drive in drives)),
+        "movers": [[round(100 * m.radius), _whole([m.position(t) for t in times], 100)] for m in world.movers],
         "start": _whole(world.course.start, 100),
         "goal": _whole([*world.course.goal[:2], world.course.goal_tolerance], 100),
         "finish": None if world.course.finish_y is None else round(100 * world.course.finish_y),
@@ -110,12 +110,6 @@ def _drives(results: Results, world: str, method: str, place: int) -> List[Dict[
             drive["a"] = _whole([results.space.to_action(theta) for theta in trace["theta"]], 50)
         found.append(drive)
     return found
-
-
-def _movers(world: World, count: int) -> List[Any]:
-    """Moving obstacles: [radius, [[x, y], ...]] [cm] at the times of the poses."""
-    times = PERIOD * np.arange(count)
-    return [[round(100 * m.radius), _whole([m.position(t) for t in times.tolist()], 100)] for m in world.movers]
 
 
 def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -36,14 +36,14 @@ COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e3
 DPI = 110
 
 
-def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0), **more):
+def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0)):
     """(figure, axes array) without pyplot: no window, no global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False, **more)
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def colors(results: Results) -> Dict[str, str]:
@@ -111,7 +111,7 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     regions = region_of(world, trace["pose"])
     space = results.space
     rows = max(2, (len(space) + 1) // 2)
-    figure, axes = canvas(3, rows, size=(4.2, 2.1), width_ratios=None)
+    figure, axes = canvas(3, rows, size=(4.2, 2.1))
     for ax in axes[:, 0]:
         ax.remove()
     grid = axes[0, 0].get_gridspec()

@@ -20,7 +20,7 @@ from training.evaluation import trials
 from training.evaluation.plan import TrialResult, plan_trials
 from training.report import data, paper, statistics, tables, write
 from training.report.figures import region_of
-from training.report.summary import summary
+from training.report.page import summary
 from training.report.tables import Table
 from worlds.world import clearance
 
