@@ -83,11 +83,8 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
 def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -> pd.DataFrame:
     """The trials of some methods under the rules of the run's own evaluations, with their scores [s]."""
     shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
-    how: Dict[str, Any] = {
-        **{"robot": config.robot, "worlds": worlds, "methods": ",".join(names), "trials": 1, "out": str(out)},
-        **{"simulator": config.simulator, "protocol": config.eval_protocol},
-        **{"monitor": config.monitor, "movers": config.movers},
-    }
-    evaluate(EvaluationOptions(**how, workers=config.actors, seed=config.seed))
+    how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
+    how.update(worlds=worlds, methods=",".join(names), trials=1, out=str(out), protocol=config.eval_protocol)
+    evaluate(EvaluationOptions(**how, workers=config.actors))
     trials = read_trials(out / TRIALS)
     return trials.assign(score=[score(trial) for trial in trials.itertuples()])

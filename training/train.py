@@ -186,7 +186,7 @@ class TrainingRun:
         finally:
             self.pool.shutdown()
             self.bar.close()
-            self.board.close()
+            self.board.writer.close()
             self.learner.store.close()
             for number, handler in handlers.items():
                 signal.signal(number, handler)

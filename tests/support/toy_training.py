@@ -10,8 +10,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
-from training.actors.collector import collect, environment, layout_of
-from training.env.rollout import PolicyWeights, roll_out
+from training.actors.collector import PolicyWeights, collect, environment, layout_of, roll_out
 from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner

@@ -182,4 +182,4 @@ def make_pool(workers: int, ray_address: str = "", seconds: float = CALL_SECONDS
     if not ray_address:
         return ParallelPool(ChildProcess, workers, seconds=seconds)
     cluster = RayCluster(ray_address, workers)
-    return ParallelPool(cluster.worker, workers, cluster.close, seconds)
+    return ParallelPool(lambda: RayActor(cluster), workers, cluster.close, seconds)

@@ -44,10 +44,6 @@ class RayCluster:
         self.ray, self.put = ray, lru_cache(maxsize=2)(ray.put)
         self.close = ray.shutdown
 
-    def worker(self) -> "RayActor":
-        """Starts a worker."""
-        return RayActor(self)
-
 
 class RayActor:
     """An actor that executes calls one after the other, as a ChildProcess does."""

@@ -22,11 +22,11 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
+from training.actors.collector import PolicyWeights
 from training.actors.pool import CallFailed, Pool
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
-from training.env.rollout import PolicyWeights
 from training.env.settings import TrialSettings
 from training.evaluation.plan import POLICY, TRACED, Trial, TrialResult
 from worlds import World, WorldError

@@ -39,6 +39,12 @@ Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between whi
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
 
+def span(default: float, help: str, more: str = "") -> Any:
+    """Declares one of SPANS; help and more stand before and behind what two numbers mean."""
+    text = f"{help} Two numbers: drawn between them at each reset{more}."
+    return option([default], text, min_length=1, max_length=2)
+
+
 class RunOptions(Options):
     """Where a run is and how long it takes."""
 
@@ -125,25 +131,13 @@ class TaskOptions(Options):
     start_xy: float = option(0.0,
         "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
     start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
-    scan_noise: Span = option([1.0],
-        "Factor on the standard deviation of the laser's noise. Two numbers: drawn between them at each reset.",
-        min_length=1, max_length=2)
-    latency: Span = option([0.0],
-        "Delay [s] of the velocity commands. Two numbers: drawn between them at each reset.",
-        min_length=1, max_length=2)
-    slip: Span = option([1.0],
-        "Factor on the slip and drift of the base. Two numbers: drawn between them at each reset.",
-        min_length=1, max_length=2)
-    friction: Span = option([1.0],
-        "Factor on the wheels' friction. Two numbers: drawn between them at each reset.",
-        min_length=1, max_length=2)
-    ground: Span = option([1.0],
-        "Share of the robot's own ground, 1 or more all of it; the rest is plain. Two numbers: drawn between them at "
-        "each reset, so that 0 2 gives half of the episodes the robot's own ground and the others one in between.",
-        min_length=1, max_length=2)
-    odometry: Span = option([1.0],
-        "Factor on the odometry's errors. Two numbers: drawn between them at each reset.",
-        min_length=1, max_length=2)
+    scan_noise: Span = span(1.0, "Factor on the standard deviation of the laser's noise.")
+    latency: Span = span(0.0, "Delay [s] of the velocity commands.")
+    slip: Span = span(1.0, "Factor on the slip and drift of the base.")
+    friction: Span = span(1.0, "Factor on the wheels' friction.")
+    ground: Span = span(1.0, "Share of the robot's own ground, 1 or more all of it; the rest is plain.",
+        ", so that 0 2 gives half of the episodes the robot's own ground and the others one in between")
+    odometry: Span = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
 
 
@@ -211,11 +205,6 @@ class TrainConfig(
     def eval_robots(self) -> Sequence[str]:
         """Who drives the evaluations, world after world the next of them; "": the one robot."""
         return NAMES if self.robot == drawn_robots.NAME else ("",)
-
-    @property
-    def robot_name(self) -> str:
-        """What data are labelled with."""
-        return self.robot if self.robot == drawn_robots.NAME else load(self.robot).name
 
     @cached_property
     def start(self) -> Start:

@@ -199,18 +199,13 @@ class Learner:
             dataset: what an offline run learns from; its gradient steps are not due for transitions.
         """
         checkpoint = self.saved(self.folder)
-        if dataset is not None:
-            self.fill(dataset)
+        for _, trajectory in dataset.trajectories() if dataset is not None else ():  # not copied to the own store
+            self.replay.add(trajectory)
         last = self._restore(checkpoint) if checkpoint is not None else 0
         for _, trajectory in self.store.trajectories(since=last):
             self.train()  # what was due had been made before this episode came
             self._add(trajectory)
         return checkpoint["extra"] if checkpoint is not None else {}
-
-    def fill(self, dataset: TrajectoryStore) -> None:
-        """Takes the trajectories of a dataset into the replay; they are not copied to the run's own store."""
-        for _, trajectory in dataset.trajectories():
-            self.replay.add(trajectory)
 
     def _begin_with(self, folder: Path) -> None:
         """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""

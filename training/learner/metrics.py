@@ -47,10 +47,6 @@ class TensorBoardLog:
         prefix = "default_dwa" if summary["round"] == THETA0 else "held_out"
         self.scalars(prefix, {name: summary.get(name) for name in (*EPISODE, "score")}, summary["step"])
 
-    def close(self) -> None:
-        """Write what is pending."""
-        self.writer.close()
-
 
 def mean(values: Any) -> float:
     """The mean of the numbers among `values`; NaN where there is none."""
@@ -69,10 +65,8 @@ def describe(summary: Dict[str, Any]) -> str:
     return text + f" ({summary['trials']} trials){', the best so far' if summary['best'] else ''}"
 
 
-def draw_curves(
-    path: Path, store: TrajectoryStore, evaluation: PeriodicEvaluation, period: float, window: int = 100
-) -> None:
-    """The paper's figure: episode length and return averaged over `window` episodes, or a hundredth of them if more.
+def draw_curves(path: Path, store: TrajectoryStore, evaluation: PeriodicEvaluation, period: float) -> None:
+    """The paper's figure: episode length and return averaged over 100 episodes, or a hundredth of them if more.
 
     The evaluations are dots, that of default DWA is a dashed red line; period: decision period [s].
     """
@@ -83,7 +77,7 @@ def draw_curves(
     columns = (("length", f"episode length [decisions of {period} s]"), ("return", "episode return"))
     for column, (axes, (name, label)) in enumerate(zip(figure.subplots(1, 2), columns), 1):
         if len(rows):
-            n = min(max(window, len(rows) // 100), 1 + len(rows) // 5)
+            n = min(max(100, len(rows) // 100), 1 + len(rows) // 5)
             smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
             axes.plot(
                 np.cumsum(rows[:, 0])[n - 1 :], smooth, lw=1.2, label=f"training, mean of {n} episodes (with noise)"

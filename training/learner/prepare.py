@@ -12,10 +12,10 @@ import numpy as np
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
-from training.actors.collector import Collect, collect, layout_of
+from training.actors.collector import NAVIGATION, Collect, collect, layout_of
+from training.env import drawn_robots
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
-from training.env.rollout import NAVIGATION
 from training.env.settings import TrialSettings
 from training.evaluation.plan import Trial, TrialResult
 from training.evaluation.trials import drive, world_list
@@ -41,27 +41,10 @@ def prepare(config: TrainConfig) -> Preparation:
     robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, config.eval_protocol, robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
-    common: Dict[str, Any] = {
-        "robot": config.eval_robot,
-        "simulator": config.simulator,
-        "reward": config.reward(),
-        "period": config.decision_period,
-        "monitor": config.monitor,
-        "movers": config.movers,
-        "base": config.start.base,
-        "observation": config.observation,
-    }
-    options = {
-        **common,
-        "robot": config.robot,
-        "worlds": config.worlds,
-        "planner": config.planner,
-        "randomisation": config.randomisation(),
-        "end_on_collision": config.end_on_collision,
-        "end_on_stall": config.end_on_stall,
-        "protocol": config.protocol,
-        "critics_know_more": config.critics_know_more,
-    }
+    common: Dict[str, Any] = {name: getattr(config, name) for name in ("simulator", "monitor", "movers", "observation")}
+    common.update(reward=config.reward(), period=config.decision_period, base=config.start.base)
+    own = ("robot", "worlds", "planner", "protocol", "end_on_collision", "end_on_stall", "critics_know_more")
+    options = {**common, "randomisation": config.randomisation(), **{name: getattr(config, name) for name in own}}
     env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env.reset(seed=0)
@@ -69,7 +52,7 @@ def prepare(config: TrainConfig) -> Preparation:
     env.close()
     return Preparation(
         partial(collect, NAVIGATION, json.dumps(options)),
-        partial(drive, TrialSettings(**common, protocol=config.eval_protocol)),
+        partial(drive, TrialSettings(**common, robot=config.eval_robot, protocol=config.eval_protocol)),
         len(worlds),
         held_out,
         layout_of(env),
@@ -78,8 +61,8 @@ def prepare(config: TrainConfig) -> Preparation:
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
-    reward = Reward(**config.reward()).model_dump()
-    return {"decision_period": config.decision_period, "robot": config.robot_name, **reward}
+    name = config.robot if config.robot == drawn_robots.NAME else load(config.robot).name
+    return {"decision_period": config.decision_period, "robot": name, **Reward(**config.reward()).model_dump()}
 
 
 def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:

@@ -239,15 +239,8 @@ class TrajectoryStore:
         """Turns what sqlite refuses into a StorageError of one line."""
         try:
             yield
-        except sqlite3.IntegrityError:
+        except (sqlite3.IntegrityError, ApplrError):
             raise
-        except ApplrError:
-            raise
-        except (
-            sqlite3.Error,
-            OSError,
-            TypeError,
-            ValueError,
-            OverflowError,
-        ) as error:  # the latter of a stranger's row
+        # the last three of a stranger's row
+        except (sqlite3.Error, OSError, TypeError, ValueError, OverflowError) as error:
             raise StorageError(f"{self.path}: cannot be used ({error}); the last checkpoint is intact") from None

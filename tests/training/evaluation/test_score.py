@@ -11,8 +11,8 @@ import safetensors.numpy
 from applr_ros1.policy.actor import save
 from applr_ros1.policy.dimensionless import PARAMETERS, SIZE, DimensionlessForm
 from applr_ros1.robots import JACKAL, load
+from training.actors.collector import PolicyWeights
 from training.env.env import ApplrEnv
-from training.env.rollout import PolicyWeights
 from training.env.settings import TrialSettings
 from training.evaluation import score, trials
 from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation

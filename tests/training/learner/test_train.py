@@ -18,7 +18,7 @@ from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
-from training.env.rollout import PolicyWeights
+from training.actors.collector import PolicyWeights
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.plan import TrialResult
 from training.learner.config import parse
