@@ -81,13 +81,13 @@ def run(options: DatasetOptions) -> None:
                 trajectory.check(layout)
                 store.append(trajectory)
         except BagError as error:
-            report.skip(str(error).partition(": ")[2].partition(" (")[0])
+            report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)
         except TrajectoryError as error:
-            report.skip(str(error))
+            report.skipped[str(error)] += 1
             print(error)
         except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
-            report.skip("damaged inside")
+            report.skipped["damaged inside"] += 1
             print(f"{bag}: damaged inside ({reason(error)})")
         print(
             f"{bag}: {report.transitions} transitions in {report.episodes} episodes, {report.verified} observations "

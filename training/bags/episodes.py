@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple
+from typing import Dict, Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -46,11 +46,7 @@ class BagReport:
     transitions: int = 0
     verified: int = 0  # observations equal to the node's own
     periods: Set[float] = field(default_factory=set)  # of its decisions [s]
-    skipped: Counter[str] = field(default_factory=Counter)  # by reason
-
-    def skip(self, reason: str) -> None:
-        """Count a transition that is not used, by the reason."""
-        self.skipped[reason] += 1
+    skipped: Counter[str] = field(default_factory=Counter)  # transitions that are not used, by reason
 
 
 @dataclass
@@ -110,14 +106,14 @@ def trajectories(
     """
     report = report if report is not None else BagReport()
     courses = []
-    for goal in goals(recording, report.skip):
+    for goal in goals(recording, report.skipped):
         try:
             _check_motion(recording, goal)
             _finish(recording, goal, finish)
             courses.append((goal, _samples(recording, goal)))
             report.periods.add(goal.period)
         except Skipped as reason:
-            report.skip(str(reason))
+            report.skipped[str(reason)] += 1
     scans = recording.scans(m.scan for _, samples in courses for m in samples if not m.trouble)
     for number, (goal, samples) in enumerate(courses):
         for i, sample in enumerate(samples):
@@ -134,18 +130,13 @@ def trajectories(
                 sample.outcome, sample.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
             except Skipped as reason:
                 sample.outcome, sample.trouble = None, str(reason)
-        for run in split_at_gaps(samples, report.skip):
+        for run in split_at_gaps(samples, report.skipped):
             yield _trajectory(recording, goal, number, run, reward, layout, report)
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
-def goals(recording: Recording, skip: Callable[[str], None]) -> List[Goal]:
-    """The goals that were pursued, by the action's status.
-
-    Args:
-        recording: what the bag holds.
-        skip: is called with the reason where there is none, or one cannot be used.
-    """
+def goals(recording: Recording, skipped: Counter[str]) -> List[Goal]:
+    """The goals that were pursued, by the action's status; where one cannot be used, or is none, the reason counts."""
     spans: List[List] = []  # [id, start, end]
     before = ""
     for at, running in recording.status:
@@ -163,9 +154,9 @@ def goals(recording: Recording, skip: Callable[[str], None]) -> List[Goal]:
             end = end if status is None else min(end, at)
             found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4], period))
         else:
-            skip("the goal's position was not recorded")
+            skipped["the goal's position was not recorded"] += 1
     if not spans:
-        skip("no goal was pursued")
+        skipped["no goal was pursued"] += 1
     return found
 
 
@@ -385,12 +376,12 @@ def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def split_at_gaps(samples, skip: Callable[[str], None]) -> Iterator[List[RebuiltObservation]]:
-    """Runs of samples with usable transitions between them; `skip` is called with the trouble of the others."""
+def split_at_gaps(samples, skipped: Counter[str]) -> Iterator[List[RebuiltObservation]]:
+    """Runs of samples with usable transitions between them; the trouble of the others counts in `skipped`."""
     run: List[RebuiltObservation] = []
     for sample in samples:
         if sample.trouble:
-            skip(sample.trouble)
+            skipped[sample.trouble] += 1
             if len(run) > 1:
                 yield run
             run = []
