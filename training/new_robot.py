@@ -71,10 +71,12 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     )
     values = found.values
     values["base"].update(parameters.limits)
-    if parameters.frame("local_costmap") not in ("", parameters.frame("global_costmap")):
-        values["frames"]["odom"] = parameters.frame("local_costmap")
-        if parameters.frame("global_costmap"):
-            values["frames"]["map"] = parameters.frame("global_costmap")
+    local, world = parameters.frame("local_costmap"), parameters.frame("global_costmap")
+    if local not in ("", world):
+        values["frames"].update({"odom": local, **({"map": world} if world else {})})
+    elif world not in ("", "map", "odom"):  # the map's where there is one
+        tree = branch(parameters.tree, "global_costmap")
+        values["frames"]["map" if tree.get("static_map") or "StaticLayer" in str(tree) else "odom"] = world
     topics = [str(source["topic"]).rstrip("/") for source in parameters.scans()]
     named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
     names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}

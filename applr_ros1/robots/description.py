@@ -17,7 +17,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
-Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # of a topic or frame
+Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # of a topic
+Frame = Annotated[str, Field(pattern=r"^/?[A-Za-z0-9_][A-Za-z0-9_.:-]*(/[A-Za-z0-9_.:-]+)*$")]  # in tf2
 Length = Annotated[StrictFloat, Field(ge=0.01, le=10.0)]
 Place = Annotated[StrictFloat, Field(ge=-10.0, le=10.0)]
 Inertia = Annotated[StrictFloat, Field(ge=1e-9, le=1e5)]
@@ -110,7 +111,7 @@ class Body(Section):
 class Laser(Section):
     """A planar scanner, whose beams are evenly spread between both angles."""
 
-    frame: Name = value("", "frame of its scans in tf")
+    frame: Frame = value("", "frame of its scans in tf")
     pose: Place3 = value("m, m, rad", "[x, y, yaw] of the scanner in the base frame")
     height: float = real("m", -2.0, 5.0, "of the scanner above the base frame")
     beams: int = value("", "number of ranges in a scan", ge=2, le=8192, strict=True)
@@ -147,9 +148,9 @@ class Topics(Section):
 class Frames(Section):
     """Names of frames in tf."""
 
-    base: Name
-    odom: Name = "odom"
-    map: Name = "map"
+    base: Frame
+    odom: Frame = "odom"
+    map: Frame = "map"
 
 
 class OdometryErrors(Section):

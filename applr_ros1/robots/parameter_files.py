@@ -79,6 +79,8 @@ def read_levels(path: str) -> Dict[str, Any]:
     text = re.sub(r"^%.*", "", _text(path), flags=re.MULTILINE)
     if text.lstrip().startswith("<"):
         raise ApplrError(f"{path} is no YAML; of a launch file give what this writes: roslaunch --dump-params {path}")
+    if "ros__parameters:" in text:
+        raise ApplrError(f"{path} is for ROS 2: give the parameter files of a move_base of ROS 1")
     for document in re.split(r"^---(?=\s|$)", text, flags=re.MULTILINE):
         content = _mapping(document, path)
         space = str(content.pop("_ns", ""))  # rosparam's name of the level that a document is loaded below

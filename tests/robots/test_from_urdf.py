@@ -374,6 +374,7 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
         (TWO + "".join(joint(f"l{k}", "0 0 0", f"l{k + 1}") for k in range(102)), {}, "over 100; take one"),
         (TWO + "<link name='loose'/>", {}, "no joint leads to loose, nor to base_footprint: a robot has one root"),
         (TWO, {"dwa.yaml": "<launch/>"}, "dwa.yaml is no YAML; of a launch file give .*: roslaunch --dump-params"),
+        (TWO, {"dwa.yaml": "local_costmap:\n  ros__parameters: {width: 3}\n"}, "dwa.yaml is for ROS 2: give"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, "dwa.yaml: .*add fast:=VALUE"),
         (TWO, {"dwa.yaml": "max_vel_x: $(eval 1+1)\n"}, r"dwa.yaml: \$\(eval 1\+1\) is for roslaunch alone"),
         (TWO, {"dwa.yaml": "max_vel_x: $(env UNSET_SPEED)\n"}, "dwa.yaml: not set .*: UNSET_SPEED; export each"),
@@ -527,6 +528,20 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     assert (tree["NavfnROS"], tree["planner_frequency"]) == ({"allow_unknown": False, "default_tolerance": 0.3}, 2.0)
     assert tree["local_costmap"]["global_frame"] == "my_odom"
     assert robots.load(str(file.parent)).frames.map == "site_map"
+
+
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_both_costmaps_may_be_in_one_frame_of_any_name(make, capsys, frame):
+    common = COMMON.replace("base_footprint", "base-link") + "global_frame: two/odom-combined\n"
+    common = common if frame == "map" else re.sub("  - {name: map.*\n", "", common) + "rolling_window: true\n"
+    local = LOCAL.replace("global_frame: odom_comb, ", "")
+    _, said, file = make(
+        PLAIN.replace("base_footprint", "base-link"), **{"costmap_common.yaml": common, "costmap_local.yaml": local}
+    )
+    assert yaml.safe_load(file.read_text())["frames"][frame] == "two/odom-combined"
+    fill(file)
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
 
 
 def test_one_file_may_hold_all_parameters_of_a_robot(make):
