@@ -358,6 +358,8 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
         "noise": ".//noise/stddev",
     }
     found = {name: _number(sensor, place) for name, place in places.items()}
+    resolution = _number(sensor, ".//horizontal/resolution")  # ranges for each ray
+    found["beams"] *= resolution if isfinite(resolution) else 1.0
     laser.update((name, int(x) if name == "beams" else x) for name, x in found.items() if isfinite(x))
     if {"first_angle", "last_angle"} <= set(laser):
         sign = -1.0 if pose[2, 2] < 0 else 1.0  # upside down

@@ -25,7 +25,8 @@ MAX_MESH, MAX_MESHES = 64 * 2**20, 256 * 2**20  # bytes of one, of all
 MANIFESTS = ("package.xml", "manifest.xml")  # of a package; the latter's name is its folder's
 MESHES = ("stl", "dae", "obj")  # what RViz and Gazebo read; of others, archives among them, nothing bounds the size
 JOINTS = ("continuous", "revolute", "prismatic", "fixed", "floating", "planar")
-NUMBERS = {"xyz": 3, "rpy": 3, "size": 3, "radius": 1, "length": 1}  # how many an attribute has
+NUMBERS = {"xyz": 3, "rpy": 3, "size": 3, "radius": 1, "length": 1, "value": 1}  # how many an attribute has
+NUMBERS.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1))
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
@@ -85,6 +86,10 @@ def _check_tree(path: str, root: Element) -> None:
         [end.get("link") for tag in ("child", "parent") for end in j.findall(tag)[:1]] for j in root.findall("joint")
     ]
     above = {pair[0]: pair[1] for pair in ends if len(pair) == 2}
+    below = [pair[0] for pair in ends if len(pair) == 2]
+    if len(below) > len(above):
+        twice = next(link for link in below if below.count(link) > 1)
+        raise ApplrError(f"{path}: more than one joint leads to the link {twice}: take all but one of them out")
     for link in above:
         at, steps = link, 0
         while at in above:

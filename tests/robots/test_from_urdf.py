@@ -48,7 +48,8 @@ def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", **more):
 
 
 RAYS = """<gazebo reference="scanner"><sensor name="rays" type="gpu_ray"><update_rate>20</update_rate><ray>
-<scan><horizontal><samples>361</samples><min_angle>-1.5</min_angle><max_angle>$(arg reach)</max_angle></horizontal>
+<scan><horizontal><samples>361</samples>
+<resolution>2</resolution><min_angle>-1.5</min_angle><max_angle>$(arg reach)</max_angle></horizontal>
 </scan><range><min>.1</min><max>8</max></range><noise><stddev>.005</stddev></noise></ray>
 <plugin name="p" filename="p.so"><topicName>base_scan</topicName></plugin></sensor></gazebo>"""
 TWO = (
@@ -152,7 +153,7 @@ def test_two_wheels_and_a_caster(make, capsys):
     assert (body["size"], body["centre"], body["bottom"]) == ([0.3, 0.2, 0.16], [-0.05, 0.0], 0.06)
     assert (body["mass"], body["com"]) == (6.0, [-0.04, 0.0, 0.11933])
     assert body["inertia"][2] == pytest.approx(3 * 0.01 + 5 * 0.01**2 + 0.2 * 0.11**2 + 0.8 * 0.09**2, rel=1e-4)
-    laser = {"frame": "scanner", "pose": [0.05, 0.0, 0.0], "height": 0.2, "beams": 361, "first_angle": -1.5}
+    laser = {"frame": "scanner", "pose": [0.05, 0.0, 0.0], "height": 0.2, "beams": 722, "first_angle": -1.5}
     laser.update(last_angle=1.4, range_min=0.1, range_max=8.0, rate=20.0, noise=0.005)
     assert found["laser"] == laser
     assert (found["topics"], found["frames"]) == ({"scan": "scan"}, {"base": "base_footprint", "odom": "odom_comb"})
@@ -337,6 +338,9 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
         (link("a") + "<joint name='hinge' type='Hinge'/>", {}, "joint hinge has the type Hinge: give continuous, rev"),
         (PLAIN.replace('"0 .12 0"', '"0 nan 0"'), {}, "joint left_joint has xyz '0 nan 0': give 3 finite numbers"),
         (PLAIN.replace('radius=".03"', 'radius="3 cm"'), {}, "link roller has radius '3 cm': give 1 finite number"),
+        (PLAIN.replace('value="5.0"', 'value="5kg"'), {}, "link base_link has value '5kg': give 1 finite number"),
+        (PLAIN.replace('ixx=".01"', 'ixx="nan"'), {}, "link base_link has ixx 'nan': give 1 finite number"),
+        (PLAIN + joint("scanner", "0 0 0", "left"), {}, "more than one joint leads to the link scanner: take all but"),
         (PLAIN.replace('left_joint" type="continuous', 'left_joint" type="fixed'), {}, "right, left_joint is fixed "),
         (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
