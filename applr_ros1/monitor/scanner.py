@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.memory import CAPACITY
 from applr_ros1.monitor.scan_matching import beam_at
 
-MAX_BEAMS = 100_000
 FINEST = 1e-5  # [rad] between beams
 FAR = 1e6  # [m, rad]: no pose of a sensor or the robot is farther from its frame's origin
 BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
@@ -109,8 +109,8 @@ def geometry_fault(scan):
         return "the scan's geometry, pose or stamp is not finite"
     if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FAR:
         return f"the scan's first angle or pose is beyond {FAR:g}"
-    if not 3 <= count <= MAX_BEAMS:
-        return f"a scan of {count} beams: 3 to {MAX_BEAMS} are possible"
+    if not 3 <= count <= CAPACITY:  # of more some would be neither remembered nor unseen
+        return f"a scan of {count} beams: 3 to {CAPACITY} are possible"
     if abs(scan.angle_increment) < FINEST or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
         return f"{count} beams {scan.angle_increment:g} rad apart are no planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:

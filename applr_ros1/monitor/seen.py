@@ -14,6 +14,7 @@ from applr_ros1.monitor.scan_matching import beam_at
 CELL = 0.05  # [m]
 TOUCHED = 0.71 * CELL  # [m]: a cell whose middle is so far from the body may be touched by it
 BEHIND = 0.1  # [m]: so far behind a point where a beam has ended nothing can be reached but through the point
+APART = 0.1  # [m]: where beams are farther apart, what stands between them is not shown
 SHOWN = 2.5  # [m] from the scanner within which a scan shows space: farther than any stopping distance
 
 
@@ -42,7 +43,8 @@ class SeenSpace:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = map(float, scan.sensor_pose)
-        _see(self.cells, self.corner, ranges, beams, (x, y, yaw), min(self._shown, float(scan.range_max)))
+        shown = min(self._shown, float(scan.range_max), APART / abs(beams[1]))
+        _see(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
 
     def forget(self, points):
         """Points (k, 2) [m] of obstacles that the memory has let go: what is about them counts as not seen."""

@@ -345,6 +345,16 @@ def test_another_place_begins_the_memory_afresh(odometry_jumps):
     assert monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # nor seen free
 
 
+def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
+    """Nothing is measured by nine beams; and more beams than can be remembered are no scan."""
+    monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
+    few = scan_of([], pose, angle_increment=2 * ANGLE / 8, ranges=np.full(9, np.inf, np.float32))
+    assert monitor.see(few) == ""
+    assert "creeping" in monitor.filter(0.0, pose, (0, 0), (1.0, 0.0)).reason
+    many = scan_of([], pose, 0.1, angle_increment=1e-4, ranges=np.full(20000, 3.0, np.float32))
+    assert "20000 beams" in monitor.see(many)
+
+
 def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone():
     """However long it waits; a robot that turns and finds the way behind it free may go."""
     monitor, pose = turned_away_from(obstacles := [*posts(0), *CLOSE_BEHIND]), (0.0, 0.0, 0.0)
