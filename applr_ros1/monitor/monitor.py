@@ -10,9 +10,9 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.monitor.memory import ObstacleMemory
-from applr_ros1.monitor.motion import PoseMotion
+from applr_ros1.monitor.motion import SPAN, PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
-from applr_ros1.monitor.scanner import FAR, ScannerCheck
+from applr_ros1.monitor.scanner import FAR, FROZEN_DISTANCE, FROZEN_TURN, ScannerCheck
 from applr_ros1.monitor.seen import SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, edge_points, half_planes, on_arc, safe_scale
@@ -109,6 +109,7 @@ class CollisionMonitor:
         self.matcher.clear()
         self.motion.clear()
         self.ages = (0.0, 0.0, 0.0)
+        self._pose = 0.0, None  # the odometry's newest pose, and its stamp [s] when it first was so
         self._given = -math.inf, 0.0, 0.0  # when the base was last given a command [s], and that (v, w)
 
     def see(self, scan, name=""):
@@ -131,10 +132,11 @@ class CollisionMonitor:
                     each.memory.clear()
                 self.seen.clear()
                 self.motion.clear()
+                laser.fault = "the scan shows another place than the one before"  # so do those of two robots in turns
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
         self.seen.forget(laser.memory.update(scan))  # what is not remembered is not known to be free either
         self.seen.update(scan)
-        return ""
+        return laser.fault
 
     def filter(self, now, pose, twist, command, ages=(0.0, 0.0)):
         """What of a command the base may be given.
@@ -154,7 +156,7 @@ class CollisionMonitor:
         command = tuple(0.0 if abs(value) < TINY else value for value in command)
         stamps = [laser.stamp for laser in self._lasers.values()]
         self.ages = (0.0 if None in stamps else now - min(stamps), *ages)
-        problem = self._problem(pose, twist, command)
+        problem = self._problem(pose, twist, command) or self._freezing(now - ages[0], pose, twist)
         if problem:
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
         pose = self.matcher.corrected(pose)
@@ -245,6 +247,15 @@ class CollisionMonitor:
 
     def _is_impossible(self, twist):
         return any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest))
+
+    def _freezing(self, stamp, pose, twist):
+        """What is wrong where the poses stand, whatever their stamps, while the velocity says that the base moves."""
+        if pose != self._pose[1] or stamp < self._pose[0] or not any(twist):
+            self._pose = stamp, pose
+        since = stamp - self._pose[0]
+        if since < SPAN or abs(twist[0]) * since < FROZEN_DISTANCE and abs(twist[1]) * since < FROZEN_TURN:
+            return ""
+        return f"the pose is frozen: the velocity is {twist[0]:g} m/s and {twist[1]:g} rad/s, and it stands"
 
     def _problem(self, pose, twist, command):
         if not all(map(math.isfinite, (*pose, *twist, *command))):

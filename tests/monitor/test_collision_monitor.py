@@ -342,7 +342,27 @@ def test_another_place_begins_the_memory_afresh(odometry_jumps):
     only = ObstacleMemory()
     only.update(scan)
     assert len(monitor.memory.points) == len(only.points)
-    assert monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # nor seen free
+    assert "another place" in monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).reason
+    monitor.see(replace(scan, stamp=4.1))
+    assert monitor.filter(4.1, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # nor seen free
+
+
+def test_scans_of_two_robots_in_turns_are_a_stop():
+    monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
+    for step in range(10):
+        monitor.see(scan_of(posts(step % 2), pose, 0.05 * step))
+        verdict = monitor.filter(0.05 * step, pose, (0.0, 0.0), (1.0, 0.0))
+        assert (verdict.action == STOP) == (step > 0)
+
+
+@pytest.mark.parametrize(("twist", "action"), [((1.0, 0.0), STOP), ((0.0, 0.5), STOP), ((0.0, 0.0), PASS)])
+def test_a_pose_that_stands_while_the_velocity_says_that_the_base_moves_is_a_stop(twist, action):
+    monitor = seen_all_around([(9.0, 0.0)])
+    for step in range(8):
+        monitor.see(scan_of([(9.0, 0.0)], (0, 0, 0), 0.05 * step))
+        verdict = monitor.filter(0.05 * step, (0.0, 0.0, 0.0), twist, (0.5, 0.1))
+    assert verdict.action == action
+    assert ("frozen" in verdict.reason) == (action == STOP)
 
 
 def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
