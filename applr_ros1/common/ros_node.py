@@ -18,7 +18,7 @@ import signal
 import socket
 import threading
 from contextlib import contextmanager
-from typing import Any, Iterator
+from typing import Any, Dict, Iterator
 
 import rosgraph
 import rospy
@@ -64,6 +64,14 @@ def init_node(name: str, **options: Any) -> None:
 
     threading.excepthook = print_while_running
     rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(LONGEST, exit=True))
+
+
+def private_parameters() -> Dict[str, Any]:
+    """The node's own parameters. Raises ApplrError where something else has its name."""
+    found = rospy.get_param("~", {})
+    if isinstance(found, dict):
+        return found
+    raise ApplrError(f"the parameter {rospy.get_name()} is {found!r}: remove it (rosparam delete {rospy.get_name()})")
 
 
 @contextmanager

@@ -41,8 +41,8 @@ def _hull(outline):
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return ConvexHull(np.asarray(outline, dtype=np.float64))
-    except (QhullError, ValueError):
+        return ConvexHull(np.asarray(outline, dtype=np.float64).reshape(len(outline), 2))
+    except (QhullError, TypeError, ValueError):
         raise ApplrError("outline of the body: give three points (x, y) or more in metres, not on one line") from None
 
 

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import RobotError, load
 from tests.support import HANGS, ros_harness
 
@@ -78,6 +79,25 @@ def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp
         node.rospy, "get_param", lambda name, default: given if name == "~" else given.get(name[1:], default)
     )
     with pytest.raises(RobotError, match="controller_frequency"):
+        node.main()
+
+
+@pytest.mark.parametrize(
+    ("module", "given", "line"),
+    [
+        *[(name, 5, "the parameter /node is 5: remove it") for name in ("monitor", "movers", "move_base")],
+        *[("monitor", {"body": body}, "outline of the body") for body in ({"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]])],
+        *[("monitor", {"more_scans": more}, "give a list of topics") for more in (5, "rear", [5], [""], ["a b"], True)],
+    ],
+)
+def test_parameters_of_another_kind_are_one_line(module, given, line, monkeypatch):
+    node = importlib.import_module(f"applr_ros1.nodes.{module}.node")
+    monkeypatch.setattr(node, "init_node", lambda name: None)
+    monkeypatch.setattr("rospy.get_param", lambda name, default: given)
+    monkeypatch.setattr("rospy.get_name", lambda: "/node")
+    for name in ("Publisher", "Subscriber"):
+        monkeypatch.setattr("rospy." + name, lambda *_, **__: pytest.fail("the node goes on"))
+    with pytest.raises(ApplrError, match=line):
         node.main()
 
 

@@ -20,12 +20,13 @@ from typing import Deque, Sequence, Tuple
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
+from rosgraph.names import is_legal_name
 from std_msgs.msg import Bool, String
 
 from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.progress import Throttled
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
@@ -231,11 +232,13 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
 def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
-    parameters = rospy.get_param("~", {})
+    parameters = private_parameters()
     robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
-    more = [str(topic) for topic in parameters.get("more_scans", robot.topics.more_scans)]
+    more = list(robot.topics.more_scans) if "more_scans" not in parameters else parameters["more_scans"]
+    if not isinstance(more, list) or not all(isinstance(topic, str) and is_legal_name(topic or " ") for topic in more):
+        raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic; leave it out")
     node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance, more)

@@ -28,7 +28,7 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
 from applr_ros1.nodes.sensors import Ages, Sensors
@@ -381,7 +381,7 @@ class _OwnFootprints(logging.Filter):
 def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
     init_node("move_base")
-    given = rospy.get_param("~", {})
+    given = private_parameters()
     tree, robot = with_robot(given)
     problems = check(tree)
     for problem in problems:

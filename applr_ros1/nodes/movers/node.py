@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.errors import run_script
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.movers.warm_up import warm_up
 from applr_ros1.msg import Movers
@@ -92,7 +92,7 @@ def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]
 def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("movers")
-    parameters = rospy.get_param("~", {})
+    parameters = private_parameters()
     robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
     warm_up()
     node = MoversNode(robot, frame_prefix(str(parameters.get("tf_prefix", ""))))
