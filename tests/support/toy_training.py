@@ -10,7 +10,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
-from training.actors.collector import PolicyWeights, collect, environment, layout_of, roll_out
+from training.actors.collector import PolicyWeights, collect, environment, layout_of
 from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
@@ -29,8 +29,12 @@ NO_EVALUATION = ["--eval-worlds", "none"]
 def drive(env, task, weights):
     """Drives one episode of the policy, or of the default, which stands still, where the task names another method."""
     policy = PolicyWeights(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
-    episode = roll_out(environment(env, "{}"), policy, task.seed)
-    return TrialResult(decisions=10, total_reward=float(sum(episode.rewards))), b""
+    made, total, ended = environment(env, "{}"), 0.0, False
+    observation, _ = made.reset(seed=task.seed)
+    while not ended:
+        observation, reward, terminated, truncated, _ = made.step(policy(observation))
+        total, ended = total + float(reward), terminated or truncated
+    return TrialResult(decisions=10, total_reward=total), b""
 
 
 def toy_run(config, env=LINE):

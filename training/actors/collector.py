@@ -9,7 +9,7 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pkgutil import resolve_name
-from typing import Any, Callable, Dict, List, NamedTuple, Optional
+from typing import Any, Dict, Optional
 
 import gymnasium
 import numpy as np
@@ -71,16 +71,28 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
         return np.clip(policy(observation[: layout.seen]) + noise, -1.0, 1.0)
 
     begin = None if task.world is None else {"world": task.world}
-    driven = roll_out(made, act, int(rng.integers(2**31)), begin)
-    info: Dict[str, Any] = {"return": float(sum(driven.rewards)), "length": len(driven.rewards)}
+    observation, last = made.reset(seed=int(rng.integers(2**31)), options=begin)
+    observations, actions, rewards = [observation], [], []
+    terms: Dict[str, float] = {}  # of the reward, summed, where the environment names them
+    ended = terminated = False
+    while not ended:
+        actions.append(act(observation))
+        observation, reward, terminated, truncated, last = made.step(actions[-1])
+        observations.append(observation)
+        rewards.append(float(reward))
+        named = last.get("reward")
+        for name, value in named.items() if isinstance(named, dict) else ():
+            terms[name] = terms.get(name, 0.0) + float(value)
+        ended = terminated or truncated
+    info: Dict[str, Any] = {"return": float(sum(rewards)), "length": len(rewards)}
     for name in INFO:
-        if name in driven.info:
-            value = driven.info[name]
+        if name in last:
+            value = last[name]
             info[name] = value.item() if isinstance(value, np.generic) else value
-    if driven.terms:
-        info["terms"] = driven.terms
+    if terms:
+        info["terms"] = terms
     info.update(actor=ACTOR, episode=task.episode, version=task.version, sigma=task.sigma)
-    return Trajectory.of(layout, driven.observations, driven.actions, driven.rewards, driven.terminated, info).pack()
+    return Trajectory.of(layout, observations, actions, rewards, terminated, info).pack()
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:
@@ -119,38 +131,3 @@ class PolicyWeights:
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Observation (n,) → action (m,) float32 in [-1, 1]."""
         return np.tanh(forward(self.layers, observation))
-
-
-class Rollout(NamedTuple):
-    """An episode of T steps.
-
-    terminated says that its last observation is a terminal state; terms are the sums of what info["reward"] named at
-    each step, where the environment names the terms of its reward there.
-    """
-
-    observations: List[np.ndarray]  # T + 1 of (n,)
-    actions: List[np.ndarray]  # T of (m,)
-    rewards: List[float]  # T
-    terminated: bool
-    info: Dict[str, Any]  # of the last step
-    terms: Dict[str, float]
-
-
-def roll_out(
-    env: gymnasium.Env, act: Callable[[np.ndarray], np.ndarray], seed: int, options: Optional[Dict[str, Any]] = None
-) -> Rollout:
-    """Drives one episode with act: observation → action. seed and options go to the environment's reset."""
-    observation, info = env.reset(seed=seed, options=options)
-    observations, actions, rewards = [observation], [], []
-    terms: Dict[str, float] = {}
-    while True:
-        action = act(observation)
-        observation, reward, terminated, truncated, info = env.step(action)
-        observations.append(observation)
-        actions.append(action)
-        rewards.append(float(reward))
-        named = info.get("reward")
-        for name, value in named.items() if isinstance(named, dict) else ():
-            terms[name] = terms.get(name, 0.0) + float(value)
-        if terminated or truncated:
-            return Rollout(observations, actions, rewards, bool(terminated), info, terms)

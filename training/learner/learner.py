@@ -280,22 +280,24 @@ def draw_batch(
         device: where the tensors go.
         mirror: half of the transitions mirrored left for right.
     """
-    sample = replay.sample(rng, size, n_step, gamma, mirror)
+    rows = replay.draw(rng, size)
+    reward, discount, after = replay.n_step_return(rows, n_step, gamma)
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
         made = torch.from_numpy(array)  # bytes travel to the device as bytes and become floats there
         return (made.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else made).to(torch.float32)
 
-    def observation(scan: np.ndarray, rest: np.ndarray) -> torch.Tensor:
+    def observation(places: np.ndarray) -> torch.Tensor:
+        scan, rest = replay.observations(places, size // 2 if mirror else 0)
         beams = tensor(scan).mul_(replay.layout.step).sub_(1.0)
         return torch.cat((beams, tensor(rest)), 1) if beams.shape[1] else tensor(rest)
 
     return Batch(
-        observation(sample.scan, sample.rest),
-        tensor(sample.action),
-        tensor(sample.reward),
-        tensor(sample.discount),
-        observation(sample.next_scan, sample.next_rest),
+        observation(rows),
+        tensor(replay.action[rows]),
+        tensor(reward),
+        tensor(discount),
+        observation(after),
         tensor(noise),
     )

@@ -8,7 +8,7 @@ million transitions, 13 to an episode, take 4.3 GB.
 from __future__ import annotations
 
 import os
-from typing import NamedTuple, Tuple
+from typing import Tuple
 
 import numpy as np
 
@@ -16,21 +16,6 @@ from applr_ros1.common.errors import ApplrError
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
-
-
-class Sample(NamedTuple):
-    """B n-step transitions as the replay stores them: scans in whole steps of the layout (TransitionLayout.step).
-
-    discount is gamma^k after k steps, and 0 past a terminal state.
-    """
-
-    scan: np.ndarray  # (B, beams) uint8
-    rest: np.ndarray  # (B, k) float32
-    action: np.ndarray  # (B, m) float32
-    reward: np.ndarray  # (B,) float32, the discounted sum
-    discount: np.ndarray  # (B,) float32
-    next_scan: np.ndarray  # (B, beams) uint8
-    next_rest: np.ndarray  # (B, k) float32
 
 
 class Replay:
@@ -111,17 +96,10 @@ class Replay:
         discount[terminal] = 0.0
         return total.astype(np.float32), discount.astype(np.float32), after
 
-    def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, mirror: bool = False) -> Sample:
-        """`size` n-step transitions as they are stored; mirror: half of them as the robot's mirror image met them."""
-        rows = self.draw(rng, size)
-        reward, discount, after = self.n_step_return(rows, n, gamma)
-        mirrored = size // 2 if mirror else 0
-        now, then = (self._observations(places, mirrored) for places in (rows, after))
-        return Sample(*now, self.action[rows], reward, discount, *then)
+    def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
+        """Observations as they are stored, the first `mirrored` of them with left and right exchanged.
 
-    def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Observations as (scan, rest), the first `mirrored` of them with left and right exchanged.
-
+        scan (B, beams) uint8 is in whole steps of the layout (TransitionLayout.step), rest (B, k) is float32.
         The beams are reversed and angles are negated. The parameters stay, since robot and planner are symmetric.
         """
         scan, rest, mirror, beams = self.scan[rows], self.rest[rows], self.mirror, self.layout.scan
