@@ -21,19 +21,7 @@ from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
 from applr_ros1.policy.parameter_space import space_of
 from training.actors.pool import make_pool
-from training.common.command_line import (
-    AnyRobot,
-    ContactSeconds,
-    Monitor,
-    Planner,
-    ProtocolName,
-    RayAddress,
-    Seed,
-    SimulatorName,
-    Workers,
-    continuable,
-    parsed,
-)
+from training.common import command_line
 from training.common.folders import make_folder
 from training.common.options import Options, option
 from training.env.settings import TrialSettings
@@ -52,13 +40,13 @@ class StaticOptions(Options):
 
     # fmt: off
     worlds: str = option("generated:learn", f"Worlds to search over: {FORMS}; several are separated by commas.")
-    robot: AnyRobot
-    simulator: SimulatorName = "kinematic"
-    planner: Planner
-    protocol: ProtocolName
-    monitor: Monitor
-    workers: Workers
-    ray_address: RayAddress
+    robot: command_line.AnyRobot
+    simulator: command_line.SimulatorName = "kinematic"
+    planner: command_line.Planner
+    protocol: command_line.ProtocolName
+    monitor: command_line.Monitor
+    workers: command_line.Workers
+    ray_address: command_line.RayAddress
     start: List[str] = option([],
         "JSON file with a parameter set that takes part in the first generation and in the last race; may be given "
         "several times. The search begins around the first. Default: the default parameters, theta_0.")
@@ -72,14 +60,14 @@ class StaticOptions(Options):
         "quarter, and the better half of those the rest.", ge=1, le=10**6)
     sigma: float = option(0.5,
         "Initial standard deviation of the search, with parameters scaled to [-1, 1].", ge=1e-3, le=2)
-    seed: Seed
+    seed: command_line.Seed
     objective: Literal["score", "metric"] = option("score",
         "What is searched for: the smallest score, the time in seconds of a trial with 100 s for a failure; or the "
         "largest BARN metric, success x OT / clip(time, 2 OT, 8 OT), where OT is the reference path over 2 m/s.")
-    contact_seconds: ContactSeconds = CONTACT_SECONDS
+    contact_seconds: command_line.ContactSeconds = CONTACT_SECONDS
     final_worlds: str = option("generated:validation",
         f"Worlds of the last race: {FORMS}; several are separated by commas.")
-    final_simulator: SimulatorName = option("pybullet", "Simulator of the last race.")
+    final_simulator: command_line.SimulatorName = option("pybullet", "Simulator of the last race.")
     final_trials: int = option(2, "Number of trials in each world of the last race.", ge=1, le=1000)
     out: str = option("applr_ros1/robots/jackal/static.json",
         'JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases count '
@@ -102,7 +90,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 def run(arguments: List[str]) -> None:
     """Searches as the arguments say and writes the set and its log."""
-    options = parsed(StaticOptions, "static_search.py", (__doc__ or "").splitlines()[0], arguments)
+    options = command_line.parsed(StaticOptions, "static_search.py", (__doc__ or "").splitlines()[0], arguments)
     robot, space, stem = options.robot, space_of(options.robot), Path(options.out).with_suffix("")
     make_folder(stem.parent)
     worlds, final_worlds = (
@@ -115,7 +103,7 @@ def run(arguments: List[str]) -> None:
     rules: Dict[str, Any] = {"protocol": options.protocol, "monitor": options.monitor, "robot": robot.folder}
     first = TrialSettings(simulator=options.simulator, planner_frequency=options.planner_frequency, **rules)
     last = TrialSettings(simulator=options.final_simulator, **rules)
-    with continuable(), make_pool(options.workers, options.ray_address) as pool:
+    with command_line.continuable(), make_pool(options.workers, options.ray_address) as pool:
         table = Path(f"{stem}_trials.csv")
         made = partial(SetTrials.kept, pool, robot, table=table, planner=options.planner)
         rounds = repeat(made(worlds, settings=first), options.generations)

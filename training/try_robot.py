@@ -23,16 +23,7 @@ from pydantic import Field
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.extras import absent
 from applr_ros1.policy import methods
-from training.common.command_line import (
-    AnyRobot,
-    Seed,
-    SimulatorName,
-    Workers,
-    WorldNames,
-    continuable,
-    end_at_sigterm,
-    parsed,
-)
+from training.common import command_line
 from training.common.options import PLACE, Options, option
 from training.evaluation import open_floor
 from training.evaluation.plan import Trial
@@ -59,24 +50,24 @@ class TryOptions(Options):
     """What to try."""
 
     # fmt: off
-    robot: AnyRobot = Field(
+    robot: command_line.AnyRobot = Field(
         description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
     minutes: float = option(5.0, "Time [min] after the first course in which others are begun.", gt=0, le=10_000)
-    worlds: WorldNames = "generated:validation"
-    simulator: SimulatorName = "kinematic"
-    workers: Workers
+    worlds: command_line.WorldNames = "generated:validation"
+    simulator: command_line.SimulatorName = "kinematic"
+    workers: command_line.Workers
     out: str = option("",
         "Folder for trials.csv, driven paths and the picture; drives in it are continued. Default: try/ROBOT.")
-    seed: Seed
+    seed: command_line.Seed
     runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
     # fmt: on
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Exit status 0 where the policy pays; 1 where it does not, or with one line for a mistake; 130 after Ctrl-C."""
-    end_at_sigterm()
+    command_line.end_at_sigterm()
     name = "./applr try"
-    return run_main(lambda: run(parsed(TryOptions, name, __doc__, arguments)), name)
+    return run_main(lambda: run(command_line.parsed(TryOptions, name, __doc__, arguments)), name)
 
 
 def run(options: TryOptions) -> int:
@@ -93,7 +84,7 @@ def run(options: TryOptions) -> int:
         **how, methods=",".join(names), trials=TRIALS, protocol="paper", monitor=True, movers=True, out=out
     )
     blocks = partial(_blocks, names=names, pairs=max(1, options.workers), seconds=60.0 * options.minutes)
-    with continuable():
+    with command_line.continuable():
         store = evaluate(evaluation, blocks)
     driven, used_up = paired_trials(store.results, names), len(store.results) == len(store.plan)
     method, sentences = verdict(driven, robot.name, robot.folder, used_up)

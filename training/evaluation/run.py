@@ -14,18 +14,7 @@ from tqdm import tqdm
 from applr_ros1.policy import methods
 from applr_ros1.robots import on_ground
 from training.actors.pool import make_pool
-from training.common.command_line import (
-    AnyRobot,
-    Monitor,
-    Movers,
-    Planner,
-    ProtocolName,
-    RayAddress,
-    Seed,
-    SimulatorName,
-    Workers,
-    WorldNames,
-)
+from training.common import command_line
 from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.env.settings import TrialSettings
@@ -39,24 +28,24 @@ class EvaluationOptions(Options):
     """What to evaluate."""
 
     # fmt: off
-    worlds: WorldNames = "generated:test"
-    robot: AnyRobot
+    worlds: command_line.WorldNames = "generated:test"
+    robot: command_line.AnyRobot
     methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
     trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
-    simulator: SimulatorName = "pybullet"
-    protocol: ProtocolName
-    planner: Planner
-    monitor: Monitor
-    movers: Movers
+    simulator: command_line.SimulatorName = "pybullet"
+    protocol: command_line.ProtocolName
+    planner: command_line.Planner
+    monitor: command_line.Monitor
+    movers: command_line.Movers
     ground: Literal["", "plain", "gazebo"] = option("",
         "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
         "Jackal. Default: the robot's own.")
-    workers: Workers = option(2,
+    workers: command_line.Workers = option(2,
         "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
-    ray_address: RayAddress
+    ray_address: command_line.RayAddress
     out: str = option("results",
         "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
-    seed: Seed
+    seed: command_line.Seed
     traces: int = option(1,
         "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
     report: bool = option(True, "Write tables and figures of the trials.")
