@@ -38,11 +38,9 @@ class StackWriter(BagWriter):
         poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
         self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
 
-    def goal(self, time: float, goal, frame: str = "") -> None:
-        """(x, y, yaw) in a frame, else in the robot's odometry frame, as move_base announces what it has accepted."""
-        header = self._header(time, frame or self.robot.frames.odom)
-        topic = self.topics.move_base + "/current_goal"
-        self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
+    def contact(self, time: float) -> None:
+        """Write that the robot touches something."""
+        self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
     def transform(self, time: float, frame: str, child: str, pose, inverted: bool = False) -> None:
         """Write a transform to /tf: the pose (x, y, yaw) [m, rad] of frame `child` in `frame`, or upside down there."""

@@ -80,15 +80,11 @@ class BagWriter:
         """Who demonstrates and where, as JSON."""
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
-    def goal(self, time: float, goal) -> None:
-        """(x, y, yaw) in the robot's odometry frame, as move_base announces the goal that it has accepted."""
-        header = self._header(time, self.robot.frames.odom)
+    def goal(self, time: float, goal, frame: str = "") -> None:
+        """(x, y, yaw) in a frame, else in the robot's odometry frame, as move_base announces what it has accepted."""
+        header = self._header(time, frame or self.robot.frames.odom)
         topic = self.topics.move_base + "/current_goal"
         self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
-
-    def contact(self, time: float) -> None:
-        """Write that the robot touches something."""
-        self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
     # -- how they are written ----------------------------------------------------------------------
     def _put(self, topic, kind, time, *fields) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -110,19 +110,18 @@ def simulated(robot: Robot, course: DrivenCourse, world: World, seed: int) -> Dr
     return Drive.of(np.array(episode.trace.time), np.array(episode.trace.pose), outcome.success)
 
 
-def read(paths: Sequence[Any], robot: Robot, topics: Optional[TopicNames] = None, copies: int = 6) -> Recorded:
+def read(paths: Sequence[Any], robot: Robot, copies: int = 6) -> Recorded:
     """Reads bags of a robot. What they lack, and bags that cannot be used, are remarks.
 
     Args:
         paths: Bags, or folders of them.
         robot: Who drove.
-        topics: Where a bag holds what; None: the robot's.
         copies: Moved copies of each course, in turn with the unseen as free and as wall.
 
     Raises:
         BagError: None of them holds a course.
     """
-    topics = replace(topics or TopicNames.of(robot), plan="")  # plans are long, and nothing here needs them
+    topics = replace(TopicNames.of(robot), plan="")  # plans are long, and nothing here needs them
     drives: List[RecordedDrive] = []
     courses: List[DrivenCourse] = []
     said: Dict[str, List[str]] = {}  # by remark the bags of which it is true
