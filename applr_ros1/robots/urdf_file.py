@@ -205,7 +205,10 @@ class UrdfFile:
             )
         _check_tree(path, self.xml)
         if self.xml.find("link") is None:
-            raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
+            usual = ("joint", "gazebo", "material", "transmission")
+            other = next((f"; or is <{part.tag}> a macro" for part in self.xml if part.tag not in usual), "")
+            other += ", which since Noetic is called with xacro: before its name?" * bool(other)
+            raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them{other}")
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
         try:
             self.urdf = yourdfpy.URDF.load(io.BytesIO(_bare(text, path)), load_meshes=False)
