@@ -371,7 +371,7 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
         (TWO + RAYS, {}, "needs the argument reach: give reach:=VALUE"),
         (TWO + '<link name="$(env UNSET_PART)"/>', {}, "reads UNSET_PART from the environment: export it"),
         ('<xacro:macro name="m"><link name="a"/></xacro:macro>', {}, "no links, .*: give the file that uses them"),
-        ('<xacro:macro name="m"><link name="a"/></xacro:macro><m/>', {}, "them; or is <m> a macro, which since Noetic is"),
+        ('<xacro:macro name="m"><link name="a"/></xacro:macro><m/>', {}, "them; or is <m> a macro, which since"),
         ('<property name="a" value="1"/><link name="${a}"/>', {}, "it has <property>, and since Noetic xacro takes"),
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
         (TWO + "<link name='a'>" * 101 + "</link>" * 101, {}, "over 100 levels of tags"),
