@@ -205,8 +205,8 @@ class UrdfFile:
             )
         _check_tree(path, self.xml)
         if self.xml.find("link") is None:
-            usual = ("joint", "gazebo", "material", "transmission")
-            other = next((f"; or is <{part.tag}> a macro" for part in self.xml if part.tag not in usual), "")
+            beside = ("joint", "gazebo", "material", "transmission")
+            other = next((f"; or is <{part.tag}> a macro" for part in self.xml if part.tag not in beside), "")
             other += ", which since Noetic is called with xacro: before its name?" * bool(other)
             raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them{other}")
         logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
