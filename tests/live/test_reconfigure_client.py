@@ -123,6 +123,16 @@ def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client,
         assert calls() == expected
 
 
+@pytest.mark.parametrize("said", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
+def test_what_a_server_says_that_is_no_number_is_not_known_and_set_anew(client, monkeypatch, said):
+    planner = client._servers["TrajectoryPlannerROS"]
+    config = {name: value for name, value in planner.values.items() if name != "max_vel_x"}
+    monkeypatch.setattr(planner._client, "config", {**config, **said})
+    assert client.theta() is None
+    assert applied(client, THETA_0)
+    assert np.array_equal(client.theta(), THETA_0)
+
+
 def test_an_answer_counts_when_the_server_has_published_the_values(client):
     import rospy
 

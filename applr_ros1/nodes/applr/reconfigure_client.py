@@ -245,14 +245,17 @@ class ReconfigureClient:
     def values(self) -> Optional[np.ndarray]:
         """(n,) float64: what the planner has, as last heard; of a value that several servers hold, the first counts.
 
-        None before `connect` has succeeded.
+        None before `connect` has succeeded, and where a server has last said no number.
         """
         if not self.connected:
             return None
         found = np.empty(len(self.space))
         for i, (server, _) in enumerate(self.space.places()):
             has = self._servers[server]
-            found[i] = next(has.values[name] for j, sign, name in has.settings if j == i and sign > 0)
+            name = next(name for j, sign, name in has.settings if j == i and sign > 0)
+            if not isinstance(has.values.get(name), (bool, int, float)):
+                return None
+            found[i] = has.values[name]
         return found
 
     def theta(self) -> Optional[np.ndarray]:
@@ -299,7 +302,7 @@ class ReconfigureClient:
                 self._sent = theta, values
                 wanted = {server: server.request(values) for server in servers}
                 wanted = {server: request for server, request in wanted.items() if not server.has(request)}
-                former = {server: {name: server.values[name] for name in wanted[server]} for server in wanted}
+                former = {s: {name: s.values[name] for name in wanted[s] if name in s.values} for s in wanted}
                 errors = _set_all(wanted, until - time.monotonic())
                 refused = any(server.refused for server in errors)
                 if errors:
