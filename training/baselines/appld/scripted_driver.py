@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional
 
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle, outside_box, transform_point
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots import Robot
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
+PERIOD = 0.05  # s between two commands
 SPACING = 0.05  # m between points of the route
 WANTED = 0.9  # m; obstacles nearer than this push the Jackal's route away
 
@@ -58,17 +58,15 @@ class Style:
 
 
 class Demonstrator:
-    """command((x, y, yaw), ranges) every 50 ms. One course: make another for the next.
+    """command((x, y, yaw), ranges) every PERIOD. One course: make another for the next.
 
     Args:
         world: To drive in, at the robot's scale.
         robot: That drives.
-        style: How; None: Style.of(robot).
-        period: Time between two commands [s].
     """
 
-    def __init__(self, world: World, robot: Robot = JACKAL, style: Optional[Style] = None, period: float = 0.05):
-        self.style, self.period = style or Style.of(robot), period
+    def __init__(self, world: World, robot: Robot):
+        self.style = Style.of(robot)
         laser = robot.laser
         self._beams = np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]  # their headings
         self.route = route(world, WANTED * robot.world_scale)
@@ -107,7 +105,7 @@ class Demonstrator:
         return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
 
     def _smooth(self, v, w):
-        s, dt = self.style, self.period
+        s, dt = self.style, PERIOD
         self._v += min(s.gain * dt, max(-s.brake * dt, v - self._v))
         self._w += min(s.turn_gain * dt, max(-s.turn_gain * dt, w - self._w))
         return self._v, self._w
