@@ -6,8 +6,9 @@ import hashlib
 import json
 import os
 import re
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, Dict, List, Tuple
 
 from applr_ros1.common.errors import ApplrError, reason
 
@@ -69,11 +70,22 @@ def read_json(path, limit: int = MAX_JSON) -> Any:
 
 
 def json_value(text) -> Any:
-    """The value that a JSON text holds; ValueError also where it is nested too deep or a number is beyond a float."""
+    """The value that a JSON text holds.
+
+    ValueError also where it is nested too deep, a number is beyond a float, or an object has a name twice.
+    """
     try:
-        return json.loads(text, parse_int=whole_number)
+        return json.loads(text, parse_int=whole_number, object_pairs_hook=_with_each_name_once)
     except RecursionError:
         raise ValueError("nested too deep") from None
+
+
+def _with_each_name_once(members: List[Tuple[str, Any]]) -> Dict[str, Any]:
+    found = dict(members)
+    if len(found) < len(members):
+        name = Counter(name for name, _ in members).most_common(1)[0][0]
+        raise ValueError(f"it has {name[:60]!r} twice")
+    return found
 
 
 def whole_number(text: Any) -> int:
