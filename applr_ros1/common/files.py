@@ -70,10 +70,7 @@ def read_json(path, limit: int = MAX_JSON) -> Any:
 
 
 def json_value(text) -> Any:
-    """The value that a JSON text holds.
-
-    ValueError also where it is nested too deep, a number is beyond a float, or an object has a name twice.
-    """
+    """The value of a JSON text; ValueError also where it is too deep, beyond a float, or has a name twice."""
     try:
         return json.loads(text, parse_int=whole_number, object_pairs_hook=_with_each_name_once)
     except RecursionError:
@@ -83,8 +80,7 @@ def json_value(text) -> Any:
 def _with_each_name_once(members: List[Tuple[str, Any]]) -> Dict[str, Any]:
     found = dict(members)
     if len(found) < len(members):
-        name = Counter(name for name, _ in members).most_common(1)[0][0]
-        raise ValueError(f"it has {name[:60]!r} twice")
+        raise ValueError(f"it has {Counter(name for name, _ in members).most_common(1)[0][0][:60]!r} twice")
     return found
 
 

@@ -253,9 +253,9 @@ class CollisionMonitor:
         if pose != self._pose[1] or stamp < self._pose[0] or not any(twist):
             self._pose = stamp, pose
         since = stamp - self._pose[0]
-        if since < SPAN or abs(twist[0]) * since < FROZEN_DISTANCE and abs(twist[1]) * since < FROZEN_TURN:
-            return ""
-        return f"the pose is frozen: the velocity is {twist[0]:g} m/s and {twist[1]:g} rad/s, and it stands"
+        moved = abs(twist[0]) * since >= FROZEN_DISTANCE or abs(twist[1]) * since >= FROZEN_TURN
+        said = f"the pose is frozen: the velocity is {twist[0]:g} m/s and {twist[1]:g} rad/s, and it stands"
+        return said if moved and since >= SPAN else ""
 
     def _problem(self, pose, twist, command):
         if not all(map(math.isfinite, (*pose, *twist, *command))):

@@ -51,8 +51,7 @@ class Transforms:
 
     def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
         """Whether `at` would give the transform now."""
-        possible = _is_possible(stamp, target, source)
-        return possible and self.buffer.can_transform_core(target, source.lstrip("/"), stamp)[0]
+        return _is_possible(stamp, source) and self.buffer.can_transform_core(target, source.lstrip("/"), stamp)[0]
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
         """The newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""

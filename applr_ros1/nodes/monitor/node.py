@@ -236,7 +236,7 @@ def main() -> int:
     robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
-    more = list(robot.topics.more_scans) if "more_scans" not in parameters else parameters["more_scans"]
+    more = parameters.get("more_scans", list(robot.topics.more_scans))
     if not isinstance(more, list) or not all(isinstance(topic, str) and is_legal_name(topic or " ") for topic in more):
         raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
