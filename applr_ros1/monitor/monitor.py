@@ -204,6 +204,7 @@ class CollisionMonitor:
         self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
             return Verdict((v, w))
+        twists = twists + [(0.0, *rest) for was, *rest in twists if was * v < 0.0]  # it may go the other way at once
         settings = self.settings
         since, reaction = max(0.0, self.ages[1]), settings.reaction_time + max(map(abs, self.ages))
         most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self._fastest(reaction), (v, w))))

@@ -180,6 +180,18 @@ def test_a_stated_velocity_that_poses_contradict_does_not_hide_the_wall(stated, 
     assert stated < 0.0 or verdict.command[0] > 1.0, "the commanded speed falls from that of the poses"
 
 
+def test_a_base_that_rolls_back_may_be_turned_round_at_once():
+    """Before a wall it gets no more than from where it stands, though to brake first would take the reaction time."""
+    commands = []
+    for v in (0.0, -0.33):
+        monitor = CollisionMonitor()
+        monitor.see(scan_of(wall(0.7), HERE, 0.0))
+        monitor.seen.cells[:] = 1
+        commands.append(monitor.filter(0.0, HERE, (v, 0.0), (2.0, 0.0)).command)
+    assert commands[1] == commands[0]
+    assert 0.1 < commands[0][0] < 1.0
+
+
 FLOATS = st.one_of(st.floats(), st.sampled_from([5e-324, -5e-324, -0.0, 1e308, -1e308, math.nan, math.inf, 1e-300]))
 
 
