@@ -6,6 +6,7 @@ page.py calls them.
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
@@ -96,7 +97,8 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     for method, trace in traces.items():
         first = results.of(method, [name]).iloc[0]
         said = f"{first.time_s:.1f} s" if first.success else first.reason or "failed"
-        ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label=f"{method}: {said}")
+        label = fill(f"{method}: {said}", 30)  # a reason in one line would leave the map no room
+        ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label=label)
     _frame(ax, world, traces)
     ax.set_title(f"{name}: driven paths, first trial of each method")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
