@@ -251,7 +251,8 @@ class CollisionMonitor:
 
     def _freezing(self, stamp, pose, twist):
         """What is wrong where the poses stand, whatever their stamps, while the velocity says that the base moves."""
-        if pose != self._pose[1] or stamp < self._pose[0] or not any(twist):
+        stands = abs(twist[0]) < HELD_V and abs(twist[1]) < HELD_W  # what is stated of a base at rest is seldom just 0
+        if pose != self._pose[1] or stamp < self._pose[0] or stands:
             self._pose = stamp, pose
         since = stamp - self._pose[0]
         moved = abs(twist[0]) * since >= FROZEN_DISTANCE or abs(twist[1]) * since >= FROZEN_TURN
