@@ -87,6 +87,7 @@ class TrainingRun:
             setting=config.setting(),
             planner=config.eval_planner,
             robots=config.eval_robots,
+            with_default=config.seeds == 1,
         )
         self._forget_lost_best()
         self._next_episode = self.learner.store.next_episode(ACTOR)

@@ -82,9 +82,6 @@ PER_KIND = 25  # worlds of each of the 12 kinds
 COUNT = len(FILL) * len(ROUNDS) * PER_KIND
 SEED = 20201103  # of the built-in set
 
-_NEIGHBOURS = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]])
-
-
 def kind(number: int) -> Tuple[float, int]:
     """(fill probability, smoothing rounds) of world `number`: number = 25 (3 i_fill + rounds - 2) + k."""
     i_fill, i_rounds = divmod((number % COUNT) // PER_KIND, len(ROUNDS))
@@ -96,8 +93,11 @@ def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
 
     Columns outside the field count as free, rows outside as `rows_outside`.
     """
-    padded = np.pad(np.pad(filled, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=rows_outside).astype(np.int64)
-    return ndimage.convolve(padded, _NEIGHBOURS, mode="constant")[1:-1, 1:-1]
+    around = np.full((ROWS + 2, COLS + 2), rows_outside, np.uint8)
+    around[1:-1] = 0
+    around[1:-1, 1:-1] = filled
+    columns = around[:-2] + around[1:-1] + around[2:]
+    return columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:] - filled
 
 
 def smooth(filled: np.ndarray) -> np.ndarray:
@@ -129,6 +129,8 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
     The largest region that touches the first column must be the largest that touches the last one.
     """
     free = search.free_space(filled, CLEARANCE)
+    if not free.any(axis=0).all():
+        return None  # most fields end here: a full column has no way through
     regions, _ = ndimage.label(free)
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
