@@ -87,7 +87,6 @@ class TrainingRun:
             setting=config.setting(),
             planner=config.eval_planner,
             robots=config.eval_robots,
-            with_default=config.seeds == 1,
         )
         self._forget_lost_best()
         self._next_episode = self.learner.store.next_episode(ACTOR)
@@ -272,8 +271,14 @@ class TrainingRun:
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
-        """Begins a round of the evaluation if one is due."""
-        number = self.evaluation.due(self.steps, last=self.finished and self.config.minutes > 0.0)
+        """Begins a round of the evaluation if one is due.
+
+        The default parameters, which may drive for minutes, come last where the time is limited. Of several seeds none
+        drives them: several.py compares the best policy with them.
+        """
+        limited, finished = self.config.minutes > 0.0, self.finished
+        default = self.config.seeds == 1 and (finished or not limited)
+        number = self.evaluation.due(self.steps, last=finished and limited, default=default)
         if number is None:
             return False
         self._evaluated = safetensors.numpy.save(self.learner.td3.actor_weights())

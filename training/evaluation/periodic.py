@@ -1,7 +1,6 @@
 """Evaluation while training: rounds of trials on held-out worlds, and which actor was best. train.py holds one.
 
-The first round drives the planner's default parameters: the line in the learning curves, and what is to be beaten. Of
-several trainings that share their time none does, since their best policy is compared with these parameters at the end.
+One round drives the planner's default parameters: the line in the learning curves, and what is to be beaten.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ class PeriodicEvaluation:
             of another number of worlds or trials or another price of a contact.
         planner: kind of planner (applr_ros1/planner/variant.py).
         robots: who drives, world after world the next of them; "": the robot of the trials' runner.
-        with_default: whether the first round drives the default parameters.
     """
 
     def __init__(
@@ -47,12 +45,10 @@ class PeriodicEvaluation:
         setting: str = "",
         planner: str = OURS,
         robots: Sequence[str] = ("",),
-        with_default: bool = True,
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
         self.contact_seconds, self.planner, self.robots = contact_seconds, planner, robots
-        self.with_default = with_default
         setting_of = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
         self._judged: Dict[str, Any] = {**setting_of, "contact_seconds": contact_seconds}
         self.history: List[Dict[str, Any]] = _read(self.path)
@@ -61,11 +57,14 @@ class PeriodicEvaluation:
         self._open = 0
 
     # -- when --------------------------------------------------------------------------------------
-    def due(self, step: int, last: bool = False) -> Optional[int]:
-        """The number of the round to begin now, or None; last: no more steps follow, so their policy is driven, too."""
+    def due(self, step: int, last: bool = False, default: bool = True) -> Optional[int]:
+        """The number of the round to begin now, or None.
+
+        last: no more steps follow, so their policy is driven, too. default: now is the time for the default parameters.
+        """
         if self.number is not None or not self.worlds:
             return None
-        if self.with_default and self.default is None:
+        if default and self.default is None:
             return THETA0
         driven = max((r["step"] for r in self.here if r["round"] != THETA0), default=0)
         number = step // self.every

@@ -120,5 +120,5 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
             assert trial.robot == "jackal"
             periodic.add(TrialResult(True, time_s=float(step)))
     assert periodic.due(170, True) is None
-    alone = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0, 0.0, with_default=False)
-    assert [alone.due(step) for step in (0, 99, 100)] == [None, None, 1]
+    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0, 0.0)
+    assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -74,10 +74,11 @@ def test_a_ring_that_has_been_around_resumes_to_the_same_numbers(tmp_path):
     assert len(TrajectoryStore(tmp_path / "run").infos()) == 60
 
 
-def test_the_policy_at_the_end_of_the_minutes_is_evaluated(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
+def test_the_policy_at_the_end_of_the_minutes_is_evaluated_beside_the_default(seeds, at_the_end, tmp_path, monkeypatch):
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
-    assert main(toy(tmp_path / "run", "--minutes", "1")) == 0
-    assert [r["step"] for r in rounds_of(tmp_path / "run")] == [0, 200, 250]
+    assert main(toy(tmp_path / "run", "--minutes", "1", "--seeds", seeds)) == 0
+    assert [(r["round"], r["step"]) for r in rounds_of(tmp_path / "run")] == [(1, 200), *at_the_end]
 
 
 OFTEN_SAVED = """
