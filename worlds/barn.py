@@ -82,6 +82,7 @@ PER_KIND = 25  # worlds of each of the 12 kinds
 COUNT = len(FILL) * len(ROUNDS) * PER_KIND
 SEED = 20201103  # of the built-in set
 
+
 def kind(number: int) -> Tuple[float, int]:
     """(fill probability, smoothing rounds) of world `number`: number = 25 (3 i_fill + rounds - 2) + k."""
     i_fill, i_rounds = divmod((number % COUNT) // PER_KIND, len(ROUNDS))

@@ -39,6 +39,8 @@ class Form:
         scan: How many numbers of an observation, the first ones, are of scans; scans: of how many.
         odd: Indices behind the scans of the numbers that change their sign with left and right exchanged.
         scale: How many of the Jackal's widths the robot is wide, by which the reward's lengths are divided.
+        pace: How many times as long as the Jackal it takes for a course of its scale at its base's top speed, by which
+            the reward's times are divided.
     """
 
     name: ClassVar[str]
@@ -50,7 +52,7 @@ class Form:
     scan: int
     scans = 1
     odd: Tuple[int, ...] = (0,)
-    scale = 1.0
+    scale = pace = 1.0
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
         self.robot, self.space, self.base = robot, space_of(robot), dict(base or {})

@@ -31,7 +31,8 @@ class RewardOptions(Options):
     failure_seconds: float = option(40.0,
         "Time [s] that a failure for good costs, at most what is left until the limit: the robot gave up, lies on its "
         "side, or has stalled or touched something where that ends an episode. The default is what standing for ever "
-        "costs, discounted by .95 per 2 s.", ge=0)
+        "costs, discounted by .95 per 2 s. With the dimensionless observation a robot whose courses take longer at its "
+        "top speed than the Jackal's pays as much longer.", ge=0)
     c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
     c_switch: float = option(0.0,
         "Cost of changing the parameters: factor on their mean absolute change in 2 s, each scaled to [-1, 1].")
@@ -50,6 +51,9 @@ class Reward(RewardOptions):
       at most the observation's 2 m, so R_c <= -.5.
     - c_collision is charged for a decision in which the robot touched something, c_switch for the mean change of the
       parameters, in action units (paper's future work), times the decision period / 2 s.
+
+    All these seconds are the Jackal's: a robot of another pace (Form.pace) pays for so many of its own as it takes for
+    the same course. For a slow robot a failure would otherwise be cheaper than the way to the goal.
     """
 
     c_f: float = 1.0  # the paper publishes no coefficients; these are ours
@@ -60,7 +64,7 @@ class Reward(RewardOptions):
     FARTHEST: ClassVar[float] = 2.0
 
     def __call__(
-        self, outcome: Outcome, change: float, limit: int, period: float, scale: float
+        self, outcome: Outcome, change: float, limit: int, period: float, scale: float, pace: float = 1.0
     ) -> Tuple[float, Dict[str, float]]:
         """The reward of one decision.
 
@@ -70,12 +74,13 @@ class Reward(RewardOptions):
             limit: decisions until the trial is truncated.
             period: decision period [s]. Terms that count time are scaled with it, so that a course costs the same.
             scale: lengths are counted in so many metres; a wider robot's courses are longer and its gaps wider.
+            pace: times are counted in so many seconds.
 
         Returns:
             (R, {term: its weighted part of R}).
         """
-        share = period / PERIOD  # costs are per 2 s: a course costs the same with any decision period
-        time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
+        share = period / PERIOD / pace  # costs are per 2 s: a course costs the same with any decision period
+        time = -outcome.seconds / PERIOD / pace if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
             time -= min(self.failure_seconds / PERIOD, (limit - outcome.decisions) * share)
         near = outcome.decision_min if self.lowest else outcome.last_scan_min
@@ -96,7 +101,7 @@ class Reward(RewardOptions):
         """
         assert episode.outcome is not None
         change = float(np.abs(form.action(episode.outcome.theta) - form.action(before)).mean())
-        return self(episode.outcome, change, episode.limit, episode.period, form.scale)
+        return self(episode.outcome, change, episode.limit, episode.period, form.scale, form.pace)
 
 
 def failed(outcome: Outcome) -> bool:
