@@ -235,8 +235,8 @@ STEP = replace(STEP, contact=True, seconds=2.0, decisions=3)
 TERMS = ("time", "progress", "clearance", "collision", "switching")
 
 
-def earned(reward, outcome, change=0.0, limit=50, period=2.0, scale=1.0):
-    return reward(outcome, change, limit, period, scale)
+def earned(reward, outcome, change=0.0, limit=50, period=2.0, scale=1.0, pace=1.0):
+    return reward(outcome, change, limit, period, scale, pace)
 
 
 def test_reward_terms():
@@ -264,6 +264,21 @@ def test_a_failure_pays_for_the_time_it_stands_still():
     assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - 20.0
     assert earned(Reward(failure_seconds=11.0), replace(fallen, decisions=3))[1]["time"] == -1.0 - 5.5
     assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
+
+
+def test_times_are_counted_at_the_pace_of_the_robot():
+    """Four times as slow as the Jackal: a course costs the same, and a failure is as dear beside it."""
+    everything = Reward(exact_time=True, c_c=0.1, c_switch=0.2)
+    _, terms = earned(everything, STEP, 0.5, pace=4.0)
+    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0, -0.025))))
+    assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
+    fallen = replace(STEP, flipped=True, decisions=3)
+    assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
+    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # what is left until the limit
+    husky = DimensionlessForm(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
+    episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
+    judged = Reward(exact_time=True).judge(husky, husky.space.theta0, episode)
+    assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
 
 
 # -- the environment -------------------------------------------------------------------------------------------------
