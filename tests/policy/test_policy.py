@@ -372,6 +372,8 @@ def test_unknown_methods_and_missing_files():
             call()
     with pytest.raises(ApplrError):
         methods.make("applr:/nowhere/actor.safetensors")
+    with pytest.raises(ApplrError, match="there is no .*static.json, which `./applr tune .*burger` writes"):
+        methods.make("static", robots.load("turtlebot3_burger"))
 
 
 def test_mirror_images_are_stored_once(tmp_path):

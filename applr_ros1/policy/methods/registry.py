@@ -40,6 +40,13 @@ def _fixed(path: str, robot: Robot) -> Method:
     return FixedParameters(space.read(path), space, counts_cells(path))
 
 
+def _tuned(robot: Robot) -> Method:
+    path = shipped("static.json", robot)
+    if not os.path.exists(path):
+        raise ApplrError("static: there is no %s, which `./applr tune %s` writes" % (path, robot.folder))
+    return _fixed(path, robot)
+
+
 def _named(values: Dict[str, float], robot: Robot) -> Method:
     space = space_of(robot)
     return FixedParameters(space.from_dict(values), space)
@@ -56,7 +63,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         "theta_0 with max_vel_x 1.0 and 12 vx samples, as in the BARN Challenge",
     ),
     "static": (
-        lambda robot: _fixed(shipped("static.json", robot), robot),
+        _tuned,
         "the best single set that CMA-ES found on the training worlds",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
