@@ -101,7 +101,10 @@ class TrainingRun:
         self.pool = make_pool(0 if self.offline else config.actors, config.ray_address)
         self.board = TensorBoardLog(self.folder, self.steps)
         often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
-        self.bar = tqdm(total=self.goal, initial=self.steps, unit=" steps", mininterval=often, dynamic_ncols=True)
+        end = tqdm.format_interval(60.0 * config.minutes)  # the steps' own estimate would be of hours
+        limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
+        look: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
+        self.bar = tqdm(total=self.goal, initial=self.steps, **look)
         self._write_config()  # from now on it is a run
 
     def _resume(self) -> Dict[str, Any]:

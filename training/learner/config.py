@@ -154,10 +154,10 @@ class OfflineOptions(Options):
     init_from: str = option("",
         "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
         "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
-        "robot's own best single set or a JSON file, which also gives the parameters that a policy in the "
-        "dimensionless form does not choose; or from a policy in the dimensionless form, applr for the "
-        "included one or its file, which stands still while the critics learn alone for 2,000 gradient steps. Default: "
-        "the policy's first output is near the middle of the ranges.",
+        "robot's own best single set, dwa for its default parameters or a JSON file, which also gives the parameters "
+        "that a policy in the dimensionless form does not choose; or from a policy in the dimensionless form, applr "
+        "for the included one or its file, which stands still while the critics learn alone for 2,000 gradient steps. "
+        "Default: the policy's first output is near the middle of the ranges.",
         fixed=True)
     # fmt: on
 
@@ -229,8 +229,8 @@ class TrainConfig(
         method = methods.make(name, robot) if is_method else None
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(
-                f"--init-from is {self.init_from!r}: give static, applr, a JSON file with a parameter set, the file of "
-                "a policy, or the folder of a training run that has saved a checkpoint"
+                f"--init-from is {self.init_from!r}: give static, dwa, applr, a JSON file with a parameter set, the file "
+                "of a policy, or the folder of a training run that has saved a checkpoint"
             )
         form = POLICY_FORMS[self.observation](robot, self.decision_period)
         base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
