@@ -229,8 +229,8 @@ class TrainConfig(
         method = methods.make(name, robot) if is_method else None
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(
-                f"--init-from is {self.init_from!r}: give static, dwa, applr, a JSON file with a parameter set, the file "
-                "of a policy, or the folder of a training run that has saved a checkpoint"
+                f"--init-from is {self.init_from!r}: give static, dwa, applr, a JSON file with a parameter set, the "
+                "file of a policy, or the folder of a training run that has saved a checkpoint"
             )
         form = POLICY_FORMS[self.observation](robot, self.decision_period)
         base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
