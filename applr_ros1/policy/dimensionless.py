@@ -29,10 +29,8 @@ from applr_ros1.robots import Robot
 DIMENSIONLESS = "dimensionless"
 VERSION = "dimensionless-2"  # of this form, in the files of policies
 WITHOUT_MOVERS = "dimensionless-1"  # the form before, whose observations end where those of moving obstacles begin
-JACKAL_WIDTH, JACKAL_SPEED = (
-    0.53,
-    2.0,
-)  # its padded width [m], to which the worlds belong, and what its base allows [m/s]
+JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
+JACKAL_SPEED = 2.0  # what its base allows [m/s]
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
 DWA = "DWAPlannerROS"

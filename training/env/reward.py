@@ -79,7 +79,7 @@ class Reward(RewardOptions):
         Returns:
             (R, {term: its weighted part of R}).
         """
-        share = period / PERIOD / pace  # costs are per 2 s: a course costs the same with any decision period
+        share = period / PERIOD / pace  # costs are per 2 s: a course costs the same whatever the period
         time = -outcome.seconds / PERIOD / pace if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
             time -= min(self.failure_seconds / PERIOD, (limit - outcome.decisions) * share)

@@ -76,6 +76,7 @@ def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     given = tmp_path / "set.json"
     given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
     assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start.action) == 8
+    assert len(parse(["--init-from", "dwa", "--out", str(tmp_path)]).start.action) == 8
     form = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
     assert len(parse(form).start.action) == 12
     assert parse(form).start.base == {"min_in_place_vel_theta": 0.7, "footprint_padding": 0.1}
