@@ -12,8 +12,8 @@ import os
 from typing import Dict, Optional, Tuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from . import search
 from .world import Course, World
@@ -132,7 +132,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
     free = search.free_space(filled, CLEARANCE)
     if not free.any(axis=0).all():
         return None  # most fields end here: a full column has no way through
-    regions, _ = ndimage.label(free)
+    regions, _ = scipy.ndimage.label(free)
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
     start_region, goal_region = (regions[:, c][np.argmax(sizes[regions[:, c]])] for c in (0, -1))

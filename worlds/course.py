@@ -13,7 +13,7 @@ from typing import Optional, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import reason
@@ -154,19 +154,21 @@ def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
     """
     beyond = int(DOOR / SEARCH_CELL)
     around = np.pad(free, beyond, constant_values=True)
-    spots, _ = ndimage.label(SEARCH_CELL * ndimage.distance_transform_edt(around) > 0.5 * DOOR - ROBOT_RADIUS)
-    away = SEARCH_CELL * ndimage.distance_transform_edt(spots != spots[0, 0])  # from where no door leads to
+    spots, _ = scipy.ndimage.label(
+        SEARCH_CELL * scipy.ndimage.distance_transform_edt(around) > 0.5 * DOOR - ROBOT_RADIUS
+    )
+    away = SEARCH_CELL * scipy.ndimage.distance_transform_edt(spots != spots[0, 0])  # from where no door leads to
     outside = (away <= 0.5 * DOOR + SEARCH_CELL)[beyond:-beyond, beyond:-beyond]
-    rooms, _ = ndimage.label(free & ~outside)
+    rooms, _ = scipy.ndimage.label(free & ~outside)
     sides = [np.ptp(np.argwhere(cells), axis=0) for cells in (rooms > 0, ~free) if cells.any()]
     origin = tuple(np.floor(-low / SEARCH_CELL).astype(int))
     here = rooms[origin] if all(0 <= i < n for i, n in zip(origin, free.shape)) else 0
     if not here and (len(sides) < 2 or (2 * sides[0] < sides[1]).any()):
         return None
     room = rooms == (here or 1 + int(np.argmax(np.bincount(rooms.ravel())[1:])))
-    whole = ndimage.binary_fill_holes(room)
-    edge = whole & ~ndimage.binary_erosion(whole)
-    return room if (edge & ndimage.binary_dilation(outside & free)).sum() <= OPEN * edge.sum() else None
+    whole = scipy.ndimage.binary_fill_holes(room)
+    edge = whole & ~scipy.ndimage.binary_erosion(whole)
+    return room if (edge & scipy.ndimage.binary_dilation(outside & free)).sum() <= OPEN * edge.sum() else None
 
 
 def given(path: str, points: np.ndarray) -> Course:

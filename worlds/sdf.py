@@ -14,9 +14,9 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
+import scipy
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import iterparse
-from scipy.spatial.transform import Rotation
 
 from applr_ros1.common import files
 
@@ -124,5 +124,6 @@ def pose_of(element: Element, what: str) -> np.ndarray:
         values = numbers(pose.text, 6, "pose, " + what)
         matrix[:3, 3] = values[:3]
         degrees = pose.get("degrees") in ("true", "1")
-        matrix[:3, :3] = Rotation.from_euler("xyz", values[3:], degrees).as_matrix()  # fixed axes: R = Rz Ry Rx
+        turn = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)  # fixed axes: R = Rz Ry Rx
+        matrix[:3, :3] = turn.as_matrix()
     return matrix

@@ -10,7 +10,7 @@ import math
 from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 Cell = Tuple[int, int]
 
@@ -21,14 +21,14 @@ SHY_CELLS, SHY_COST = 2.0, 5.0  # a cell this near to a blocked one costs 5 / di
 
 def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
     """Cells with no filled cell in the window of +-`clearance` cells. What lies outside the grid counts as empty."""
-    return ~ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
+    return ~scipy.ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
 
 
 def obstacle_penalty(free: np.ndarray) -> np.ndarray:
     """Penalty of each cell: 5 / (distance to the nearest blocked cell) within 2 cells of one, else 0."""
     if free.all():
         return np.zeros(free.shape)
-    distance = ndimage.distance_transform_edt(free)
+    distance = scipy.ndimage.distance_transform_edt(free)
     return np.where(free & (distance <= SHY_CELLS), SHY_COST / np.maximum(distance, 1.0), 0.0)
 
 

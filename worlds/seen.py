@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple, Sequence, Tuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from applr_ros1.common.files import MAX_CELLS
 
@@ -71,17 +71,19 @@ def seen(scans: Sequence[Scan], driven: np.ndarray, inner: float, outer: float) 
         once = np.unique(row * nx + column)
         hits.ravel()[once] += 1
         last.ravel()[once] = number
-    last = ndimage.maximum_filter(last, 3)  # what stands is hit in a cell or beside it
+    last = scipy.ndimage.maximum_filter(last, 3)  # what stands is hit in a cell or beside it
     for number, scan in enumerate(scans):
         block, passed, through = _free(scan, low, free.shape)
         free[block] |= passed
         since[block] += through & (last[block] < number)
     stands, gone = (hits >= TWICE) & (since < GONE), (hits >= TWICE) & (since >= GONE)
-    stands &= hits >= NOISE * ndimage.maximum_filter(hits, 5)
-    where = ndimage.distance_transform_edt(~_drawn(driven, low, free.shape)) * CELL
+    stands &= hits >= NOISE * scipy.ndimage.maximum_filter(hits, 5)
+    where = scipy.ndimage.distance_transform_edt(~_drawn(driven, low, free.shape)) * CELL
     at = stands & (where > inner)
     surfaces = np.column_stack([*(total[:, at] / weight[at]), np.full(at.sum(), RADIUS)])
-    dark = ~(free | ndimage.binary_dilation(hits > 0, np.ones((5, 5)))) & ndimage.binary_dilation(free, np.ones((3, 3)))
+    dark = ~(free | scipy.ndimage.binary_dilation(hits > 0, np.ones((5, 5)))) & scipy.ndimage.binary_dilation(
+        free, np.ones((3, 3))
+    )
     dark &= (where > outer) & (where < REACH)
     row, column = np.unique(np.argwhere(dark) // COARSE, axis=0).reshape(-1, 2).T
     middle = low[:, None] + (np.array([column, row]) + 0.5) * COARSE * CELL
@@ -113,7 +115,7 @@ def _free(scan, low, shape):
     beam = np.rint(turn / abs(scan.increment)).astype(int)
     n = len(scan.ranges)
     ranges = np.nan_to_num(np.asarray(scan.ranges, dtype=np.float64), nan=0.0, posinf=np.inf, neginf=0.0)
-    least = ndimage.minimum_filter1d(ranges, 3, mode="nearest")
+    least = scipy.ndimage.minimum_filter1d(ranges, 3, mode="nearest")
     inside, beam = (beam < n) & (distance < REACH), np.minimum(beam, n - 1)
     return block, inside & (distance + CELL < ranges[beam]), inside & (distance + MARGIN < least[beam])
 
