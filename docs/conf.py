@@ -14,7 +14,7 @@ author = "applr_ros1 contributors"
 copyright = "applr_ros1 contributors, MIT licence"  # noqa: A001 (the name that Sphinx reads)
 release = xml.parse(HERE.parent / "package.xml").findtext("version")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "from_code", "repository"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "from_code"]
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", ".*")]  # types that docstrings name are no links
