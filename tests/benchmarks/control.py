@@ -1,7 +1,7 @@
 """Processor time of one choice of a velocity (findBestPath) on scenarios of the golden sets. Called by run.py.
 
 The C++ planners' times of like scenarios stand in tests/golden/FORMAT.md (1,620 and 15,700 us) and
-tests/golden_dwa/FORMAT_DWA.md (1,170 us for the burger, 2,103 us for the waffle).
+tests/golden_dwa/FORMAT_DWA.md (1,170 us).
 """
 
 import statistics
@@ -28,12 +28,13 @@ def planner_cycle_max():
 
 def dwa_planner_cycle():
     """TurtleBot3 burger as its navigation package drives it: 861 samples of 1.5 s, 3 x 3 m."""
-    return _dwa_planner("burger")
-
-
-def dwa_planner_cycle_waffle():
-    """TurtleBot3 waffle: 861 samples of 2.0 s, 3 x 3 m."""
-    return _dwa_planner("waffle")
+    times = []
+    for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
+        if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # a legal command is found
+            costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
+            scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
+            times.append(_median(planner, replay_dwa.flags_in(scenario), scene))
+    return _microseconds(times)
 
 
 def _of_samples(name, **samples):
@@ -51,17 +52,6 @@ def _trajectory_planner(changes, velocity=None):
         planner.set_plan(scenario.array("plan"))
         scene = costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]
         times.append(_median(planner, [0] * 10, scene))
-    return _microseconds(times)
-
-
-def _dwa_planner(robot):
-    """Of a robot's scenarios, those in which a legal command is found."""
-    times = []
-    for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
-        if scenario.robot == robot and scenario.expected["best"]["index"] >= 0:
-            costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
-            scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
-            times.append(_median(planner, replay_dwa.flags_in(scenario), scene))
     return _microseconds(times)
 
 

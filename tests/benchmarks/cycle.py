@@ -10,10 +10,8 @@ import numpy as np
 
 import sim_bridge
 import worlds
-from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.warm_up import warm_up
-from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.jackal import JACKAL
 from training.env.episode import Episode
@@ -39,45 +37,29 @@ def control_cycle():
     means = []
     for _ in range(3):
         took.clear()
-        _drive(_episode("kinematic", move_base), lambda episode, random: SPACE.theta0)
+        _drive(make_episode("kinematic", move_base), lambda episode, random: SPACE.theta0)
         means.append(np.mean(took))
     return 1e3 * min(means), "ms (mean over %d cycles)" % len(took)
 
 
 def sim_speed_kinematic():
-    return _speed(_episode("kinematic"), _random)
+    return _speed(make_episode("kinematic"))
 
 
 def sim_speed_pybullet():
-    return _speed(_episode("pybullet"), _random)
+    return _speed(make_episode("pybullet"))
 
 
-def sim_speed_kinematic_monitor():
-    return _speed_of_policy("kinematic")
-
-
-def sim_speed_pybullet_monitor():
-    return _speed_of_policy("pybullet")
-
-
-def _speed(episode, theta):
-    """Simulated seconds per wall second on one core with theta, see _drive(), resets included."""
+def _speed(episode):
+    """Simulated seconds per wall second on one core with random parameters, see _drive(), resets included."""
     warm_up()
-    _drive(episode, theta, seconds=2)
+    _drive(episode, _random, seconds=2)
     best = 0.0
     for _ in range(3):
         began = process_time()
-        simulated = _drive(episode, theta)
+        simulated = _drive(episode, _random)
         best = max(best, simulated / (process_time() - began))
     return best, "simulated s per wall s and core"
-
-
-def _speed_of_policy(simulator):
-    """The same as the policy drives that is shipped for the Jackal, with the collision monitor."""
-    policy = methods.make("applr", robots.JACKAL)
-    episode = _episode(simulator, monitor=True, period=policy.period)
-    episode.layout = policy.layout
-    return _speed(episode, lambda episode, random: policy.theta(episode.context()))
 
 
 def _random(episode, random):
@@ -85,7 +67,7 @@ def _random(episode, random):
     return SPACE.to_theta(random.uniform(-1.0, 1.0, len(SPACE)))
 
 
-def _episode(simulator, move_base=None, period=2.0, **options):
+def make_episode(simulator, move_base=None, period=2.0, **options):
     move_base = move_base or MoveBase(dict(JACKAL, planner_frequency=20.0))
     return Episode(sim_bridge.make(simulator), move_base, period=period, **options)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import worlds
 from applr_ros1 import robots
 from applr_ros1.policy import methods
-from tests.benchmarks.cycle import _episode
+from tests.benchmarks.cycle import make_episode
 from training import train
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,7 +59,7 @@ class Way:
 
 def _driving():
     policy = methods.make("applr", robots.JACKAL)
-    episode = _episode("kinematic", period=policy.period, monitor=True)
+    episode = make_episode("kinematic", period=policy.period, monitor=True)
     episode.layout = policy.layout
     episode.reset(worlds.load(COURSE), seed=0)
     episode.decide(policy.theta(episode.context()))
