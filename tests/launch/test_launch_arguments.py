@@ -1,13 +1,16 @@
 """What the launch files make of their arguments, and what nodes and demo say of arguments that are of no use."""
 
 import contextlib
-import json
 import os
 import re
+import shlex
 import shutil
 from types import SimpleNamespace
 
 import pytest
+import roslaunch.config
+import roslaunch.xmlloader
+from rosgraph.names import resolve_name
 from test_launch import inside
 
 from applr_ros1.common import arguments
@@ -19,26 +22,38 @@ from tests.support import ROOT
 
 pytestmark = pytest.mark.ros
 LAUNCH = os.path.join(ROOT, "applr_ros1", "launch")
+ROBOTS = ("robot1", "robot2")
 JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
-LOAD = """
-import json, shlex, sys
-import roslaunch.config, roslaunch.xmlloader
-config = roslaunch.config.ROSLaunchConfig()
-roslaunch.xmlloader.XmlLoader().load(sys.argv[1], config, argv=sys.argv[2:], verbose=False)
-print(json.dumps({
-    "cleared": config.clear_params,
-    "parameters": {name: param.value for name, param in config.params.items()},
-    "environment": {node.name: dict(node.env_args) for node in config.nodes},
-    "words": {node.name: shlex.split(node.args or "") for node in config.nodes},
-}))
-"""
+TWO = """<launch>
+  <group ns="robot1">
+    <include file="{0}">
+      <arg name="tf_prefix" value="robot1"/>
+      <arg name="scan_topic" value="lidar/scan"/>
+    </include>
+    <param name="sim_bridge/others" value="/robot2"/>
+  </group>
+  <group ns="robot2">
+    <include file="{0}">
+      <arg name="tf_prefix" value="robot2"/>
+      <arg name="scan_topic" value="lidar/scan"/>
+    </include>
+    <param name="sim_bridge/others" value="/robot1"/>
+    <param name="sim_bridge/clock" value="false"/>
+  </group>
+</launch>"""
 
 
-def loaded(name, *words):
-    """What roslaunch makes of a launch file: its parameters, the command lines of its nodes, and what they clear."""
-    done = inside("python", "-c", LOAD, os.path.join(LAUNCH, name), *words)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
+def loaded(file, *words):
+    """What roslaunch makes of a launch file without starting it."""
+    config = roslaunch.config.ROSLaunchConfig()
+    roslaunch.xmlloader.XmlLoader().load(os.path.join(LAUNCH, file), config, argv=list(words), verbose=False)
+    return SimpleNamespace(
+        config=config,
+        cleared=[entry.rstrip("/") + "/" for entry in config.clear_params],
+        parameters={name: param.value for name, param in config.params.items()},
+        environment={node.name: dict(node.env_args) for node in config.nodes},
+        words={node.name: shlex.split(node.args or "") for node in config.nodes},
+    )
 
 
 @pytest.mark.fault("23a")
@@ -47,49 +62,70 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     shutil.copytree(JACKAL, robot)
     found = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
-        assert found["parameters"]["/%s/robot" % node] == robot
-    assert found["parameters"]["/sim_bridge/world"] == found["parameters"]["/send_goal/world"] == "/a b.world"
-    assert found["words"]["record"] == [bag, "--costmaps", "false", "--robot", robot]
-    assert found["words"]["rviz"] == ["--robot", robot, "--prefix", "none"]
+        assert found.parameters["/%s/robot" % node] == robot
+    assert found.parameters["/sim_bridge/world"] == found.parameters["/send_goal/world"] == "/a b.world"
+    assert found.words["record"] == [bag, "--costmaps", "false", "--robot", robot]
+    assert found.words["rviz"] == ["--robot", robot, "--prefix", "none"]
     found = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
-    assert found["words"]["player"][-1] == bag
+    assert found.words["player"][-1] == bag
 
 
 def test_method_policy_and_meter_scoring_reach_their_nodes():
-    found = loaded("jackal_applr.launch", "policy:=/a.safetensors", "seed:=3")["parameters"]
+    found = loaded("jackal_applr.launch", "policy:=/a.safetensors", "seed:=3").parameters
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("applr:/a.safetensors", "auto")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
     found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")
-    assert found["environment"]["applr"] == {"APPLR_METHOD": "period:1:/own.py:Own"}
-    found = found["parameters"]
+    assert found.environment["applr"] == {"APPLR_METHOD": "period:1:/own.py:Own"}
+    found = found.parameters
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
-    assert loaded("jackal_applr.launch")["parameters"]["/applr/method"] == "auto"
+    assert loaded("jackal_applr.launch").parameters["/applr/method"] == "auto"
 
 
 def test_one_argument_switches_the_prediction_off():
     for words, on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
         found = loaded("jackal_applr.launch", *words)
-        assert ("movers" in found["words"]) == (on is not False)
-        assert found["parameters"].get("/move_base/applr/movers") is on
+        assert ("movers" in found.words) == (on is not False)
+        assert found.parameters.get("/move_base/applr/movers") is on
 
 
 def test_launch_files_clear_what_an_earlier_launch_left():
     for name, words in (
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
-        ("two_jackals.launch", ()),
         ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
         ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):
         found = loaded(name, *words)
-        cleared = tuple(entry.rstrip("/") + "/" for entry in found["cleared"])
-        ours = [entry for entry in found["parameters"] if re.match(r"(/robot\d)?/(?!roslaunch|robot\d)\w+/", entry)]
+        ours = [entry for entry in found.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
         assert ours
-        assert [entry for entry in ours if not entry.startswith(cleared)] == [], name
+        assert [entry for entry in ours if not entry.startswith(tuple(found.cleared))] == [], name
         if name.startswith("barn"):  # what a launch file sets beside the nodes is set after that
-            assert found["parameters"]["/move_base/global_costmap/width"] == 60
+            assert found.parameters["/move_base/global_costmap/width"] == 60
+
+
+def test_two_robots_in_namespaces_share_no_name(tmp_path):
+    """As in docs/howto/real_robot.md; tests/live/test_namespaces.py starts one."""
+    file = tmp_path / "two.launch"
+    file.write_text(TWO.format(os.path.join(LAUNCH, "jackal_applr.launch")))
+    found = loaded(str(file))
+    nodes = {name: [node for node in found.config.nodes if node.namespace == f"/{name}/"] for name in ROBOTS}
+    assert [node.name for node in nodes["robot1"]] == [node.name for node in nodes["robot2"]]
+    assert len(found.config.nodes) == len(found.config.resolved_node_names) == 2 * len(nodes["robot1"]) == 12
+    for name, other in (ROBOTS, ROBOTS[::-1]):
+        targets = {resolve_name(to, f"/{name}/node") for node in nodes[name] for _, to in node.remap_args}
+        assert targets == {f"/{name}/move_base/cmd_vel", f"/{name}/lidar/scan"}
+        given = {key[len(name) + 2 :]: value for key, value in found.parameters.items() if key.startswith(f"/{name}/")}
+        assert given["sim_bridge/others"] == "/" + other
+        prefixes = {key: value for key, value in given.items() if key.endswith("/tf_prefix")}
+        assert set(prefixes.values()) == {name}
+        assert {node.name + "/" for node in nodes[name]} >= {key[: -len("tf_prefix")] for key in prefixes}
+        assert "robot_description" in given
+        ours = [f"/{name}/{key}" for key in given if "/" in key]
+        assert all(entry.startswith(tuple(found.cleared)) for entry in ours)
+    shared = {key for key in found.parameters if not key.startswith(("/robot1/", "/robot2/", "/ros", "/run_id"))}
+    assert shared == {"/use_sim_time"}
 
 
 def test_roslaunch_refuses_values_of_the_wrong_type():
