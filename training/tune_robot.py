@@ -27,14 +27,13 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import read_json, sha256, write_bytes, write_json
+from applr_ros1.common.files import read_json, sha256, write_json
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, Robot, load, measured
-from applr_ros1.robots.reader import FILE
+from applr_ros1.robots import NAMES, Robot, load, robot_file
 from sim_bridge import Randomisation
 from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
@@ -196,11 +195,11 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     print("\n".join([*found.remarks, *fields, *check.lines, check.sentence]), flush=True)
     if not check.agrees and not options.anyway:
         raise ApplrError(f"{check.sentence}; give --anyway to go on all the same")
-    text = measured.written((Path(options.robot.folder) / FILE).read_text(), found.new)
     place = out / options.robot.name
     shutil.copytree(options.robot.folder, place, dirs_exist_ok=True)
     for described in (place, folder) if folder != out else (place,):
-        write_bytes(described / FILE, text.encode())
+        for remark in robot_file.write_measured(described, found.new):
+            print(remark, flush=True)
     halves: Tuple[List[str], List[str]] = [], []
     for number, world in enumerate(found.worlds):
         file = make_folder(out / "worlds") / f"{world.name}.world"

@@ -1,14 +1,13 @@
 """What drives say of a robot: how its base follows commands, brakes and turns, and what its scanner states.
 
-measure_braking.py drives for it, training/tune/bag.py reads it from bags. `written` puts values into robot.yaml.
+measure_braking.py drives for it, training/tune/bag.py reads it from bags; robot_file.py writes it into robot.yaml.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import re
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -192,24 +191,6 @@ def middle(values: Any, unit: str, what: str) -> Value:
     """The median of values, with the standard deviation that their quartiles have of a normal distribution."""
     quartiles = np.percentile(values, (25, 50, 75))
     return Value(float(quartiles[1]), unit, float(quartiles[2] - quartiles[0]) / 1.35, f"{len(values)} {what}")
-
-
-def written(text: str, fields: Mapping[Tuple[str, str], Any]) -> str:
-    """The text of a robot.yaml with these values, each with a comment that says how it was measured."""
-    for (section, name), value in fields.items():
-        number, said = f"{value.value:.4g}", f"# measured: {section}.{name} {value}"
-        number += "" if re.search("[.e]", number) else ".0"
-        found = re.search(rf"^{section}:.*\n(?:[ \t#].*\n)*", text, re.M)
-        old = found.group() if found else f"{section}:\n"
-        old_said = re.compile(rf"^# measured: {section}\.{name} .*\n", re.M)
-        new, count = re.subn(rf"(?<=[{{\s,]){name}: *[^,}}\s#]+", f"{name}: {number}", old, count=1)
-        if not count and "{" in old:
-            new = old.replace("{", f"{{{name}: {number}, ", 1)
-        elif not count:
-            new = old.replace("\n", f"\n  {name}: {number}\n", 1)
-        text = text.replace(old, new) if found else text.rstrip("\n") + "\n" + new
-        text = old_said.sub("", text).replace(new, f"{said}\n{new}")
-    return text
 
 
 def combined(values: List[Value]) -> Value:

@@ -1,15 +1,21 @@
-"""Writes a robot.yaml from what was found in other files, with a line to fill in for each value that was not.
+"""Writes robot.yaml: a new one from what was found in other files, and measured values into one that is there.
 
-training/new_robot.py calls `text`; reader.py reads the file.
+training/new_robot.py calls `text`, training/tune_robot.py `write_measured`; reader.py reads the file.
 """
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple, Type
 
 import yaml
 
+from applr_ros1.common.files import StorageError, read_bytes, sha256, write_bytes
+from applr_ros1.common.yaml_files import MAX_YAML, Yaml, yaml_value
 from applr_ros1.robots.description import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
+from applr_ros1.robots.measured import Fields
+from applr_ros1.robots.parameter_files import FILE
 
 _MODELS: Dict[str, Type[Section]] = {
     "base": Base,
@@ -20,6 +26,8 @@ _MODELS: Dict[str, Type[Section]] = {
     "monitor": Monitoring,
     "simulation": Simulation,
 }
+
+NULL = "tag:yaml.org,2002:null"
 
 
 def text(
@@ -81,3 +89,75 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.5g}") if abs(value) > 1e-8 else 0.0
     return value
+
+
+def write_measured(folder: Any, fields: Fields) -> List[str]:
+    """Writes measured values into the robot.yaml of a folder, each with a comment that says how it was measured.
+
+    The new text is written only where it holds the old values with the measured ones changed, and nothing else.
+    Comments and layout stay where values can be put into the text one by one; otherwise the file is written anew from
+    its values, the old one is kept beside it, and a line that is returned says so.
+
+    Raises:
+        StorageError: The file is not one of sections, or cannot be read or written. It is untouched then.
+    """
+    path = Path(folder) / FILE
+    old = read_bytes(path, MAX_YAML)
+    values = yaml_value(old, path)
+    if not isinstance(values, dict) or not all(isinstance(values.get(name) or {}, dict) for name, _ in fields):
+        raise StorageError(f"{path}: not sections of values; nothing was written")
+    numbers = {place: float(f"{value.value:.4g}") for place, value in fields.items()}
+    for (section, name), number in numbers.items():
+        values[section] = {**(values.get(section) or {}), name: number}  # a new dict: an alias may be another section
+    anew = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    kept = path.with_name(f"{FILE}.{sha256(old)[:8]}.bak")
+    said = f"{path}: written anew for measured values, without comments and layout; as it was: {kept}"
+    for text_before, lines in ((old.decode("utf-8", "replace"), []), (anew, [said])):
+        try:
+            new = text_before
+            for (section, name), value in fields.items():
+                new = _with_number(new, section, name, numbers[section, name], value)
+            same = yaml_value(new, path) == values
+        except (StorageError, yaml.YAMLError, AttributeError, ValueError):  # a form that marks do not lead through
+            same = False
+        if same:
+            if lines:
+                write_bytes(kept, old)
+            write_bytes(path, new.encode())
+            return lines
+    raise StorageError(f"{path}: its values cannot be written as YAML again; nothing was written")
+
+
+def _with_number(text: str, section: str, name: str, number: float, how: Any) -> str:
+    """The text with a number put in at its place, by the marks of YAML's nodes, and the section below a comment.
+
+    It may hold other values than it should, or none, where the form is unusual, as with aliases.
+    """
+    text = re.sub(rf"^# measured: {section}\.{name} .*\n", "", text, flags=re.M)
+    root: Any = yaml.compose(text, Yaml)
+    nodes = {key.value: (key, below) for key, below in root.value}
+    key, below = nodes.get(section, (root.value[0][0], None))
+    shown = _flow(number)
+    if below is None:
+        text = _put_first(text, root, f"{section}: {{{name}: {shown}}}")
+    elif not below.value or below.tag == NULL:
+        text = _replaced(text, (key, below), f"{{{name}: {shown}}}")
+    else:
+        there = [node for node in below.value if node[0].value == name]
+        text = _replaced(text, there[-1], shown) if there else _put_first(text, below, f"{name}: {shown}")
+    line = text.rfind("\n", 0, key.start_mark.index) + 1
+    return f"{text[:line]}# measured: {section}.{name} {how}\n{text[line:]}"
+
+
+def _replaced(text: str, node: Tuple[Any, Any], new: str) -> str:
+    """The text with another value of a node, which is a key and its value."""
+    start, end = node[1].start_mark.index, node[1].end_mark.index
+    space = " " * (start == end == node[0].end_mark.index + 1)  # after the colon, where there is no value
+    return f"{text[:start]}{space}{new}{text[end:]}"
+
+
+def _put_first(text: str, mapping: Any, new: str) -> str:
+    """The text with a key and its value before the first of a mapping."""
+    first = mapping.value[0][0].start_mark
+    between = ", " if mapping.flow_style else "\n" + " " * first.column
+    return f"{text[: first.index]}{new}{between}{text[first.index :]}"

@@ -1,18 +1,16 @@
 """What a bag says: its course, the robot, how far to believe the rest, and what is wrong with it. Own small drives."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 
 import sim_bridge
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import measured
-from applr_ros1.robots.reader import RobotFile, load
+from applr_ros1.robots.reader import load
 from tests.support.recording import RecordingEpisode, StackWriter
 from training.bags.reader import BagError, TopicNames
 from training.env.episode import counting_cells
@@ -348,22 +346,6 @@ def test_a_base_is_known_by_how_it_follows():
     turns = measured.followed(time, told, at, 1.35 * np.array(speeds), 1.0)
     assert np.median(turns[:, 1]) == pytest.approx(1.35, abs=0.03)
     assert np.abs(turns[:, 0]).min() >= measured.LEAST
-
-
-def test_measured_values_stand_in_robot_yaml_with_how_they_were_measured(tmp_path):
-    text = (Path(JACKAL.folder) / "robot.yaml").read_text()
-    fields = {
-        ("monitor", "turn_gain"): measured.Value(1.234, "", 0.05, "40 moments"),
-        ("laser", "noise"): measured.Value(0.02, "m", 0.001, "50 scans standing"),
-        ("laser", "no_return"): measured.Value(0.0, "m", 0.0, "most"),
-    }
-    new = measured.written(text, fields)
-    assert measured.written(new, fields) == new
-    assert "# measured: monitor.turn_gain 1.23 +- 0.05 (40 moments)\n" in new
-    read = RobotFile.model_validate(yaml.safe_load(new))
-    assert read.monitor == JACKAL.monitor.model_copy(update={"turn_gain": 1.234})
-    assert read.laser == JACKAL.laser.model_copy(update={"noise": 0.02, "no_return": 0.0})
-    assert (read.base, read.simulation, read.odometry) == (JACKAL.base, JACKAL.simulation, JACKAL.odometry)
 
 
 def test_what_moves_and_what_is_not_seen_is_told_from_what_stands():
