@@ -254,6 +254,42 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     assert "Traceback" not in node.text
 
 
+def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
+    import rospy
+    from applr_ros1.msg import Parameters
+    from std_srvs.srv import SetBool
+
+    node, _, client = stack("random", max_speed=1.6)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    publisher = rospy.Publisher("/applr/set_parameters", Parameters, queue_size=10)
+    wait_for(publisher.get_num_connections, "the connection")
+
+    def by_hand(**values):
+        publisher.publish(Parameters(names=list(values), values=list(values.values())))
+
+    for values, line in (
+        ({"speed": 1.0}, "unknown parameter 'speed'"),
+        ({"max_vel_x": np.nan}, "max_vel_x is nan: refused, not finite"),
+    ):
+        by_hand(**values)
+        node.until(line)
+    count = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) >= count + 2, "decisions: the method is still on")
+    by_hand(sim_time=1.25)
+    at = SPACE.names.index("sim_time")
+    wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
+    says(robot, "switched off: set by hand")
+    kept, count = client.theta(), len(robot.decisions)
+    by_hand(max_vel_x=9.0, vx_samples=6.4)
+    wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the cap, and a whole number")
+    time.sleep(2 * PERIOD)
+    assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
+    assert len(robot.decisions) == count
+    assert service("enable", SetBool, True).success
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions again")
+
+
 def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     from tests.support.ros_harness import use_generated
 

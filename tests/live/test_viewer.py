@@ -2,15 +2,12 @@
 
 import contextlib
 import http.client
-import re
 import socket
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import MarkerArray
@@ -18,8 +15,6 @@ from visualization_msgs.msg import MarkerArray
 from applr_ros1.movers.tracker import Movers
 from applr_ros1.nodes.movers.node import shown
 from applr_ros1.nodes.viewer.node import Viewer
-from applr_ros1.nodes.viewer.pilot import METHODS
-from applr_ros1.nodes.viewer.race import RaceTab, TimedDrive, verdict
 from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import LONGEST, free_port, session, wait_for
@@ -43,9 +38,8 @@ def viewer(ros):
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
-    """Services of a busy machine take their time, and so does what the applr node sent before it was switched off."""
+    """Services of a busy machine take their time."""
     monkeypatch.setattr("applr_ros1.nodes.viewer.listening.ANSWER", LONGEST)
-    monkeypatch.setattr("applr_ros1.nodes.viewer.pilot.SETTLED", LONGEST)
 
 
 @pytest.mark.parametrize(
@@ -110,27 +104,6 @@ def state(viewer):
     return viewer.text
 
 
-def drive(who, seconds, touched=False):
-    """In generated:0; seconds: nan where it did not arrive."""
-    ended = "gave up" if np.isnan(seconds) else "arrived"
-    return TimedDrive(who, "generated:0", 0.0, True, ended=ended, seconds=seconds, touched=touched)
-
-
-@pytest.mark.parametrize(
-    ("of_policy", "of_default", "says"),
-    [
-        ((10.0,), (14.1,), "policy took 29.1 % less time than default parameters"),
-        ((14.1,), (10.0,), "default parameters took 29.1 % less time than policy"),
-        ((12.0,), (np.nan,), "policy took 88.0 % less time than default parameters, default parameters did not arrive"),
-        ((np.nan,), (np.nan,), "nobody arrived"),
-        ((10.0, True), (14.1,), "default parameters took 6.0 % less time than policy, policy touched something"),
-    ],
-)
-def test_a_race_ends_with_who_was_best_by_how_much(of_policy, of_default, says):
-    assert verdict([drive("default parameters", *of_default), drive("policy", *of_policy)]) == says
-    assert verdict([drive("policy", *of_policy)]) == ""
-
-
 def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
     row = np.array([[7.0, 1.0, 2.0, 0.0, 1.5, 0.3, 0.1]]).T  # at (1, 2), to the left at 1.5 m/s
     said = SimpleNamespace(movers=Movers(*row), marks=np.array([(1.0, 2.5, 0.2), (1.0, 3.0, 0.2)], np.float32))
@@ -149,69 +122,25 @@ def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
     assert not scene._marks.visible
 
 
-class Track:
-    """What a RaceTab needs of world, robot and pilot; each method has a speed [m/s] and drives to x = 3 m."""
-
-    SPEEDS = {"dwa": 0.5, "applr": 1.0}
-
-    def __init__(self, monkeypatch):
-        self.name, self.robot, self.course, self.course_goal = "generated:0", JACKAL, self, ""
-        self.said, self.x, self.seconds, self.goals = [], 0.0, 0.0, 0
-        self.listener = SimpleNamespace(fresh=lambda *_: [], frame_pose=lambda _: (0.0, 0.0, 0.0))
-        self.say, self.method, self.under_way = self.said.append, "", False
-        monkeypatch.setattr(rospy, "get_time", lambda: self.seconds)
-
-    @property
-    def who(self):
-        return METHODS.get(self.method, "nobody")
-
-    def choose(self, method):
-        self.method = method
-        return True
-
-    def reset(self):
-        self.x = 0.0
-        return True
-
-    def drive_course(self):
-        self.goals += 1
-        self.course_goal, self.under_way = "goal %d" % self.goals, True
-        return self.course_goal
-
-    def stop(self):
-        self.under_way = False
-
-    def done(self, x, _):
-        return x >= 3.0
-
-    def step(self, tab):
-        """A tenth of a second of its time."""
-        self.seconds += 0.1
-        if self.under_way:
-            self.x += 0.1 * self.SPEEDS[self.method]
-        status = GoalStatus.ACTIVE if self.under_way else GoalStatus.PREEMPTED
-        goal = SimpleNamespace(goal_id=SimpleNamespace(id=self.course_goal), status=status)
-        tab.look((self.x, 0.0, 0.0), goal if self.goals else None)
-
-
-def test_a_race_times_the_methods_one_after_the_other(viewer, monkeypatch):
-    course = Track(monkeypatch)
-    tab = RaceTab(viewer.server, course, course, {METHODS[name]: name for name in ("dwa", "applr", "hand")})
-    tab._begin()
-    while not course.said:
-        course.step(tab)
-        time.sleep(0.01)
-    assert re.fullmatch(r"policy took \d+.\d % less time than default parameters", *course.said)
-    assert [(one.who, one.ended) for one in tab.drives] == [("default parameters", "arrived"), ("policy", "arrived")]
-    assert set(tab._ghosts) == {"default parameters", "policy"}
-    assert tab.result == f"arrived after {tab.drives[-1].seconds:.1f} s"
-    monkeypatch.setattr("applr_ros1.nodes.viewer.race.SETTLING", 0.0)
-    for x, start in ((3.1, 0.0), (2.0, 2.0)):  # from the start where it stands at the end, else from where it stands
-        course.x = x
-        tab.go((x, 0.0, 0.0))
-        assert (course.x, course.under_way) == (start, True)
-    course.step(tab)
-    assert tab.result == ""
+@pytest.mark.parametrize(("x", "resets"), [(3.1, 1), (2.0, 0)])
+def test_go_begins_at_the_start_again_and_the_course_ends_at_its_end(viewer, monkeypatch, x, resets):
+    """The course's end is at x = 3 m, its goal behind it."""
+    tab, done = viewer._world, []
+    monkeypatch.setattr("applr_ros1.nodes.viewer.world.SETTLING", 0.0)
+    monkeypatch.setattr(tab, "course", Course((0.0, 0.0, 0.0), (3.5, 0.0, 0.0), None, 0.5, np.zeros((0, 2))))
+    monkeypatch.setattr(viewer.listener, "frame_pose", lambda _: (0.0, 0.0, 0.0))
+    for name in ("reset", "stop"):
+        monkeypatch.setattr(tab, name, lambda name=name: done.append(name) or True)
+    tab.go((x, 0.0, 0.0))
+    assert done == ["reset"] * resets
+    done.clear()
+    goal = tab._course_goal
+    for at, of in (((2.0, 0.0, 0.0), goal), (None, goal), ((3.1, 0.0, 0.0), "another"), ((3.1, 0.0, 0.0), "")):
+        tab.end_course(at, of)
+    assert (done, tab.ended) == ([], "")
+    for _ in range(2):
+        tab.end_course((3.1, 0.0, 0.0), goal)
+    assert (done, tab.ended) == (["stop"], goal)
 
 
 @pytest.mark.parametrize("finish", [5.0, None])
@@ -256,26 +185,22 @@ def test_what_does_not_answer_is_said(viewer):
     said = []
     viewer.pilot._say = said.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
-    assert said == ["no move_base: its parameters cannot be set"]
+    assert said == ["nobody listens on /applr/set_parameters"]
 
 
-def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
+def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     move_base = ros.python("tests/support/fake_move_base.py")
     applr = ros.node("applr", "_method:=dwa")
     try:
-        wait_for(lambda: viewer.pilot.client.connected, "the servers")
         wait_for(lambda: "default parameters" in state(viewer), "the method")
-        slider, name = viewer.panel.sliders["inflation_radius"], "inflation_radius"
+        slider, at = viewer.panel.sliders["inflation_radius"], viewer.pilot.space.names.index("inflation_radius")
+        wait_for(lambda: state(viewer) and viewer.pilot.theta() is not None, "the parameters")
         assert slider.value == 0.3
         by_hand(slider, 0.45)
-        at = viewer.pilot.space.names.index(name)
-        wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, "the value in move_base")
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
         wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
+        wait_for(lambda: state(viewer) and viewer.pilot.theta()[at] == 0.45, "the value as the applr node read it")
         wait_for(lambda: "parameters by hand" in state(viewer), "that somebody sets them")
-        wait_for(
-            lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, "again, if the applr node undid it"
-        )
         by_hand(viewer.panel._method, "best single set")
         best = viewer.pilot.space.theta0
         wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), "its values")
@@ -288,9 +213,10 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
 
 def test_a_robot_with_another_planner_has_its_sliders(ros):
     move_base = ros.python("tests/support/fake_move_base.py", "--robot", "turtlebot3_waffle_pi")
+    applr = ros.node("applr", "_method:=dwa", "_robot:=turtlebot3_waffle_pi")
     made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", "127.0.0.1", free_port())
     try:
-        wait_for(lambda: state(made) and made.pilot.client.connected, "the servers")
+        wait_for(lambda: state(made) and made.pilot.theta() is not None, "the parameters")
         assert list(made.panel.sliders) == list(made.pilot.space.names)
         by_hand(made.panel.sliders["max_vel_x"], 0.2)
         wait_for(
@@ -299,6 +225,7 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
         )
     finally:
         made.close()
+        applr.kill()
         move_base.end()
 
 

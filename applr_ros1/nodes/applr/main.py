@@ -2,8 +2,8 @@
 
 Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal; name or folder
 of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring (auto, true or
-false: see meter_scoring.py) and ~move_base (its name). Services: ~enable (std_srvs/SetBool) and ~set_method
-(applr_ros1/SetMethod); docs/reference/topics.md
+false: see meter_scoring.py) and ~move_base (its name). Topic: ~set_parameters (applr_ros1/Parameters). Services:
+~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod); docs/reference/topics.md
 """
 
 import gc
@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, SetBoolResponse
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.msg import Parameters
 from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.nodes.applr.meter_scoring import CHOICES
 from applr_ros1.nodes.applr.node import ApplrNode
@@ -52,6 +53,16 @@ def enable(node, request):
     """The service ~enable."""
     node.switch(request.data)
     return SetBoolResponse(True, f"on, method {node.method.name}" if request.data else "off: theta_0")
+
+
+def set_parameters(node, message):
+    """The topic ~set_parameters: a set by hand, by names and values."""
+    try:
+        if len(message.names) != len(message.values):
+            raise ApplrError(f"{len(message.names)} names have {len(message.values)} values")
+        node.set_by_hand(dict(zip(message.names, message.values)))
+    except ApplrError as problem:
+        rospy.logerr("applr: no parameter was set by hand: %s", problem)
 
 
 def set_method(node, own, request):
@@ -104,6 +115,7 @@ def main():
         meter_scoring,
         robot,
     )
+    rospy.Subscriber("~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10)
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
     rospy.Service("~set_method", SetMethod, lambda request: set_method(node, own, request))
     if trouble:

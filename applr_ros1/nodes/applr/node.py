@@ -12,7 +12,7 @@ from collections import Counter
 import numpy as np
 import rospy
 
-from applr_ros1.common.errors import one_line
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.progress import Throttled
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
@@ -61,6 +61,7 @@ class ApplrNode:
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
         self._own_period = period
         self.enabled = True
+        self._by_hand = None  # (n,) that a person has set; the method is off then
         self._cap = np.where(np.array(self.space.names) == "max_vel_x", max_speed, math.inf)
         self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
@@ -125,7 +126,27 @@ class ApplrNode:
         with self._deciding:
             if enabled != self.enabled:
                 rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
-            self.enabled, self._base_set = bool(enabled), False
+            self.enabled, self._base_set, self._by_hand = bool(enabled), False, None
+
+    def set_by_hand(self, values):
+        """Switch the method off and set {name: value}, clipped to the ranges; other parameters stay as they are.
+
+        Raises ApplrError, and changes nothing, for an unknown name, a value that is not finite, and where it is not
+        known yet what the planner has.
+        """
+        with self._deciding:
+            theta = self.client.theta() if self._by_hand is None else self._by_hand
+            if theta is None:
+                raise ApplrError("the planner's parameters are not known yet")
+            unknown = sorted(set(values) - set(self.space.names))
+            if unknown:
+                raise ApplrError(f"unknown parameter {unknown[0]!r}: use {', '.join(self.space.names)}")
+            wanted = [values.get(name, value) for name, value in zip(self.space.names, theta)]
+            self._by_hand = self._capped(self.space.clip(wanted))
+            if self.enabled:
+                rospy.loginfo("applr: switched off: parameters are set by hand")
+            self.enabled = False
+            self.client.request(self._by_hand)
 
     def change_method(self, method):
         """Let another method decide from now on; in the middle of a course it decides at once."""
@@ -242,8 +263,8 @@ class ApplrNode:
             self.client.request(self._capped(self.space.theta0))
 
     def _base(self):
-        """What the planner has between goals: theta_0, or the one set of a static method."""
-        theta = None
+        """What the planner has between goals: theta_0, or the one set of a static method or a person."""
+        theta = self._by_hand
         if self.enabled and self.method.static:
             theta, refused = self._ask(None)
             self.degraded = refused or self.degraded
@@ -328,5 +349,5 @@ class ApplrNode:
 
     def _doing(self):
         if not self.enabled:
-            return "switched off: theta_0"
+            return "switched off: " + ("theta_0" if self._by_hand is None else "set by hand")
         return "idle: no goal" if self._goal is None else "deciding"

@@ -22,7 +22,7 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import JACKAL, Robot, load
 
-from . import admission, panel, pilot, race, scene, world
+from . import admission, panel, pilot, scene, world
 from .listening import Listener, by_hand
 
 RATE = 10.0  # Hz of wall time with a page open
@@ -54,7 +54,7 @@ class Viewer:
         gui.main_panel.dock_right()  # the scene has the rest of the window
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
-        self._ready, self._now, self._moved = False, 0.0, 0.0
+        self._ready, self._now, self._moved, self._goal = False, 0.0, 0.0, ""
         self._status, self.text = gui.add_html(""), ""
         works = {"Go": self._go, "Stop": self._stop, "Hand over": self._hand_over}
         buttons = gui.add_button_group("", tuple(works), hint=HINT)
@@ -66,8 +66,6 @@ class Viewer:
             self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
         with tabs.add_tab("World"):
             self._world = world.WorldTab(gui, robot, self.listener, prefix + robot.frames.odom, self.say)
-        with tabs.add_tab("Race"):
-            self._race = race.RaceTab(self.server, self._world, self.pilot, self.panel.methods)
         with tabs.add_tab("View"):
             by_hand(gui.add_dropdown("camera", tuple(scene.VIEWS)), self.scene.turn)
             for name, layer in self.scene.layers.items():
@@ -75,10 +73,10 @@ class Viewer:
         self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
 
     def _go(self) -> None:
-        self._race.go(self.scene.pose)
+        self._world.go(self.scene.pose)
 
     def _stop(self) -> None:
-        self._race.end()
+        self._world.stop()
 
     def _hand_over(self) -> None:
         self.pilot.choose("applr" if self.pilot.method == pilot.HAND else pilot.HAND)
@@ -94,7 +92,7 @@ class Viewer:
         report = Throttled(rospy.logerr)
         while not rospy.is_shutdown():
             began = time.monotonic()
-            if not self.server.get_clients() and not self._race.running.is_set():
+            if not self.server.get_clients():
                 self.listener.close()
                 time.sleep(IDLE)
                 continue
@@ -121,8 +119,10 @@ class Viewer:
             self.scene.forget()
             self.scene.show_end(self._world.course)
         self.scene.draw(speed, driving)
-        if self._race.look(self.scene.pose, goal):
+        if driving and goal.goal_id.id != self._goal:
+            self._goal = goal.goal_id.id
             self.scene.begin_trail()
+        self._world.end_course(self.scene.pose, self._goal if driving else "")
         for client in self.server.get_clients().values():
             self.scene.follow(client)
         self._write_status(goal, speed, driving)
@@ -135,23 +135,21 @@ class Viewer:
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [f"{self._robot.name} in {self._world.name}" if self._world.name else self._robot.name]
         lines += [] if self._ready else [STARTS]
-        now = f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"
-        result = "" if driving or silence else self._race.result
-        lines += [] if result else [now]
+        arrived = goal is not None and goal.goal_id.id == self._world.ended
+        doing = panel.ARRIVED if arrived else self.panel.doing(goal)
+        lines += [f"{doing}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"]
         lines += [f"parameters by {self.pilot.who}"]
         lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
-        text = "\n".join([result, *lines, *silence])
+        text = "\n".join([*lines, *silence])
         if text != self.text:
             self.text = text
             shown = [html.escape(line) for line in lines]
             shown += [f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence]
-            large = f'<div style="font-size: 1.6em">{html.escape(result)}</div>' if result else ""
-            self._status.content = f'<div style="padding: 4px 14px">{large}{"<br>".join(shown)}</div>'
+            self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
 
     def close(self) -> None:
         """End the page."""
         self.listener.close()
-        self.pilot.close()
         self.server.stop()
 
 

@@ -34,10 +34,9 @@ def goal_status(listener: Listener) -> Any:
 
 
 class Panel:
-    """What sets the parameters, and their sliders.
+    """The choice of what sets the parameters, and a slider for each of them.
 
     Attributes:
-        methods: {name on the page: method}, what there is for this robot.
         sliders: By the parameter's name.
     """
 
@@ -45,9 +44,9 @@ class Panel:
         """gui: viser's, in the context where the panel is to be."""
         self._robot, self._listener, self._pilot = robot, listener, pilot
         there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]
-        self.methods = {METHODS[name]: name for name in there}
-        self._method = gui.add_dropdown("parameters by", tuple(self.methods))
-        by_hand(self._method, lambda shown: pilot.choose(self.methods[shown]))
+        self._methods = {METHODS[name]: name for name in there}  # by what the page calls them
+        self._method = gui.add_dropdown("parameters by", tuple(self._methods))
+        by_hand(self._method, lambda shown: pilot.choose(self._methods[shown]))
         self.sliders = {name: self._slider(gui, i) for i, name in enumerate(pilot.space.names)}
 
     def _slider(self, gui: Any, i: int) -> Any:
@@ -61,13 +60,13 @@ class Panel:
         title = f"{name} [{declared.unit}]" if declared and declared.unit else name
         look = {"marks": ((default, "default"),), "hint": declared.doc if declared else ""}
         slider = gui.add_slider(title, low, high, step, initial_value=min(max(default, low), high), **look)
-        by_hand(slider, lambda value: self._pilot.take_over(name, float(value)))
+        by_hand(slider, lambda value: self._pilot.take_over(**{name: float(value)}))
         return slider
 
     def look(self) -> None:
         """Bring everything up to date."""
         self._pilot.look()
-        if self._pilot.who in self.methods:
+        if self._pilot.who in self._methods:
             show(self._method, self._pilot.who)
         theta = self._pilot.theta()
         for slider, value in zip(self.sliders.values(), theta if theta is not None else ()):
@@ -95,5 +94,5 @@ class Panel:
             if age(topic) > SILENT:
                 lines.append(f"no {what}: nothing on {rospy.resolve_name(topic)}")
         if not self._pilot.method:
-            lines.append("no applr node: sliders set the planner directly")
+            lines.append("no applr node: nobody sets the parameters")
         return lines

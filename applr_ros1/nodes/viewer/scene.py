@@ -28,7 +28,7 @@ CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # of the local planner
 COSTMAPS = {"local costmap": "move_base/local_costmap/costmap", "global costmap": "move_base/global_costmap/costmap"}
 OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
 TRACKED = "applr/movers"  # an arrow for each
-LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers", "trail", "ghosts")
+LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers", "trail")
 HIDDEN = ("global costmap",)  # at first
 TRAIL = 2000  # points
 STEP = 0.03  # m between two of them
@@ -62,7 +62,7 @@ class Scene:
         scene.add_grid("/ground", 60.0, 60.0, **ground)
         layer = partial(scene.add_frame, show_axes=False)
         self.layers = {name: layer("/" + name, visible=name not in HIDDEN) for name in LAYERS}
-        self._model = Model(scene, "/robot", robot, ROBOT, None)
+        self._model = Model(scene, "/robot", robot, ROBOT)
         self._world = scene.add_frame("/world", show_axes=False)
         look = {"point_size": 0.03, "visible": False}
         self._scan = scene.add_point_cloud("/scan/points", np.zeros((1, 3)), (220, 40, 40), **look)

@@ -14,9 +14,6 @@ from applr_ros1.robots.geometry import wheel_places
 from .listening import Listener
 
 RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # from low to high
-
-PALETTE = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181))  # of curves and ghosts
-PALETTE += ((232, 89, 12), (12, 133, 153), (194, 37, 92), (92, 148, 13))
 PERIOD = 0.5  # wall seconds between two pictures of a costmap
 
 
@@ -67,22 +64,21 @@ class Lines:
 
 
 class Model:
-    """The robot by its description: body, wheels and laser. opacity below 1 makes a ghost of it."""
+    """The robot by its description: body, wheels and laser."""
 
-    def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int], opacity: Optional[float]):
+    def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int]):
         base, body = robot.base, robot.body
         self._height = base.wheel_radius - base.axle_height  # of the base frame above the ground
         self._frame = scene.add_frame(name, show_axes=False, visible=False)
-        look = {"opacity": opacity, "cast_shadow": opacity is None}
         middle = (*body.centre, body.bottom + body.size[2] / 2)
-        scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle, **look)
+        scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle)
         aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # about x: a cylinder's axis along y
         for k, (x, y) in enumerate(wheel_places(base)):
             wheel, place = f"{name}/wheel{k}", (x, y, base.axle_height)
             size = base.wheel_radius, base.wheel_width
-            scene.add_cylinder(wheel, *size, color=(40, 40, 45), wxyz=aside, position=place, **look)
+            scene.add_cylinder(wheel, *size, color=(40, 40, 45), wxyz=aside, position=place)
         place = (*robot.laser.pose[:2], robot.laser.height)
-        scene.add_cylinder(name + "/laser", 0.04, 0.06, color=(20, 20, 25), position=place, **look)
+        scene.add_cylinder(name + "/laser", 0.04, 0.06, color=(20, 20, 25), position=place)
 
     def put(self, pose: Optional[Pose]) -> None:
         """Put it at pose (x, y, yaw), or nowhere."""

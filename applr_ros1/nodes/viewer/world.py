@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from typing import Any
+import time
+from typing import Any, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -13,6 +14,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Empty, SetBool, Trigger
 
 import worlds
+from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.nodes.tools.send_goal import course_goal, message
 from applr_ros1.robots import NAMES, Robot
 from worlds.barn import COUNT
@@ -27,22 +29,22 @@ LISTED = (
     *(f"dynamic:{n}" for n in range(MOVING_WORLDS)),
 )
 FACTORS = (0.1, 5.0)  # of real time
+SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps see the world again
 
 
 class WorldTab:
-    """What a person does with the world.
+    """The world: which one is simulated, its course, and goals.
 
     Attributes:
         name: Of the simulated world, "" where there is none.
         course: Its worlds.Course; None where it is not known here.
-        course_goal: Id of the last goal that was sent for it.
-        robot, listener, say: As given: the description, what is heard, and what shows a line.
+        ended: Id of the last goal whose course was driven to its end.
     """
 
     def __init__(self, gui: Any, robot: Robot, listener: Listener, odom: str, say: Say):
-        self.robot, self.listener, self.say, self._odom = robot, listener, say, odom
+        self._robot, self._listener, self._say, self._odom = robot, listener, say, odom
         self.course: Any = None
-        self.course_goal, self.name, self._count = "", "", 0
+        self.name, self.ended, self._course_goal, self._count = "", "", "", 0
         self._goal = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._world = rospy.Publisher("sim_bridge/world", String, queue_size=1)
@@ -62,7 +64,7 @@ class WorldTab:
 
     def look(self) -> bool:
         """Take in which world is simulated. Returns whether it is another one."""
-        current = self.listener.newest(CURRENT, String)
+        current = self._listener.newest(CURRENT, String)
         if current is None or current.data == self.name:
             return False
         self.name, self.course = current.data, None
@@ -72,7 +74,7 @@ class WorldTab:
             with contextlib.suppress(ValueError, OSError):
                 world = worlds.load(spec)
                 if world.name == self.name:
-                    self.course = worlds.scaled(world, self.robot.world_scale).course
+                    self.course = worlds.scaled(world, self._robot.world_scale).course
         return True
 
     def clicked(self, ray: Any, pose: Any) -> None:
@@ -81,7 +83,7 @@ class WorldTab:
         if dz < -1e-3:
             x, y = x - z / dz * dx, y - z / dz * dy
             yaw = math.atan2(y - pose[1], x - pose[0]) if pose else 0.0
-            self._send((x, y, yaw), self.listener.fixed)
+            self._send((x, y, yaw), self._listener.fixed)
 
     def _send(self, pose: Any, frame: str) -> str:
         """Send a goal (x, y, yaw) [m, m, rad] in a frame. Returns its id."""
@@ -90,32 +92,45 @@ class WorldTab:
         goal = MoveBaseActionGoal(goal=message(pose, frame))
         goal.header.stamp = now
         goal.goal_id = GoalID(now, f"{rospy.get_name()}-{self._count}-{now.to_sec():.3f}")
-        publish(self.say, self._goal, goal)
+        publish(self._say, self._goal, goal)
         return goal.goal_id.id
 
-    def drive_course(self) -> str:
-        """Send the course's goal. Returns its id, "" where no course is known."""
+    def go(self, pose: Optional[Pose]) -> None:
+        """Drive the course; a robot at its end goes back to the start first. pose: of the robot, in the fixed frame."""
         if self.course is None:
-            self.say("no course of this world is known: set a goal by a click")
-            return ""
-        self.course_goal = self._send(course_goal(self.course), self._odom)
-        return self.course_goal
+            self._say("no course of this world is known: set a goal by a click")
+            return
+        if self._is_done(pose) and self.reset():
+            time.sleep(SETTLING)
+        self._course_goal = self._send(course_goal(self.course), self._odom)
+
+    def end_course(self, pose: Optional[Pose], goal: str) -> None:
+        """Cancel the course's goal where the robot is at the end of the course. goal: id of the one being driven to."""
+        if goal and goal == self._course_goal and goal != self.ended and self._is_done(pose):
+            self.ended = goal
+            self.stop()
+
+    def _is_done(self, pose: Optional[Pose]) -> bool:
+        """Whether the robot is at the end of the course."""
+        place, course = self._listener.frame_pose("world"), self.course
+        at = transform_point(inverse(place), *pose[:2]) if place and pose else None
+        return at is not None and course is not None and course.done(*at)
 
     def stop(self) -> None:
         """Cancel all goals."""
-        publish(self.say, self._cancel, GoalID())
+        publish(self._say, self._cancel, GoalID())
 
     def load(self, spec: str) -> None:
         """Change the simulated world; the robot stands at its start then."""
         try:
             worlds.load(spec)
         except (ValueError, OSError) as problem:
-            self.say(str(problem))
+            self._say(str(problem))
             return
         self._cancel.publish(GoalID())
-        publish(self.say, self._world, String(spec))
+        publish(self._say, self._world, String(spec))
 
     def reset(self) -> bool:
         """Put the robot back to the start. Returns whether it stands there."""
         self._cancel.publish(GoalID())
-        return call(self.say, "sim_bridge/reset", Empty)
+        return call(self._say, "sim_bridge/reset", Empty)
