@@ -26,14 +26,13 @@ LARGEST = 1200  # pixels; longer courses are shown at a smaller scale
 ROBOT, SCAN = "#000000", "#ee7733"
 
 
-def draw(axes: Any, world: World, path: bool = True, movers: bool = True) -> None:
+def draw(axes: Any, world: World, path: bool = True) -> None:
     """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales.
 
     Args:
         axes: where to draw.
-        world: what to draw; of moving obstacles the ways.
+        world: what to draw; of moving obstacles the ways, and where they begin.
         path: whether to draw the reference path.
-        movers: whether to draw moving obstacles where they begin.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Polygon
@@ -44,8 +43,7 @@ def draw(axes: Any, world: World, path: bool = True, movers: bool = True) -> Non
     for mover in world.movers:
         times = np.linspace(0.0, mover.length * 0.999, 200)
         axes.plot(*zip(*[mover.position(t) for t in times]), color=MOVER, lw=0.8, alpha=0.6)
-        if movers:
-            axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
+        axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
     course = world.course
     if path:
         axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")

@@ -12,7 +12,6 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from PIL import Image
 
 import worlds
 from applr_ros1.common.errors import ApplrError
@@ -172,9 +171,9 @@ def test_install_space(tmp_path):
 
 
 def demo(tmp_path, *arguments):
-    pictures = "picture:=%s" % (tmp_path / "drive.png"), "animation:=%s" % (tmp_path / "drive.gif")
+    picture = "picture:=%s" % (tmp_path / "drive.png")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
-    return subprocess.Popen([APPLR, "demo", *arguments, *pictures], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes)
+    return subprocess.Popen([APPLR, "demo", *arguments, picture], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes)
 
 
 def test_demo_reaches_the_goal(tmp_path):
@@ -189,8 +188,14 @@ def test_demo_reaches_the_goal(tmp_path):
         assert re.search(words, out), out
     assert "m to the finish line at y = 10 m" in out
     assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
-    with Image.open(tmp_path / "drive.gif") as animation:
-        assert animation.n_frames >= 5  # as many as the simulation's speed leaves time for
+    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+    drawn = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1))
+    ((drive,),) = (world["drives"] for world in drawn["worlds"])
+    assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)
+    assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000  # the finish line [cm]
+    assert len(drive["a"]) == len(drive["at"]) >= 2
+    assert len(drive["a"][0]) == len(drawn["parameters"])
+    assert (result["picture"], result["page"]) == tuple(str(tmp_path / "drive") + end for end in (".png", ".html"))
 
 
 @pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])

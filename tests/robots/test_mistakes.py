@@ -128,7 +128,7 @@ def test_the_demo_and_the_node_stop_at_the_same_line(tmp_path):
 
     folder = changed(tmp_path / "mine", *WRONG)
     for start in (
-        lambda: demo.prepare(["robot:=" + folder, "animation:=none", "picture:=none"]),
+        lambda: demo.prepare(["robot:=" + folder, "picture:=none"]),
         lambda: with_robot({"robot": folder}),
     ):
         with pytest.raises(ApplrError) as refused:

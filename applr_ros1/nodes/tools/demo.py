@@ -1,7 +1,8 @@
 """The demo (./applr demo): one course from start to finish with the whole stack, on a ROS master of its own.
 
 It says when each part of the stack is up, sends the goal, reports progress, ends every process, and leaves a picture,
-an animation and one line of JSON. The robot's true pose decides, the course's own rule says when it is finished.
+a page that plays the drive, and one line of JSON. The robot's true pose decides, the course's own rule says when it is
+finished.
 """
 
 import contextlib
@@ -9,47 +10,47 @@ import dataclasses
 import json
 import math
 import os
-import posixpath
 import sys
 import time
-from functools import partial
+from typing import List, NamedTuple
 
 import actionlib
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
-from dynamic_reconfigure.msg import Config
 from move_base_msgs.msg import MoveBaseAction
-from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import LaserScan, PointCloud2
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 import worlds
-from applr_ros1.common.angles import transform_point, yaw_of
+from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import write_bytes
 from applr_ros1.drives import drawing
+from applr_ros1.drives.page import PERIOD, Drive, Scene, page
+from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.check import with_remarks
-from applr_ros1.robots.geometry import bounding_box
 from sim_bridge.ros_bridge import BASE_TIME
 
 from . import send_goal
 from .launcher import given_arguments, launch_arguments, own_stack, say
 
+STATUS = "/move_base/status"
 EVERY = 2.0  # simulated seconds between lines of progress
 REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
 STALLED_AFTER = 20.0  # wall seconds without a new pose
-OWN = {"picture": "applr_demo.png", "animation": "applr_demo.gif", "limit": "300"}  # arguments beside the launch file's
+OWN = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
+COLOR = "#2ca02c"  # of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
 Drives one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
 if the goal was reached.
 
-  picture:={OWN["picture"]}     File for the picture (.png).
-  animation:={OWN["animation"]}   File for the animation (.gif), with scan, plans and parameters; none makes none.
-  limit:={OWN["limit"]}                  Simulated time [s] after which the drive counts as timed out, 1 to 3600.
+  picture:={OWN["picture"]}  File for the picture (.png), beside which a page plays the drive (.html); none: neither.
+  limit:={OWN["limit"]}               Simulated time [s] after which the drive counts as timed out, 1 to 3600.
 
 The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
@@ -60,18 +61,14 @@ def main():
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
-    drive = None
+    record = None
     try:
         with own_stack(passed) as stack:
-            drive = _drive(stack, values, robot, world, result)
+            record = _drive(stack, values, robot, world, result)
     except ApplrError as problem:
         say(result.setdefault("reason", str(problem)))
-    if drive is not None:
-        low_x, high_x, low_y, high_y = bounding_box(robot)
-        outline = np.array([[high_x, high_y], [low_x, high_y], [low_x, low_y], [high_x, low_y]])
-        drive.title = "{world}, {robot}, method {method}: {reason} in {time_s:.1f} s".format(**result)
-        result["picture"] = _leave(values["picture"], lambda path: drawing.save(drive, path))
-        result["animation"] = _leave(values["animation"], lambda path: drawing.save_animation(drive, outline, path))
+    if record is not None and values["picture"] != "none":
+        _leave(os.path.abspath(values["picture"]), record, robot, world, result)
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
@@ -87,10 +84,10 @@ def prepare(words):
     with contextlib.suppress(ValueError):
         values["limit"] = float(values["limit"])
     number_within("limit", values["limit"], 1.0, 3600.0)
-    for name, ending in (("picture", ".png"), ("animation", ".gif")):
-        folder = os.path.dirname(os.path.abspath(values[name]))
-        if values[name] != "none" and not (values[name].endswith(ending) and os.access(folder, os.W_OK)):
-            raise ApplrError(f"{name} is {values[name]}: give a {ending} file in a folder that can be written")
+    picture = values["picture"]
+    writable = os.access(os.path.dirname(os.path.abspath(picture)), os.W_OK)
+    if picture != "none" and not (picture.endswith(".png") and writable):
+        raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
     robot = with_remarks(values["robot"])
     if values["policy"] != "none":
         kind = "applr" if values["method"] == "auto" else values["method"]
@@ -107,66 +104,91 @@ def prepare(words):
 
 
 def _drive(stack, values, robot, world, result):
-    """Drive the course, complete the result; returns the recorded Drive."""
+    """Drive the course, complete the result; returns the Record."""
     began = time.monotonic()
     observer = Observer(robot, world, values)
     for part, up in observer.parts():
         stack.wait_until_up(part, up)
         say(f"{part:12} up after {time.monotonic() - began:.1f} s")
     seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
-    drive = observer.recorded(seconds)
-    touching = ", touching something" if drive.contacts else ""
-    say(f"{text} after {seconds:.1f} s and {drive.length():.2f} m{touching}")
-    result.update(success=text == REACHED, collided=bool(drive.contacts), time_s=round(seconds, 2), reason=text)
-    result.update(timeout=text == TIMED_OUT, path_length_m=round(drive.length(), 3))
-    return drive
+    record = observer.record(seconds)
+    length = float(np.hypot(*np.diff(record.track[:, 1:3], axis=0).T).sum())
+    touching = ", touching something" if record.contacts else ""
+    say(f"{text} after {seconds:.1f} s and {length:.2f} m{touching}")
+    result.update(success=text == REACHED, collided=bool(record.contacts), time_s=round(seconds, 2), reason=text)
+    result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3))
+    return record
 
 
-def _leave(path, save):
-    """Write a file beside the result: its absolute path, or None where there is none."""
-    if path == "none":
-        return None
-    path = os.path.abspath(path)
-    try:
-        save(path)
-    except (OSError, ValueError) as problem:
-        say(f"not written: {problem}")
-        return None
-    say(path)
-    return path
+def _leave(picture, record, robot, world, result):
+    """Write the picture, and the page beside it; their paths stand in the result, None for one that is not written."""
+    space, file = space_of(robot), os.path.splitext(picture)[0] + ".html"
+    title = "{world}, {robot}, method {method}".format(**result)
+
+    def draw():
+        ended = "{reason} in {time_s:.1f} s".format(**result)
+        drawing.save(picture, f"{title}: {ended}", world, *record[:2], space.names, *record[2:4])
+
+    def play():
+        end = record.track[-1, 0]
+        times = np.unique(np.append(np.arange(0.0, end, PERIOD), end))
+        columns = (*record.track[:, 1:3].T, np.unwrap(record.track[:, 3]), record.track[:, 4])
+        *poses, speeds = (np.interp(times, record.track[:, 0], column) for column in columns)
+        actions = np.array([space.to_action(theta) for theta in record.theta])
+        how = (result["time_s"], result["success"], result["collided"], result["reason"])
+        drive = Drive(0, 0, *how, np.column_stack(poses), speeds, record.decided, actions)
+        scene = Scene(world.name, world, [drive], record.begins)
+        write_bytes(file, page(title, {result["method"]: COLOR}, space.names, robot.body.size[:2], [scene]))
+
+    for name, path, write in (("picture", picture, draw), ("page", file, play)):
+        try:
+            write()
+            result[name] = path
+            say(path)
+        except (OSError, ApplrError) as problem:
+            result[name] = None
+            say(f"not written: {problem}")
+
+
+class Record(NamedTuple):
+    """What was recorded of a drive, times since the goal was sent.
+
+    track     (n, 6) time [s], x [m], y [m], yaw [rad], speed [m/s], turn rate [rad/s], in the world's frame
+    contacts  times [s] at which the robot touched something
+    decided   (d,) times [s] at which the parameters changed
+    theta     (d, k) the parameters from then on
+    begins    time of the world [s] when the goal was sent: what its moving obstacles go by
+    """
+
+    track: np.ndarray
+    contacts: List[float]
+    decided: np.ndarray
+    theta: np.ndarray
+    begins: float
 
 
 class Observer:
-    """Subscribes to the stack of a robot in a world; `parts`, then `drive`, then `recorded`."""
+    """A listener to the stack of a robot in a world; `parts`, then `drive`, then `record`."""
 
     def __init__(self, robot, world, values):
-        self.world, self._robot = world, robot
+        self.world = world
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # in which goals are sent
         scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
-        self.track, self.contacts, self.views, self._yaw = [], [], [], 0.0  # _yaw: the newest true heading [rad]
-        self._newest, self._began, self._client = {}, None, None
+        self.track, self.contacts, self.parameters = [], [], []
+        self._up, self._began, self._client = set(), None, None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
-        planner = "/move_base/" + robot.local_planner
-        self._paths, self._cloud = ("/move_base/NavfnROS/plan", planner + "/local_plan"), planner + "/trajectory_cloud"
-        rospy.Subscriber("/" + scan.lstrip("/"), LaserScan, self._on_scan, queue_size=50, buff_size=2**24)
+        self._scan = "/" + scan.lstrip("/")
+        for topic, kind in ((self._scan, rospy.AnyMsg), (STATUS, GoalStatusArray)):
+            rospy.Subscriber(topic, kind, lambda _, topic=topic: self._up.add(topic), queue_size=1, buff_size=2**24)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
-        kept = {**dict.fromkeys(self._paths, Path), self._cloud: PointCloud2}
-        kept.update({"/move_base/status": GoalStatusArray, "/applr/parameters": rospy.AnyMsg})
-        for topic, kind in kept.items():
-            rospy.Subscriber(topic, kind, partial(self._newest.__setitem__, topic), queue_size=1, buff_size=2**24)
-        places = space_of(robot).places()
-        self.parameters = {name: [] for _, name in places}
-        for server in dict(places):
-            names = tuple(name for place, name in places if place == server)
-            topic = posixpath.join("/move_base", server, "parameter_updates")
-            rospy.Subscriber(topic, Config, self._on_parameters, names, queue_size=10)
+        rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
 
     def parts(self):
         """(name, function that says whether it is up) in the order in which they come up."""
-        yield "simulator", lambda: "scan" in self._newest and self.track
+        yield "simulator", lambda: self._scan in self._up and self.track
         yield "move_base", self._move_base_up
-        yield "applr", lambda: "/applr/parameters" in self._newest
+        yield "applr", lambda: self.parameters
 
     def drive(self, pose, limit, check):
         """Send the goal `pose`, (x, y, yaw) in odom; watch until it is reached, given up, or `limit` [s] are over.
@@ -174,7 +196,7 @@ class Observer:
         check() is called again and again; what it raises ends the drive. Returns (simulated time [s], how it ended).
         """
         self._began = self.track[-1][0]
-        self.track, self.contacts, self.views = self.track[-1:], [], []
+        self.track, self.contacts = self.track[-1:], []
         self._client.send_goal(send_goal.message(pose, self._frame))
         course = self.world.course
         line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
@@ -183,7 +205,7 @@ class Observer:
         while not ended:
             time.sleep(0.01)
             check()
-            now, x, y, speed, _ = self.track[-1]
+            now, x, y, _, speed, _ = self.track[-1]
             seconds = now - self._began
             if course.done(x, y):
                 ended = REACHED
@@ -204,18 +226,17 @@ class Observer:
         self._client.cancel_goal()
         return seconds, ended
 
-    def recorded(self, seconds):
-        """The drive as applr_ros1.drives draws it, the first `seconds` after the goal was sent."""
+    def record(self, seconds):
+        """The Record of the first `seconds` after the goal was sent."""
         began = self._began
-        track = np.array(self.track, dtype=np.float64).reshape(-1, 5) - (began, 0.0, 0.0, 0.0, 0.0)
-        steps = {name: [(max(0.0, t - began), value) for t, value in seen] for name, seen in self.parameters.items()}
-        return drawing.Drive(
-            self.world,
+        track = np.array(self.track, dtype=np.float64) - (began, 0.0, 0.0, 0.0, 0.0, 0.0)
+        changes = [(max(0.0, t - began), theta) for t, theta in self.parameters if t - began <= seconds]
+        return Record(
             track[track[:, 0] <= seconds + 1e-6],
-            {name: seen for name, seen in steps.items() if seen},
             [t - began for t in self.contacts if t - began <= seconds],
-            views=[dataclasses.replace(v, time=v.time - began) for v in self.views if v.time - began <= seconds],
-            world_time=began - BASE_TIME,
+            np.array([time for time, _ in changes]),
+            np.array([theta for _, theta in changes]),
+            began - BASE_TIME,
         )
 
     def _move_base_up(self):
@@ -223,49 +244,17 @@ class Observer:
             self._client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action = self._client.action_client
         ends = (action.pub_goal, action.pub_cancel, action.result_sub)
-        return "/move_base/status" in self._newest and all(end.get_num_connections() > 0 for end in ends)
-
-    def _on_scan(self, message):
-        """Every tenth of a simulated second keeps what was known, in the world's frame."""
-        self._newest["scan"] = message
-        if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < drawing.STEP - 1e-6:
-            return
-        now, x, y = self.track[-1][:3]
-        pose = (x, y, self._yaw)
-        ranges = np.array(message.ranges, dtype=np.float64)
-        hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
-        laser_x, laser_y, laser_yaw = self._robot.laser.pose
-        angles = self._yaw + laser_yaw + message.angle_min + hits * message.angle_increment
-        laser = transform_point(pose, laser_x, laser_y)
-        scan = laser + np.column_stack((ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)))
-        plan, chosen = (self._path(topic) for topic in self._paths)
-        self.views.append(drawing.View(now, pose, scan, plan, chosen, self._samples()))
-
-    def _path(self, topic):
-        """(n, 2) of the newest path on a topic in the world's frame, which is the map's; odom's origin is the start."""
-        message = self._newest.get(topic) or Path()
-        points = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses], np.float64).reshape(-1, 2)
-        on_map = message.header.frame_id == self._robot.frames.map
-        return points if on_map else points + self.world.course.start[:2]
-
-    def _samples(self):
-        """(n, 2) of the newest sampled trajectories, in the world's frame."""
-        message = self._newest.get(self._cloud)
-        rows = np.empty((0, 2)) if message is None else np.frombuffer(message.data, "<f4").reshape(message.width, -1)
-        return rows[:, :2].astype(np.float64) + self.world.course.start[:2]
+        return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
 
     def _on_pose(self, message):
         pose, twist = message.pose.pose, message.twist.twist
-        self._yaw = yaw_of(pose.orientation)
-        now = message.header.stamp.to_sec()
-        self.track.append((now, pose.position.x, pose.position.y, twist.linear.x, twist.angular.z))
+        at = (pose.position.x, pose.position.y, yaw_of(pose.orientation))
+        self.track.append((message.header.stamp.to_sec(), *at, twist.linear.x, twist.angular.z))
 
     def _on_contact(self, message):
         if message.data and self.track:
             self.contacts.append(self.track[-1][0])
 
-    def _on_parameters(self, message, names):
-        now = self.track[-1][0] if self.track else 0.0
-        for parameter in [*message.doubles, *message.ints]:
-            if parameter.name in names:
-                self.parameters[parameter.name].append((now, float(parameter.value)))
+    def _on_parameters(self, message):
+        if message.names and (not self.parameters or self.parameters[-1][1] != message.values):
+            self.parameters.append((message.header.stamp.to_sec(), message.values))

@@ -1,0 +1,141 @@
+"""The page of drives: an animation of drives side by side, world by world, in one file that needs no other.
+
+The report of an evaluation makes it of all drives whose paths were kept, the demo of its one. Values are whole numbers,
+which take the least room in a file; the script in page.html draws them.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.common.files import read_bytes
+from worlds.world import World
+
+TEMPLATE = Path(__file__).with_name("page.html")
+PERIOD = 0.2  # s between two poses of a drive
+MARGIN = 1.2  # m that are shown before and behind what was driven through
+ASIDE = 3.5  # m to its sides in which obstacles are shown; BARN's fields are 4.5 m wide
+
+
+@dataclass
+class Drive:
+    """One drive, in the world's frame.
+
+    method   its place in the page's list of methods
+    trial    its number; drives of the same number stand side by side
+    seconds  time it took [s]
+    success, collided, reason: how it ended
+    poses    (n, 3) [m, m, rad], a row per PERIOD
+    speeds   (n,) forward speed [m/s] at each of them
+    decided  (d,) times [s] of decisions
+    actions  (d, k) the parameters after each of them, from -1 to 1 within their ranges; None where they are not known
+    """
+
+    method: int
+    trial: int
+    seconds: float
+    success: bool
+    collided: bool
+    reason: str
+    poses: np.ndarray
+    speeds: np.ndarray
+    decided: Sequence[float] = ()
+    actions: Optional[np.ndarray] = None
+
+
+@dataclass
+class Scene:
+    """A world and what was driven in it. begins: time of the world [s] when the drives began."""
+
+    name: str
+    world: World
+    drives: Sequence[Drive]
+    begins: float = 0.0
+
+
+def page(
+    title: str,
+    methods: Mapping[str, str],
+    parameters: Sequence[str],
+    body: Sequence[float],
+    scenes: Sequence[Scene],
+    marked: bool = False,
+    back: str = "",
+) -> bytes:
+    """The page as a file holds it.
+
+    Args:
+        title: Its title.
+        methods: {name: colour} in the order of Drive.method.
+        parameters: Names of what actions are of.
+        body: Length and width of the robot [m].
+        scenes: The worlds, one or more.
+        marked: Whether the planner was told where moving obstacles will be.
+        back: HTML of a link above the page.
+    """
+    values = {
+        "title": title,
+        "methods": [{"name": name, "color": color} for name, color in methods.items()],
+        "parameters": list(parameters),
+        "period": PERIOD,
+        "body": list(body),
+        "marked": marked,
+        "worlds": [_scene(scene) for scene in scenes],
+    }
+    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")
+    return read_bytes(TEMPLATE).replace(b"@BACK@", back.encode()).replace(b"@DATA@", data.encode())
+
+
+def _scene(scene: Scene) -> Dict[str, Any]:
+    world, course, drives = scene.world, scene.world.course, [_drive(drive) for drive in scene.drives]
+    points = [np.cumsum(drive["p"], axis=0)[:, :2] / 100.0 for drive in drives]
+    driven = np.concatenate([*points, np.array([course.start[:2]])])
+    low, high = driven.min(axis=0), driven.max(axis=0)
+    circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
+    boxes = _near(world.boxes, np.hypot(world.boxes[:, 3], world.boxes[:, 4]) / 2.0, low, high)
+    sides = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
+    times = (scene.begins + PERIOD * np.arange(max(len(drive["p"]) for drive in drives))).tolist()  # of the poses
+    margin = ASIDE if np.ptp(driven[:, 0]) > np.ptp(driven[:, 1]) else MARGIN  # courses along x: as much beside them
+    return {
+        "name": scene.name,
+        "view": _whole([sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100),
+        "circles": _whole(circles, 1000),  # [mm]; all else in hundredths
+        "boxes": _whole(boxes, 100),
+        "movers": [[round(100 * m.radius), _whole([m.position(t) for t in times], 100)] for m in world.movers],
+        "start": _whole(course.start, 100),
+        "goal": _whole([*course.goal[:2], course.goal_tolerance], 100),
+        "finish": None if course.finish_y is None else round(100 * course.finish_y),
+        "drives": drives,
+    }
+
+
+def _drive(drive: Drive) -> Dict[str, Any]:
+    values: Dict[str, Any] = {
+        "m": drive.method,
+        "k": drive.trial,
+        "t": round(drive.seconds, 1),
+        "ok": drive.success,
+        "hit": drive.collided,
+        "why": drive.reason,
+        "p": np.diff(np.rint(drive.poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
+        "v": _whole(drive.speeds, 100),
+    }
+    if drive.actions is not None:
+        values.update(at=_whole(drive.decided, 100), a=_whole(drive.actions, 50))
+    return values
+
+
+def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The obstacles (n, ...) whose circles of `radius` (n,) reach the box that was driven through, or its sides."""
+    reach = ASIDE + radius[:, None]
+    return obstacles[np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)]
+
+
+def _whole(values: Any, scale: float) -> Any:
+    """Values times `scale` as whole numbers."""
+    return np.rint(np.asarray(values, dtype=np.float64) * scale).astype(int).tolist()
