@@ -1,9 +1,9 @@
-"""Checks the description of a robot and says in short what the package makes of it.
+"""Checks the description of a robot, says in short what the package makes of it, and drives it on open floor.
 
 Started as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "error" name
 what the robot cannot drive with, lines that begin with "remark" what it will not drive well with or what is given in
-vain. Each has the file, the key, its value, and what to give. docs/tutorials/your_robot.md says how to write a
-description.
+vain. Each has the file, the key, its value, and what to give. Where the robot's own parameters do not drive it on open
+floor, the last lines say why and what to change. docs/tutorials/your_robot.md says how to write a description.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots.check import examined
 from training.common.command_line import parsed
 from training.common.options import Options, argument
+from training.evaluation import open_floor
 
 
 def summary(described: Robot) -> List[str]:
@@ -48,14 +49,16 @@ def summary(described: Robot) -> List[str]:
 
 
 def check(name_or_folder: str) -> int:
-    """Print all that there is to say about a robot; exit status 1 where there is an error."""
+    """Print all that there is to say about a robot; exit status 1 where it has an error or does not drive."""
     described, found = examined(name_or_folder)
     lines = [f"{finding.severity}: {finding}" for finding in found]
     if found and found[0].severity == "error":
         print("\n".join(lines), file=sys.stderr)
         return 1
-    print("\n".join(summary(described) + lines))
-    return 0
+    print("\n".join(summary(described) + lines), flush=True)
+    drives, lines = open_floor.sentences(described, "kinematic")
+    print("\n".join(lines))
+    return 0 if drives else 1
 
 
 class CheckOptions(Options):
@@ -65,7 +68,7 @@ class CheckOptions(Options):
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Exit status 0 for a description that can be used; 1 and a line for each error on stderr otherwise."""
+    """Exit status 0 for a robot that drives on open floor, else 1; errors of its description are lines on stderr."""
     name = "check_robot.py"
     return run_main(lambda: check(parsed(CheckOptions, name, __doc__, arguments).robot), name)
 

@@ -70,7 +70,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     robot = load(config.robot)
     others = [OWN] + [SET] * Path(methods.shipped("static.json", robot)).exists()
     trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
-    method, (arrivals, judged, _) = verdict(trials, robot.name, robot.folder, used_up=True)
+    method, (arrivals, judged) = verdict(trials, robot.name)
     advice = {
         POLICY: f"Copy {best} to {robot.folder}/applr.safetensors: the method applr drives with it.",
         SET: "Drive with the best single set (method static), or --resume with more --minutes.",

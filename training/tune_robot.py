@@ -1,11 +1,11 @@
 """Better parameters for the move_base that a robot runs already, from the robot's folder.
 
-Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor, as `./applr try`:
-where a robot's own parameters do not drive it there, it says why and what to change, and ends. CMA-ES searches in the
-kinematic simulator, then in pybullet; the best sets race there, and of the winner each parameter is put back at the
-robot's own value where nothing is lost by it. Courses that the search did not use say in three sentences what the rest
-is worth. Where that is clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `try`,
-`evaluate` and the method `static`. The exit status is 0 only then. A stopped run continues with the same command.
+Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: where a robot's own
+parameters do not drive it there, it says why and what to change, and ends. CMA-ES searches in the kinematic simulator,
+then in pybullet; the best sets race there, and of the winner each parameter is put back at the robot's own value where
+nothing is lost by it. Courses that the search did not use say in three sentences what the rest is worth. Where that is
+clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `evaluate` and the method
+`static`. The exit status is 0 only then. A stopped run continues with the same command.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from training.report.tables import Table
 from training.report.verdict import KEEP, OWN, SET, paired_trials, tuned_verdict
 from training.tune import parameter_file
 from worlds import World, sdf_writer
-from worlds.loading import specs
+from worlds.loading import FORMS, specs
 
 with extra(__name__):
     from training.tune import bag
@@ -67,7 +67,7 @@ SLOW = 10.0  # optimal times after which a drive of the search has failed
 JUDGED = "pybullet"  # the simulator of all but the search's first part
 MOST, FEWEST = 6, 12  # blocks of drives in which a parameter is put back; courses of the verdict
 COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
-WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in and to judge in
+WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in, unless --worlds says otherwise; to judge in
 RECIPE = Path(__file__).parent / "recipes" / "applr.yaml"  # how drives differ from the nominal robot in training
 T = TypeVar("T")
 
@@ -84,6 +84,8 @@ class TuneOptions(Options):
     anyway: bool = option(False,
         "Go on where the robot's own parameters do not drive it on open floor, or the simulated drive on a bag's "
         "course takes another time than the recorded one.")
+    worlds: str = option(WORLDS,
+        f"Courses to search in: {FORMS}; several are separated by commas. {UNSEEN} are for the verdict.")
     minutes: float = option(15.0, "Time [min] from the first drive to the verdict.", gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
         "What counts beside arriving without a contact: fast, the time; careful, the distance from obstacles; smooth, "
@@ -139,7 +141,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(options: TuneOptions) -> int:
     """Searches, judges, writes and prints; returns the exit status."""
-    robot, searched, unseen = options.robot, WORLDS, UNSEEN
+    robot, searched, unseen = options.robot, options.worlds, UNSEEN
     out = make_folder(options.out or os.path.join("tune", robot.name))
     if "," in str(out):
         raise ApplrError(f"{out}: lists of worlds and methods are divided by commas; give an --out without one")
@@ -205,7 +207,8 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
         file = make_folder(out / "worlds") / f"{world.name}.world"
         sdf_writer.write(world, str(file))
         halves[number >= 2 * len(found.courses) and number // 2 % 2].append(str(file))
-    both = [[*half, *specs(made_up)[: len(half)]] for half, made_up in zip(halves, (WORLDS, UNSEEN))]
+    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
+    both = [[*half, *other[: len(half)]] for half, other in zip(halves, others)]
     return load(str(place)), ",".join(both[0]), ",".join(both[1])
 
 

@@ -1,6 +1,6 @@
 """One method compared with another over worlds: which needs less time, how much less, and how sure that is.
 
-The report, ./applr try and the race of the page ask it. The world is the unit, since trials of one world resemble each
+The report, ./applr tune and the race of the page ask it. The world is the unit, since trials of one world resemble each
 other. A method is given by its mean score in each world: the time of a trial, or what a failed one counts as [s].
 """
 

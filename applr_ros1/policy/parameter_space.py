@@ -233,7 +233,7 @@ def send(requests, move_base):
 def counts_cells(path):
     """Whether a JSON file with a set states `"meter_scoring": false`: its distance biases are meant per cell.
 
-    static_search.py writes so. A set that states nothing is sent as it is. Raises ApplrError for another statement.
+    tune_robot.py writes so. A set that states nothing is sent as it is. Raises ApplrError for another statement.
     """
     values = files.read_json(path, MAX_SET_BYTES)
     stated = values.get("meter_scoring") if isinstance(values, dict) else None

@@ -33,9 +33,7 @@ COMMANDS = {
     "record": "applr_ros1.nodes.tools.record",
     "robot_model": "applr_ros1.robots.urdf",
     "rviz": "applr_ros1.nodes.tools.rviz",
-    "static_search": "training.static_search",
     "train": "training.train",
-    "try_robot": "training.try_robot",
     "tune_robot": "training.tune_robot",
 }
 

@@ -1,9 +1,7 @@
-"""A robot that is none of the shipped ones, described in a file of its own: searched, trained, driven, recorded."""
+"""A robot that is none of the shipped ones, described in a file of its own: trained, driven, recorded."""
 
-import json
 import re
 
-import numpy as np
 import pytest
 import yaml
 
@@ -18,11 +16,12 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.check import findings
 from tests.support.recording import RecordingEpisode, StackWriter
-from training import check_robot, evaluate, static_search, train
+from training import check_robot, evaluate, train
 from training.bags import reader as bags
 from training.bags.reader import TopicNames
 from training.env.episode import Episode
 from training.evaluation.store import read_trials
+from training.tune import parameter_file
 
 CRATE = """\
 base:
@@ -158,12 +157,10 @@ def test_check_names_the_traps_of_shipped_parameters(name, trap):
     assert [trap in advice for advice in found] == ([True] if trap else [])
 
 
-def test_searched_trained_and_driven(crate, tmp_path, capsys):
-    found, run, out = crate / "static.json", tmp_path / "run", tmp_path / "out"
-    search = ["--generations", "1", "--population", "4", "--worlds-per-set", "1", "--workers", "0"]
-    search += ["--final-worlds", "generated:3", "--final-simulator", "kinematic", "--final-trials", "1"]
-    assert static_search.main(["--robot", str(crate), *SMALL, *search, "--out", str(found)]) == 0
-    tuned = json.loads(found.read_text())["parameters"]
+def test_trained_and_driven(crate, tmp_path, capsys):
+    run, out = tmp_path / "run", tmp_path / "out"
+    tuned = {"speed": 0.7, "sim_time": 1.0}
+    parameter_file.write(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
     training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8", "--device", "cpu"]
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
@@ -183,10 +180,8 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
     capsys.readouterr()
     assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    assert np.isfinite(list(tuned.values())).all()
-    planner = yaml.safe_load((crate / "static.yaml").read_text())["DWAPlannerROS"]  # the set, for move_base
-    assert (planner["max_vel_x"], planner["max_vel_trans"]) == (tuned["speed"], tuned["speed"])
-    assert planner["sim_time"] == tuned["sim_time"]
+    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]  # the set, for move_base
+    assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)
 
 
 def test_recorded_and_read_back(crate, tmp_path):

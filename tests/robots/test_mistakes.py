@@ -10,7 +10,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import NAMES, load
 from applr_ros1.robots.check import examined, findings, with_remarks
 from tests.support import DATA
-from training import check_robot, evaluate, static_search, train
+from training import check_robot, evaluate, train
 
 
 def mistakes():
@@ -113,7 +113,7 @@ WRONG = ("turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "max_vel_t
 LINE = "/mine/dwa_local_planner_params_burger.yaml: DWAPlannerROS/max_vel_theta is inf: give a finite number"
 
 
-@pytest.mark.parametrize("command", [evaluate, static_search, train])
+@pytest.mark.parametrize("command", [evaluate, train])
 def test_commands_stop_at_the_same_line(tmp_path, capsys, command):
     folder = changed(tmp_path / "mine", *WRONG)
     assert command.main(["--robot", folder, "--out", str(tmp_path / "out")]) == 1

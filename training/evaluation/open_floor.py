@@ -1,4 +1,4 @@
-"""Open floor: whether a robot's own parameters drive it at all, which ./applr try and ./applr tune ask at first.
+"""Open floor: the check by driving, with which check_robot.py ends and ./applr tune begins.
 
 Four drives with planner and collision monitor, each until move_base says that its goal is reached: straight on, a turn
 on the spot, around a box, and through a door. Where one fails, other values of one parameter at a time are driven on

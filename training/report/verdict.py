@@ -1,14 +1,12 @@
-"""Whether the policy, or a tuned set, pays on a robot: a verdict from pairs of trials, and why drives failed.
+"""A verdict on a robot's policy, or on a tuned set, from pairs of trials, and why drives failed.
 
-try_robot.py and tune_robot.py print it. For try_robot.py a drive counts as its time, as 100 s where it failed, and as
-5 s more where the robot touched something (evaluation/score.py). Methods are compared over worlds
-(applr_ros1/drives/comparison.py) after the numbers of courses in LOOKS and at the end: at LEVEL per look, a difference
-where there is none is found in at most one of twenty runs. A run that is continued looks once more.
+several.py and tune_robot.py print it. For several.py a drive counts as its time, as 100 s where it failed, and as 5 s
+more where the robot touched something (evaluation/score.py). Methods are compared over worlds
+(applr_ros1/drives/comparison.py).
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Callable, List, Mapping, Sequence, Tuple
 
 import numpy as np
@@ -17,17 +15,15 @@ import pandas as pd
 from applr_ros1.drives.comparison import Estimate, compare, over_worlds
 from training.evaluation.plan import Trial, TrialResult
 from training.evaluation.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, QUANTITIES, trial_seconds
-from training.report.figures import canvas
 from training.report.statistics import mean_time, rate
 
 OWN, POLICY, SET = "dwa", "applr", "static"
 WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
-LOOKS = (8, 16)  # numbers of pairs after which it may end; there is a last look when all is driven or the time is spent
-LEVEL = 0.05 / (len(LOOKS) + 1)  # of the two-sided test of each look
+LEVEL = 0.05 / 3  # of the two-sided test of two methods, of which three may be compared
 CLEAR = 0.05  # of the one test of a tuned set
 LOAD = (
-    "Load {0} after your own files, drive carefully at first (max_speed in this package's launch file, or a smaller "
-    "max_vel_x), and go on with ./applr try."
+    "Load {0} after your own files, and drive carefully at first (max_speed in this package's launch file, or a "
+    "smaller max_vel_x)."
 )
 KEEP = "Keep your own parameters; the same command with more --minutes searches on from here."
 
@@ -64,23 +60,16 @@ def clearly_better(scores: pd.DataFrame, method: str, other: str) -> bool:
     return found.difference.value < 0.0 and found.p < LEVEL
 
 
-def decided(scores: pd.DataFrame) -> bool:
-    """Whether one method is clearly better than each of the others."""
-    return any(all(clearly_better(scores, best, other) for other in scores if other != best) for best in scores)
-
-
-def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tuple[str, List[str]]:
-    """The verdict on a robot.
+def verdict(trials: pd.DataFrame, robot: str) -> Tuple[str, List[str]]:
+    """The verdict on a robot's policy.
 
     Args:
         trials: of at least one course (paired_trials).
         robot: its name.
-        folder: of its description.
-        used_up: whether no courses are left, so that more time would not help.
 
     Returns:
-        The method to drive with: the policy only where it is clearly better than the robot's own parameters. Three
-        sentences: arrivals and times; whether the policy pays; what to do next.
+        The method to drive with: the policy only where it is clearly better than the robot's own parameters. Two
+        sentences: arrivals and times; whether the policy pays.
     """
     scores = mean_scores(trials)
     better = [method for method in scores if method != OWN and clearly_better(scores, method, OWN)]
@@ -90,24 +79,15 @@ def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tup
     if np.isfinite(saved.low):
         how += f" (95 % interval of what it saves: {saved.low:.1f} to {saved.high:.1f} s)"
     how += f", where a failed drive counts as {FAILURE_SECONDS:g} s and a contact as {CONTACT_SECONDS:g} s more"
-    train = f"python -m training.train --robot {folder} --recipe applr --init-from applr"
     if best == POLICY:
         judged = f"The policy pays on {robot}: {how}."
-        advice = f"Drive with it, and let it learn this robot ({train} ...), which may save more."
     elif best == SET:
         judged = f"The policy does not pay on {robot}, {WORDS[SET]} do: with the policy {how}."
-        advice = f"Load {folder}/tuned.yaml after your own parameters, or train a policy of its own ({train} ...)."
     elif clearly_better(scores, OWN, POLICY):
         judged = f"The policy does not pay on {robot}: {how}."
-        advice = f"Keep your parameters, or train a policy of its own ({train} ...) and try again."
     else:
         judged = f"Whether the policy pays on {robot} is not clear: {how}."
-        advice = (
-            f"Keep your parameters, or train a policy of its own ({train} ...): no courses are left to drive."
-            if used_up
-            else "Keep your parameters for now, and give the same command more --minutes: it continues."
-        )
-    return best, [_driven(trials, robot), judged, advice]
+    return best, [_driven(trials, robot), judged]
 
 
 def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tuple[bool, List[str]]:
@@ -186,16 +166,3 @@ def failures(trials: pd.DataFrame) -> List[str]:
         who = ", ".join(f"{count} with {WORDS[method]}" for method, count in counts.items())
         lines.append(f"failed: {why} ({who})")
     return lines
-
-
-def picture(scores: pd.DataFrame, robot: str, path: Path) -> None:
-    """Draws each course's score with the robot's own parameters against that with the others, into a PNG file."""
-    figure, ((axes,),) = canvas(size=(6, 6))
-    most = 1.05 * float(scores.max(axis=None))
-    axes.plot([0, most], [0, most], color="gray", linewidth=1)
-    for method, mark in zip([method for method in scores if method != OWN], "ox"):
-        axes.plot(scores[OWN], scores[method], mark, alpha=0.7, label=WORDS[method])
-    axes.set(xlim=(0, most), ylim=(0, most), aspect="equal", title=f"{robot}: a point per world, faster below the line")
-    axes.set(xlabel=f"with {WORDS[OWN]} [s], a failure as {FAILURE_SECONDS:g}", ylabel="with the other [s]")
-    axes.legend(loc="upper left")
-    figure.savefig(path, dpi=100)

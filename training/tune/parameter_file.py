@@ -1,4 +1,4 @@
-"""A parameter set as files: JSON for this package's methods, YAML for any move_base. Both searches write it."""
+"""A parameter set as files: JSON for this package's methods, YAML for any move_base. tune_robot.py writes it."""
 
 from __future__ import annotations
 

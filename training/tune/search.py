@@ -1,7 +1,7 @@
 """The search for one parameter set: races between sets on common trials, CMA-ES by their ranks, and what pays of a set.
 
 In each generation new sets race through the same newly drawn worlds with the same seeds, and CMA-ES is given their
-ranks. tune_robot.py and static_search.py call it.
+ranks. tune_robot.py calls it.
 """
 
 from __future__ import annotations

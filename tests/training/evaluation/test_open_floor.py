@@ -1,4 +1,4 @@
-"""Open floor: its courses, and why a robot does not drive there; test_verdict.py drives all of it."""
+"""Open floor: its courses, why a robot does not drive there, and the check that drives all of it."""
 
 import shutil
 
@@ -7,6 +7,7 @@ import pytest
 import sim_bridge
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
+from training import check_robot
 from training.evaluation.open_floor import Floor, changes, courses, with_change
 
 BURGER = load("turtlebot3_burger")
@@ -55,3 +56,19 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     speed = with_change(BURGER, found["max_vel_x"]).parameters()["DWAPlannerROS"]
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
     assert space_of(BURGER).theta0[0] == pytest.approx(0.22)
+
+
+def test_a_check_ends_with_why_a_robot_does_not_drive_and_what_to_change(capsys):
+    """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
+    assert check_robot.main(["husky"]) == 1
+    *_, why, can, remedy, last = capsys.readouterr().out.splitlines()
+    assert why.startswith("The set-up of husky is wrong. On open floor, with its own parameters, it cannot drive t")
+    assert can.startswith("It can drive straight on (")
+    assert remedy == "Give occdist_scale 0.005 instead of 0.01: all four drives arrive with it."
+    assert last.startswith("What courses said")
+
+
+def test_a_check_of_a_robot_that_drives_ends_with_how_long_each_drive_took(capsys):
+    assert check_robot.main(["turtlebot3_burger"]) == 0
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("On open floor turtlebot3_burger can, with its own parameters, drive straight on (")

@@ -1,7 +1,6 @@
 """What damaged or oversized bags and files do: one line, bounded memory."""
 
 import bz2
-import json
 import os
 import struct
 import tracemalloc
@@ -10,25 +9,10 @@ import lz4.frame
 import pytest
 from rosbags.rosbag2 import storage_mcap
 
-from training import appld, bags_to_dataset, demonstrate, static_search
+from training import appld, bags_to_dataset, demonstrate, tune_robot
 from training.bags import reader
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import Demonstrator
-
-
-@pytest.mark.parametrize(
-    "content",
-    [{"log": []}, {"theta": 1}, [1], {"max_vel_x": "fast"}],
-)
-def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys):
-    start = tmp_path / "start.json"
-    start.write_text(json.dumps(content))
-    command = ["--worlds", "generated:0", "--workers", "0", "--start", str(start), "--out", str(tmp_path / "s.json")]
-    assert static_search.main(command) == 1
-    error = capsys.readouterr().err.strip()
-    assert error.startswith("static_search.py: ")
-    assert "\n" not in error
-    assert str(start) in error
 
 
 @pytest.mark.fault("23a")
@@ -39,7 +23,7 @@ def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys
         (appld, ["nowhere.bag", "--out", "x.safetensors"], "nowhere.bag"),
         (bags_to_dataset, ["x.bag"], "--out"),
         (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
-        (static_search, ["--population", "3"], "--population"),
+        (tune_robot, ["jackal", "--minutes", "0"], "--minutes"),
     ],
 )
 def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, word, tmp_path, monkeypatch, capsys):

@@ -1,18 +1,16 @@
-"""The search for one set: races between candidates on common trials, what pays of a set, and static_search.py."""
-
-import json
+"""The search for one set: races between candidates on common trials, and what pays of a set."""
 
 import numpy as np
 
-from applr_ros1.policy import methods
+from applr_ros1 import robots
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
-from training import static_search
+from training.actors.pool import make_pool
+from training.env.settings import TrialSettings
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.plan import TrialResult, seed_of
 from training.evaluation.score import AIMS, clearly_worse
-from training.static_search import StaticOptions
-from training.tune.search import SetTrials, race, without_idle
+from training.tune.search import SetTrials, blocks_of, finalists, last_race, race, search, without_idle
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -141,39 +139,30 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
     assert not clearly_worse(worlds[:4] + 50.0, worlds[:4])
 
 
-def test_a_search_for_the_metric_prefers_what_arrives():
-    slow, fast = TrialResult(True, False, False, 40.0, route_m=7.0), TrialResult(True, True, False, 8.0, route_m=7.0)
-    assert StaticOptions(objective="metric").cost(slow) < StaticOptions(objective="metric").cost(fast) == 0.0
-    assert StaticOptions().cost(fast) == 13.0 < StaticOptions().cost(slow)
-
-
 def test_a_search_never_drives_evaluates_seeds():
     searched = SetTrials(None, [("w", "w")], SPACE).trial(SPACE.theta0, 0, 0, 3).seed
     assert searched == seed_of(CHOOSING + 3, "w", 0)
     assert searched not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
 
-def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
-    out, log_path = tmp_path / "static.json", tmp_path / "static_log.json"
-    start = tmp_path / "start.json"
-    start.write_text(json.dumps({"max_vel_x": 2.0, "inflation_radius": 0.1}))
-    arguments = ["--worlds=generated:140", "--generations=1", "--population=4", "--worlds-per-set=1", "--workers=0"]
-    arguments += ["--final-worlds=generated:140", "--final-simulator=kinematic", "--final-trials=1", "--sigma=.1"]
-    arguments += ["--start", str(start), "--out", str(out)]
-    assert static_search.main(arguments) == 0
-    assert methods.make(str(out)).theta(None).shape == (11,)
-    log = json.loads(log_path.read_text())
-    sets = [line["theta"] for line in log["finalists"]]
-    assert SPACE.theta0.tolist() in sets
-    assert SPACE.read(start).tolist() in sets
-    assert log["result"] == log["finalists"][0]
-    assert log["result"]["score"] == min(line["score"] for line in log["finalists"])
-    table = tmp_path / "static_trials.csv"
+def test_a_search_that_was_stopped_comes_to_the_same_result(tmp_path):
+    """A generation and the last race of the Jackal, driven as the command drives them."""
+    table, robot = tmp_path / "kinematic.csv", robots.JACKAL
+    settings = TrialSettings(simulator="kinematic", robot=robot.folder)
+    starts = [SPACE.theta0, SPACE.from_dict({"max_vel_x": 2.0, "inflation_radius": 0.1})]
+
+    def result():
+        with make_pool(0) as pool:
+            trials = SetTrials.kept(pool, robot, [("generated:140", "generated:140")], table, settings)
+            log = list(search([trials], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1))
+            return last_race(trials, finalists(SPACE, starts, log), blocks_of(1, 1, 0), time_of, 0)
+
+    lines = result()
+    sets = [line["theta"] for line in lines]
+    assert all(start.tolist() in sets for start in starts)
+    assert lines[0]["score"] == min(line["score"] for line in lines)
     driven = kept(table)
     assert len(driven) > 4
     kept(table, first=4)  # as if killed then
-    assert static_search.main(arguments) == 0  # the same command comes to the same result
-    assert [line["theta"] for line in json.loads(log_path.read_text())["finalists"]] == sets
+    assert result() == lines
     assert kept(table) == driven
-    assert static_search.main(["--worlds", "generated:999", "--workers", "0", "--out", str(out)]) == 1
-    assert capsys.readouterr().err.startswith("static_search.py: ")

@@ -27,6 +27,7 @@ from training.tune.bag import Check
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
 WIDTH = robots.JACKAL.body.size[1]
 NOISE = Value(0.02, "m", 0.001, "52 scans")
+FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 DRIVEN = []  # trials, each of which takes a second
 
 
@@ -59,7 +60,6 @@ def only_in_search(settings, task):
 def few(monkeypatch):
     """Few courses, and time in which nothing but drives takes any."""
     DRIVEN.clear()
-    monkeypatch.setattr(tune_robot, "WORLDS", "generated:1-12")
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
     monkeypatch.setattr(tune_robot.open_floor, "sentences", lambda robot, simulator: (True, []))
@@ -73,8 +73,8 @@ def jackal(tmp_path, few):
 
 
 def tune(folder, runner, *more):
-    words = [str(folder), "--workers", "0", "--out", str(folder.parent / "out"), "--minutes", "12", *more]
-    return tune_robot.main([*words, "--runner", f"{__name__}:{runner}"])
+    words = [str(folder), "--out", str(folder.parent / "out"), "--minutes", "12", *more]
+    return tune_robot.main([*words, *FEW, "--runner", f"{__name__}:{runner}"])
 
 
 def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
@@ -206,8 +206,8 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
-    words = ["jackal", "--workers", "0", "--out", str(tmp_path), "--minutes", "5", "--runner", f"{__name__}:toy"]
-    assert tune_robot.main(words) == 0
+    words = ["jackal", "--out", str(tmp_path), "--minutes", "5", "--runner", f"{__name__}:toy"]
+    assert tune_robot.main([*words, *FEW]) == 0
     assert (tmp_path / "tuned.yaml").exists()
     assert not (Path(robots.JACKAL.folder) / "tuned.yaml").exists()
 
