@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 from tests.faults.relay import Relay
-from tests.support.fake_robot import decided
+from tests.support.fake_jackal import decided
 from tests.support.jackal import JACKAL
 from tests.support.move_base_stack import goal
 from tests.support.ros_harness import LONGEST, slowness, wait_for

@@ -23,32 +23,16 @@ from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, load
 from tests.support import DATA, HANGS, ROOT
-from tests.support.jackal import JACKAL
 from tests.support.processes import is_alive
 from tests.support.ros_harness import slowness
 
 APPLR = os.path.join(ROOT, "applr")
-LAUNCH = ("applr_ros1", "jackal_applr.launch")
 pytestmark = pytest.mark.ros
 
 
 def inside(*command):
     """The finished process of a command in the workspace's environment."""
     return subprocess.run([APPLR, "exec", *command], capture_output=True, text=True, timeout=HANGS, check=False)
-
-
-def test_parameter_files_are_the_jackals():
-    dumped = inside("roslaunch", "--dump-params", *LAUNCH)
-    assert dumped.returncode == 0, dumped.stderr
-    given = {name: value for name, value in yaml.safe_load(dumped.stdout).items() if name.startswith("/move_base/")}
-    own = {"robot": "jackal", "map": False, "tf_prefix": "none"}
-    more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0, "applr/movers": True}
-    assert given == {"/move_base/" + name: value for name, value in {**own, **more}.items()}
-    tree, robot = with_robot(dict(own, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
-    assert robot.name == "jackal"
-    assert check(tree) == []
-    del tree["applr"]  # what C++ has no parameter for
-    assert complete(tree) == complete(dict(JACKAL, TrajectoryPlannerROS=tree["TrajectoryPlannerROS"]))
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
@@ -77,38 +61,6 @@ def test_a_robot_without_files_for_a_map():
     with pytest.raises(ApplrError, match=r"has no move_base\.with_map: give its files for a map"):
         with_robot({"robot": "jackal", "map": True})
     assert with_robot({"a": 1}) == ({"a": 1}, None)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "nodes"),
-    [
-        (("sim:=false", "monitor:=false", "movers:=false"), {"/move_base", "/applr"}),
-        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/movers", "/applr", "/send_goal"}),
-        (
-            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
-            {"/sim_bridge", "/move_base", "/collision_monitor", "/movers", "/applr", "/record", "/rviz"},
-        ),
-    ],
-)
-def test_which_nodes_start(arguments, nodes):
-    listed = inside("roslaunch", "--nodes", *LAUNCH, *arguments)
-    assert listed.returncode == 0, listed.stderr
-    assert set(listed.stdout.split()) == nodes
-
-
-def test_names_clock_and_cap_reach_the_nodes():
-    arguments = "sim:=false", "use_sim_time:=true", "scan_topic:=/lidar/scan", "tf_prefix:=robot1", "max_speed:=0.3"
-    dumped = inside("roslaunch", "--dump-params", *LAUNCH, *arguments)
-    assert dumped.returncode == 0, dumped.stderr
-    values = yaml.safe_load(dumped.stdout)
-    assert values["/use_sim_time"] is True
-    assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
-    assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
-    shown = inside("roslaunch", "--args", "/applr", *LAUNCH, *arguments)
-    assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
-    plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
-    assert "/use_sim_time" not in plain  # Gazebo's stays
-    assert yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH).stdout)["/use_sim_time"] is True
 
 
 def test_recorded_topics_follow_namespace_and_remappings():

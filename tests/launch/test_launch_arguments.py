@@ -15,8 +15,10 @@ from test_launch import inside
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.nodes.move_base.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo, launcher, play, record, send_goal
 from applr_ros1.nodes.viewer import admission
+from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.policy import methods
 from tests.support import ROOT
 
@@ -54,6 +56,46 @@ def loaded(file, *words):
         environment={node.name: dict(node.env_args) for node in config.nodes},
         words={node.name: shlex.split(node.args or "") for node in config.nodes},
     )
+
+
+def test_parameter_files_are_the_jackals():
+    given = loaded("jackal_applr.launch").parameters
+    given = {name[11:]: value for name, value in given.items() if name.startswith("/move_base/")}
+    own = {"robot": "jackal", "map": False, "tf_prefix": "none"}
+    more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0, "applr/movers": True}
+    assert given == {**own, **more}
+    tree, robot = with_robot(dict(own, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
+    assert robot.name == "jackal"
+    assert check(tree) == []
+    del tree["applr"]  # what C++ has no parameter for
+    assert complete(tree) == complete(dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"]))
+
+
+@pytest.mark.parametrize(
+    ("words", "nodes"),
+    [
+        (("sim:=false", "monitor:=false", "movers:=false"), {"move_base", "applr"}),
+        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"collision_monitor", "movers", "applr", "send_goal"}),
+        (
+            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
+            {"sim_bridge", "move_base", "collision_monitor", "movers", "applr", "record", "rviz"},
+        ),
+    ],
+)
+def test_which_nodes_start(words, nodes):
+    assert set(loaded("jackal_applr.launch", *words).words) == nodes
+
+
+def test_names_clock_and_cap_reach_the_nodes():
+    words = "sim:=false", "use_sim_time:=true", "scan_topic:=/lidar/scan", "tf_prefix:=robot1", "max_speed:=0.3"
+    found = loaded("jackal_applr.launch", *words)
+    values = found.parameters
+    assert values["/use_sim_time"] is True
+    assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
+    assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
+    assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in found.config.nodes)
+    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters  # Gazebo's stays
+    assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
 
 
 @pytest.mark.fault("23a")

@@ -13,7 +13,7 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
-from tests.support.fake_robot import Robot
+from tests.support.fake_jackal import Standing
 from tests.support.ros_harness import LONGEST, session, slowness, wait_for
 from tests.support.weights import make_weights
 
@@ -30,7 +30,7 @@ def ros():
 
 @pytest.fixture(scope="module")
 def robot(ros):
-    made = Robot()
+    made = Standing()
     yield made
     made.close()
 
@@ -364,10 +364,10 @@ def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
     import rospy
 
     rospy.set_param("/use_sim_time", True)
-    robot.simulated = True
+    robot.clock = 100.0
     node, _, _ = stack("dwa")
     for _ in range(5):
-        robot.now -= 3.0
+        robot.clock -= 3.0
         time.sleep(0.4)
     node.until("jumped back")
     assert node.text.count("jumped back") == 1

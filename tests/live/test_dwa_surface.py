@@ -9,7 +9,7 @@ from dynamic_reconfigure.encoding import decode_config
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
 from tests.support import DATA, ros_harness
-from tests.support.fake_jackal import FakeJackal
+from tests.support.fake_jackal import FakeJackal, decided
 from tests.support.jackal import tree
 from tests.support.move_base_stack import POSTS, collect, connected, finish, goal, start
 from tests.support.ros_harness import wait_for
@@ -27,7 +27,6 @@ def master():
 
 @pytest.fixture(scope="module")
 def node(master):
-
     parameters = copy.deepcopy(tree())
     parameters["DWAPlannerROS"].update(
         publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
@@ -62,8 +61,6 @@ def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds
     from move_base_msgs.msg import MoveBaseAction
     from nav_msgs.msg import Path as PathMessage
     from sensor_msgs.msg import PointCloud2
-
-    from tests.support.fake_robot import decided
 
     space = space_of(load("husky"))
     decisions, in_force = [], []

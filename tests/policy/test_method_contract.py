@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
+from tests.support.refusals import refused
 
 
 def scenes(method, count=8):
@@ -52,24 +52,14 @@ def test_methods_of_the_package(spec):
         (lambda: np.zeros(7), "shape"),
         (lambda: np.full(len(SPACE), np.nan), "not finite"),
         (lambda: {}["max\nvel"], "KeyError"),
+        *[(period, "period") for period in (float("nan"), 0.0, 61.0)],
     ],
 )
 def test_what_a_class_of_ones_own_does_wrong_is_one_line(answer, line):
-    class Own:
+    class Mine:
+        period = answer if isinstance(answer, float) else 1.0
+
         def theta(self, context):
             return answer()
 
-    with pytest.raises(ApplrError, match=line) as error:
-        methods.UserMethod(Own(), "Own").theta(None)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("period", [float("nan"), 0.0, 61.0])
-def test_a_class_of_ones_own_with_a_period_that_cannot_be_is_refused(period):
-    class Own:
-        def theta(self, context):
-            return SPACE.theta0
-
-    Own.period = period
-    with pytest.raises(ApplrError, match="period"):
-        methods.UserMethod(Own(), "Own")
+    refused(lambda: methods.UserMethod(Mine(), "Mine").theta(None), line)

@@ -1,15 +1,18 @@
-"""A Jackal on ROS for tests of nodes: does what /cmd_vel says and publishes scan, odometry, tf and, if asked, /clock.
+"""A Jackal on ROS for tests of nodes, as a thread of the test process at the pace of the wall clock.
 
-Runs as a thread of the test process, at the pace of the wall clock. What it publishes can be switched off and bent.
+What it publishes can be switched off and bent.
 """
 
+import itertools
 import math
 import threading
 import time
 
+import numpy as np
 import rospy
-from geometry_msgs.msg import TransformStamped, Twist
-from nav_msgs.msg import Odometry
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped, TransformStamped, Twist
+from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
@@ -22,7 +25,10 @@ COMMAND_TIMEOUT = 0.25
 
 
 class FakeJackal:
-    """`clock`: publish /clock and stamp with it (starting at `clock` seconds); None: wall time."""
+    """Does what /cmd_vel says among round obstacles, and publishes scan, odometry, tf and, if asked, /clock.
+
+    `clock`: publish /clock and stamp with it (starting at `clock` seconds); None: wall time.
+    """
 
     def __init__(self, circles=(), pose=(0.0, 0.0, 0.0), clock=None):
         self.robot = ToyRobot(pose, circles)
@@ -31,23 +37,25 @@ class FakeJackal:
         self.bend = lambda scan: scan  # what happens to a scan before it goes out
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
-        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=50)
-        self._tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        self._odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=5)
-        self._scan = rospy.Publisher("/front/scan", LaserScan, queue_size=5)
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=5) if clock is not None else None
-        self._subscriber = rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)
-        self._tf_static.publish(TFMessage([_transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())]))
+        self._ends = []
+        self._tf, self._odometry = self._publisher("/tf", TFMessage), self._publisher("/odometry/filtered", Odometry)
+        self._scan, self._clock = self._publisher("/front/scan", LaserScan), self._publisher("/clock", Clock)
+        mounted = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+        mounted.publish(TFMessage([_transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())]))
+        self._ends += [mounted, rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)]
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
+    def _publisher(self, topic, kind):
+        self._ends.append(rospy.Publisher(topic, kind, queue_size=50))
+        return self._ends[-1]
+
     def close(self):
         self._over.set()
         self._thread.join(2.0)
-        for end in (self._subscriber, self._tf, self._tf_static, self._odometry, self._scan, self._clock):
-            if end is not None:
-                end.unregister()
+        for end in self._ends:
+            end.unregister()
 
     def now(self):
         return rospy.Time.from_sec(time.time() if self.clock is None else self.clock)
@@ -63,31 +71,30 @@ class FakeJackal:
         self.commands.append((time.time(),) + self._command)
 
     def _run(self):
-        due, n = time.time(), 0
-        while not self._over.wait(max(0.0, due - time.time())):
+        due = time.time()
+        for n in itertools.count(1):
             due += TICK
-            if not self.ticking:
-                continue
-            n += 1
-            fresh = self.commands and time.time() - self.commands[-1][0] < COMMAND_TIMEOUT
-            self.robot.drive(self._command if fresh else None, TICK)
-            if self.clock is not None:
-                self.clock += TICK
-                self._clock.publish(self.now())
-            stamp = self.now()
-            if n % 2 == 0:
-                self._publish_pose(stamp)
-            if n % 5 == 0 and self.scans:
-                scan = LaserScan(
-                    angle_min=ANGLE_MIN,
-                    angle_max=ANGLE_MAX,
-                    angle_increment=INCREMENT,
-                    range_min=RANGE_MIN,
-                    range_max=RANGE_MAX,
-                    ranges=self.robot.ranges().tolist(),
-                )
-                scan.header.stamp, scan.header.frame_id = stamp, "front_laser"
-                self._scan.publish(self.bend(scan))
+            if self._over.wait(max(0.0, due - time.time())):
+                return
+            if self.ticking:
+                if self.clock is not None:
+                    self.clock += TICK
+                    self._clock.publish(self.now())
+                self._tick(n, self.now())
+
+    def _tick(self, n, stamp):
+        fresh = self.commands and time.time() - self.commands[-1][0] < COMMAND_TIMEOUT
+        self.robot.drive(self._command if fresh else None, TICK)
+        if n % 2 == 0:
+            self._publish_pose(stamp)
+        if n % 5 == 0 and self.scans:
+            self._publish_scan(stamp, self.robot.ranges())
+
+    def _publish_scan(self, stamp, ranges):
+        limits = {"angle_min": ANGLE_MIN, "angle_max": ANGLE_MAX, "range_min": RANGE_MIN, "range_max": RANGE_MAX}
+        scan = LaserScan(angle_increment=INCREMENT, ranges=ranges.tolist(), **limits)
+        scan.header.stamp, scan.header.frame_id = stamp, "front_laser"
+        self._scan.publish(self.bend(scan))
 
     def _publish_pose(self, stamp):
         transform = _transform("odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp)
@@ -99,6 +106,74 @@ class FakeJackal:
         odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.robot.pose[:2]
         odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = self.robot.twist
         self._odometry.publish(odometry)
+
+
+class Standing(FakeJackal):
+    """A Jackal that stands, with a move_base's plan, perhaps a goal, and what it hears of the applr node."""
+
+    def __init__(self):
+        from applr_ros1.msg import Decision, Parameters
+        from diagnostic_msgs.msg import DiagnosticArray
+        from std_msgs.msg import Time
+
+        self.reset()
+        super().__init__(pose=self.pose)
+        self.robot.twist, self.transforms = self.twist, False
+        self._plan = self._publisher("/move_base/NavfnROS/plan", Path)
+        self._status = self._publisher("/move_base/status", GoalStatusArray)
+        for topic, kind, callback in (
+            ("/applr/decision", Decision, self._on_decision),
+            ("/applr/heartbeat", Time, lambda m: self.beats.append(m.data.to_sec())),
+            ("/applr/parameters", Parameters, lambda m: self.parameters.append(list(m.values))),
+            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+        ):
+            self._ends.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
+
+    def reset(self):
+        self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
+        self.pose, self.twist = (0.5, -0.25, 0.4), (0.3, -0.1)
+        self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
+        self.goal = self.clock = None
+        self.statuses = True  # whether move_base's status is published
+        self.decisions, self.observations, self.beats, self.parameters, self.values = [], [], [], [], {}
+
+    def count(self, key):
+        return int(self.values.get(key, 0))
+
+    def _on_decision(self, message):
+        self.decisions.append(decided(message))
+        self.observations.append(np.array(message.observation, dtype=np.float32))
+
+    def _on_diagnostics(self, message):
+        status = message.status[0]
+        self.values = {**{v.key: v.value for v in status.values}, "level": status.level, "message": status.message}
+
+    def _tick(self, n, stamp):
+        if n % 2:
+            return
+        goal = self.goal
+        if self.statuses:
+            active = [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")] if goal is not None else []
+            status = GoalStatusArray(status_list=active)
+            status.header.stamp = stamp
+            self._status.publish(status)
+        self._publish_pose(stamp)
+        self._publish_scan(stamp, self.ranges)
+        if goal is not None:
+            plan = Path()
+            plan.header.stamp, plan.header.frame_id = stamp, "odom"
+            for x, y in self.path:
+                plan.poses.append(PoseStamped())
+                plan.poses[-1].pose.position.x, plan.poses[-1].pose.position.y = x, y
+            self._plan.publish(plan)
+
+
+def decided(message):
+    """What an applr_ros1/Decision says, as a dict; "theta" is empty where the method's output was refused."""
+    sets = {
+        key: dict(zip(of.names, of.values)) for key, of in (("theta_prev", message.before), ("theta", message.after))
+    }
+    return dict(sets, stamp=str(message.header.stamp), refused=message.refused)
 
 
 def _transform(parent, child, pose, stamp):

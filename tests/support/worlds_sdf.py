@@ -1,29 +1,45 @@
 """Gazebo world files made in the tests: no file of anybody else's is in this repo. tests/test_worlds_*.py use it."""
 
 import os
+import time
 
 import numpy as np
 
-CYLINDER = (
-    "<model name='{name}'><static>1</static><pose frame=''>{pose}</pose><link name='link'>"
-    "<collision name='collision'><geometry><cylinder><radius>{radius}</radius><length>1</length></cylinder>"
-    "</geometry></collision></link></model>"
-)
-GROUND = (
-    "<model name='ground_plane'><static>1</static><link name='link'><collision name='c'><geometry><plane>"
-    "<normal>0 0 1</normal><size>100 100</size></plane></geometry></collision></link></model>"
-)
+import worlds
+from tests.support.refusals import refused
 
 
-def sdf(body):
-    return "<sdf version='1.6'><world name='default'><light name='sun' type='directional'/>%s%s</world></sdf>" % (
-        GROUND,
-        body,
+def refused_world(path, *words):
+    """The line with which a world file is refused, soon and not at length."""
+    started = time.process_time()
+    line = refused(lambda: worlds.load(str(path)), *words)
+    assert time.process_time() - started < 5.0
+    assert len(line) < 600
+    return line
+
+
+def model(name, pose, shape):
+    """A model of one shape; pose: six numbers in a text, with the attribute as it stands in DynaBARN's files."""
+    return (
+        f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
+        f"<geometry>{shape}</geometry></collision></link></model>"
     )
 
 
+def box(name, x, y, z, *size, yaw=0):
+    """A box (size along x, y, z) whose middle is at (x, y, z)."""
+    return model(name, f"{x} {y} {z} 0 0 {yaw}", "<box><size>%s %s %s</size></box>" % size)
+
+
+def sdf(body):
+    ground = model("ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>")
+    light = "<light name='sun' type='directional'/>"
+    return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}</world></sdf>"
+
+
 def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
-    return CYLINDER.format(name=name, pose="%f %f %f 0.000000 0.000000 0.000000" % (x, y, z), radius=radius)
+    shape = f"<cylinder><radius>{radius}</radius><length>1</length></cylinder>"
+    return model(name, "%f %f %f 0.000000 0.000000 0.000000" % (x, y, z), shape)
 
 
 def moving(name, x=0.0, y=0.0, filename=None):
