@@ -55,40 +55,22 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
     return fitting[0] if len(fitting) == 1 else None
 
 
-class Compensation:
-    """What is sent instead of a parameter set whose two biases count per cell, so that the planner drives the same.
-
-    Args:
-        space: the parameters; nothing is changed in one that does not set all three weights.
-        factor: by what the planner multiplies its two biases, 1.0 or the resolution of the local costmap [m].
-        largest: the upper bound of the planner's biases.
+def multipliers_of(space: Space, factor: float, largest: float = 5.0) -> np.ndarray:
+    """By what (n,) a set that counts per cell is multiplied on its way to a planner, so that it drives the same.
 
     A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
     their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.
 
-    Attributes:
-        multipliers: (n,), of the parameters on their way to the planner; ones where nothing has to be changed.
+    Args:
+        space: The parameters; of one that does not set all three weights none is changed.
+        factor: By what the planner multiplies its two biases, 1.0 or the resolution of the local costmap [m].
+        largest: The upper bound of the planner's biases.
     """
-
-    def __init__(self, space: Space, factor: float = 1.0, largest: float = 5.0):
-        self.multipliers = np.ones(len(space))
-        indices = indices_of(space)
-        if factor != 1.0 and indices is not None:
-            path, goal, occ = indices
-            wanted = 1.0 / factor
-            excess = wanted * max(space.high[path], space.high[goal]) / largest
-            self.multipliers[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
-            self.multipliers[[path, goal]] = wanted * self.multipliers[occ]
-
-    @property
-    def needed(self) -> bool:
-        """Whether anything is sent otherwise than it stands in the set."""
-        return bool((self.multipliers != 1.0).any())
-
-    def outgoing(self, theta: np.ndarray) -> np.ndarray:
-        """The values (n,) to be sent for parameters (n,)."""
-        return theta * self.multipliers
-
-    def incoming(self, values: np.ndarray) -> np.ndarray:
-        """What values (n,) of the planner mean as parameters (n,)."""
-        return values / self.multipliers
+    found, indices = np.ones(len(space)), indices_of(space)
+    if factor != 1.0 and indices is not None:
+        path, goal, occ = indices
+        wanted = 1.0 / factor
+        excess = wanted * max(space.high[path], space.high[goal]) / largest
+        found[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
+        found[[path, goal]] = wanted * found[occ]
+    return found

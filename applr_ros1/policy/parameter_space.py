@@ -6,7 +6,7 @@ eight parameters of it.
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Dict, Tuple
 
@@ -84,6 +84,11 @@ class Space:
         theta[self._chosen_at] = values
         return theta
 
+    def below(self, name, highest):
+        """The Space in which one parameter, where there is such a one, is at most `highest`."""
+        mine = np.array(self.names) == name
+        return replace(self, high=np.where(mine, np.minimum(self.high, highest), self.high))
+
     def clip(self, theta):
         """The nearest parameters (n,) float64 inside the ranges, counts rounded to whole numbers.
 
@@ -151,7 +156,7 @@ class Space:
         return self.requests_for(self.clip(theta))
 
     def requests_for(self, values):
-        """The requests for values (n,) that may lie outside of the space's ranges (distance_weights.Compensation)."""
+        """The requests for values (n,) that may lie outside of the space's ranges (distance_weights.py)."""
         values = list(self.as_dict(values).values())
         return {
             server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(server)}

@@ -5,6 +5,7 @@ move_base.
 import time
 from collections import Counter
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,6 +180,14 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert np.array_equal(client.theta(), SPACE.high)
     assert applied(client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1]))
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
+    wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
+    wait_for(lambda: not wide.connect(), "servers")
+    for theta, end in ((wide.space.low, "min"), (wide.space.high, "max")):  # what the servers declare bounds it, too
+        assert applied(wide, theta)
+        planner = wide._servers["TrajectoryPlannerROS"]
+        for name in ("max_vel_x", "vx_samples", "occdist_scale"):
+            assert planner.values[name] == planner.declared[name][end]
+    wide.close()
 
 
 def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake):

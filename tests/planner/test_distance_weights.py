@@ -10,7 +10,7 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
-from applr_ros1.policy.distance_weights import Compensation, factor_of
+from applr_ros1.policy.distance_weights import factor_of, multipliers_of
 from applr_ros1.policy.parameter_space import SPACE, send
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 
@@ -56,7 +56,7 @@ def test_a_compensated_drive_equals_one_that_needed_none():
         """Sends what means the same to a planner that counts per metre, as the applr node does."""
 
         def apply(self, theta):
-            send(SPACE.requests_for(Compensation(SPACE, 0.05).outgoing(theta)), self.move_base)
+            send(SPACE.requests_for(theta * multipliers_of(SPACE, 0.05)), self.move_base)
             return theta
 
     draw, rows = np.random.default_rng(2), []
@@ -77,14 +77,13 @@ def test_a_compensated_drive_equals_one_that_needed_none():
 
 def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
     for factor in (0.05, 0.02):
-        made = Compensation(SPACE, factor)
+        factors = multipliers_of(SPACE, factor)
         for theta in (SPACE.low, SPACE.high, SPACE.theta0):
-            sent = made.outgoing(theta)
+            sent = theta * factors
             assert sent[4:7].min() > 0.0
             assert sent[4:7].max() <= 5.0
             assert np.array_equal(np.delete(sent, (4, 5, 6)), np.delete(theta, (4, 5, 6)))
-            assert made.incoming(sent) == pytest.approx(theta, rel=1e-12)
-    assert not Compensation(SPACE, 1.0).needed
+    assert (multipliers_of(SPACE, 1.0) == 1.0).all()
 
 
 def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_path):

@@ -6,14 +6,14 @@ is about and does the arithmetic.
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Tuple
 
 import numpy as np
 import rospy
 from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.policy.distance_weights import PLANNER, Compensation, factor_of, indices_of
+from applr_ros1.policy.distance_weights import PLANNER, factor_of, indices_of, multipliers_of
 
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
@@ -22,7 +22,7 @@ FIELDS = ("x", "y", "z", "path", "goal", "occ", "total")  # what the names of a 
 
 
 class MeterScoring:
-    """Whether the planner's distance biases count per metre or per cell, as far as it is known.
+    """What the planner's distance biases count, as far as it is known, and by what the client multiplies sets for it.
 
     Args:
         client: Of the planner's parameters.
@@ -38,14 +38,25 @@ class MeterScoring:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is known: the planner was started anew. May be called from any thread."""
+        """Nothing is known, and sets are sent as they are: the planner was started anew. May be called anywhere."""
+        self._client.multipliers = np.ones(len(self._space))
         self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
         self._odd = 0
         self._since: Optional[rospy.Time] = None  # when the node began to listen
-        self._said = ""
+        self._used: Tuple[Optional[float], bool] = (None, False)  # what the multipliers are for
+        self._line = ""
 
-    def look(self, now: rospy.Time, driving: bool) -> bool:
-        """Listen while there is something to find; True when what is known has changed since the last call."""
+    def look(self, now: rospy.Time, driving: bool, per_cell: bool) -> bool:
+        """Listen while there is something to find, log what was found, and set the client's multipliers.
+
+        Args:
+            now: ROS time.
+            driving: Whether there is a goal.
+            per_cell: Whether the method's sets count per cell (policy.decision.Method.per_cell).
+
+        Returns:
+            Whether the multipliers have changed.
+        """
         if self._at is not None and self.choice != AUTO and self._factor is None:
             self._factor = self._resolution() if self.choice == TRUE else 1.0
         wanted = self._at is not None and driving and self._factor is None and self._odd < CLOUDS
@@ -58,8 +69,15 @@ class MeterScoring:
         elif not wanted and self._subscriber is not None:
             self._subscriber.unregister()
             self._subscriber = None
-        said, self._said = self._said, self.line(now)
-        return said != self._said
+        before = self._client.multipliers
+        if self._used != (self._factor, per_cell):
+            self._used = self._factor, per_cell
+            self._client.multipliers = self._multipliers(per_cell)
+        line = self.line(now)
+        if line not in ("", self._line):
+            rospy.loginfo("applr: %s", line)
+        self._line = line
+        return not np.array_equal(before, self._client.multipliers)
 
     def waits(self, now: rospy.Time) -> bool:
         """Whether a cloud that would tell may be about to come."""
@@ -68,7 +86,13 @@ class MeterScoring:
         return listens and (now - since).to_sec() < PATIENCE
 
     def line(self, now: rospy.Time) -> str:
-        """What is known, in words; "" before there was an occasion to find out."""
+        """What is known and done, in words; "" before there was an occasion to find out."""
+        factors = zip(self._space.names, self._client.multipliers)
+        sent = ", ".join(f"{name} x {factor:.6g}" for name, factor in factors if factor != 1.0)
+        why = sent and f"the set is made for weights per cell, so what is sent is {sent}"
+        return "; ".join(filter(None, [self._known(now), why]))
+
+    def _known(self, now: rospy.Time) -> str:
         if self._at is None:
             return f"sets are sent as they are: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
@@ -81,14 +105,13 @@ class MeterScoring:
             return ""
         return "the planner's distance weights are taken to be what the set was made for: " + why
 
-    def compensation(self, per_cell: bool) -> Compensation:
-        """What is to be sent for a method's sets (policy.methods.protocol.Method.per_cell)."""
-        nothing = Compensation(self._space)
+    def _multipliers(self, per_cell: bool) -> np.ndarray:
+        nothing = np.ones(len(self._space))
         if self._factor is None or self._at is None or not per_cell:
             return nothing
         low, high = self._client.bounds()
-        found = Compensation(self._space, self._factor, high[self._at[:2]].min())
-        if (found.outgoing(self._space.low) >= low).all() and (found.outgoing(self._space.high) <= high).all():
+        found = multipliers_of(self._space, self._factor, high[self._at[:2]].min())
+        if (found * self._space.low >= low).all() and (found * self._space.high <= high).all():
             return found
         rospy.logwarn("applr: the distance biases are not rescaled: the planner's bounds do not allow it")
         return nothing

@@ -18,7 +18,6 @@ from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.sensors import jumped_back
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
@@ -62,7 +61,7 @@ class ApplrNode:
         self._own_period = period
         self.enabled = True
         self._by_hand = None  # (n,) that a person has set; the method is off then
-        self._cap = np.where(np.array(self.space.names) == "max_vel_x", max_speed, math.inf)
+        self._max_speed = max_speed
         self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
@@ -71,7 +70,8 @@ class ApplrNode:
         self._last = None  # ROS time of the last decision
         self._base_set = False  # whether what a goal-less planner should have has been sent
         self._deciding = threading.Lock()  # of method, enabled and the course's state
-        self.client = ReconfigureClient(namespace, self.space, self._on_restart, self._on_report, self._say)
+        space = self.space.below("max_vel_x", max_speed)
+        self.client = ReconfigureClient(namespace, space, self._on_restart, self._on_report, self._say)
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
@@ -142,17 +142,17 @@ class ApplrNode:
             if unknown:
                 raise ApplrError(f"unknown parameter {unknown[0]!r}: use {', '.join(self.space.names)}")
             wanted = [values.get(name, value) for name, value in zip(self.space.names, theta)]
-            self._by_hand = self._capped(self.space.clip(wanted))
+            self._by_hand = self.client.request(np.array(wanted))
             if self.enabled:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
             self.enabled = False
-            self.client.request(self._by_hand)
 
     def change_method(self, method):
         """Let another method decide from now on; in the middle of a course it decides at once."""
         with self._deciding:
             self.method, self.degraded = method, ""
-            self._compensate()
+            if self.client.connected:
+                self.meter_scoring.look(rospy.Time.now(), self._goal is not None, method.per_cell)
             if self._goal is None or method.static:
                 self._base_set = False
             else:
@@ -179,36 +179,11 @@ class ApplrNode:
             else:
                 self._begin_course(now)
             self._goal, self._last = goal, None
-        if self.client.connected and self.meter_scoring.look(now, goal is not None) and self._compensate():
-            self._resend()
+        if self.client.connected and self.meter_scoring.look(now, goal is not None, self.method.per_cell):
+            self.client.reapply()  # what the planner has was sent before it was known what its weights count
+            self._publish_parameters()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
-
-    def _compensate(self):
-        """Rescale the sets for this planner from now on, and log it. Returns whether what it has is to be sent again.
-
-        Where nothing changes, what the planner has stays as it is; a person may have set it meanwhile.
-        """
-        before = self.client.compensation
-        self.client.compensation = self.meter_scoring.compensation(self.method.per_cell)
-        line = self._scoring_line(rospy.Time.now())
-        if line:
-            rospy.loginfo("applr: %s", line)
-        self._publish_parameters()
-        return not np.array_equal(before.multipliers, self.client.compensation.multipliers)
-
-    def _scoring_line(self, now):
-        factors = zip(self.space.names, self.client.compensation.multipliers)
-        sent = ", ".join(f"{name} x {factor:.6g}" for name, factor in factors if factor != 1.0)
-        why = sent and f"the set is made for weights per cell, so what is sent is {sent}"
-        return "; ".join(filter(None, [self.meter_scoring.line(now), why]))
-
-    def _resend(self):
-        """What the planner has was sent before it was known what its weights count."""
-        if self._last is None or self.method.static or self.client.applied is None:
-            self._base()
-        else:
-            self.client.reapply()
 
     def _decide(self, now, goal):
         unsettled = self.client.busy or self.meter_scoring.waits(now)
@@ -237,19 +212,22 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        theta, refused = self._ask(context)
+        theta, refused = self._choose(context)
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")
             return
         self._failures = 0
-        if not self.method.static:
-            self.client.request(theta)
 
-    def _ask(self, context):
-        """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
+    def _choose(self, context):
+        """Request what the method chooses: (theta, "") as requested, (None, one line) where it must not be sent.
+
+        What a static method says in a course is not requested: a person may have set something else since.
+        """
         try:
-            return self._capped(self.space.clip(self.method.theta(context))), ""
+            theta = self.method.theta(context)
+            sent = context is None or not self.method.static
+            return self.client.request(theta) if sent else self.client.space.clip(theta), ""
         except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
             return None, one_line(e)
 
@@ -260,39 +238,33 @@ class ApplrNode:
         self._say(line)
         if self._failures == LOST_AFTER and not self.method.static:
             self._say(f"no decision for {LOST_AFTER} periods: back to theta_0")
-            self.client.request(self._capped(self.space.theta0))
+            self.client.request(self.space.theta0)
 
     def _base(self):
-        """What the planner has between goals: theta_0, or the one set of a static method or a person."""
-        theta = self._by_hand
+        """Request what the planner has between goals: theta_0, or the one set of a static method or a person."""
+        if self._by_hand is not None:
+            self.client.request(self._by_hand)
+            return
+        theta = None
         if self.enabled and self.method.static:
-            theta, refused = self._ask(None)
+            theta, refused = self._choose(None)
             self.degraded = refused or self.degraded
         if theta is None:
-            theta = self._capped(self.space.theta0)
-        has = self.client.theta()
-        if has is None or not np.array_equal(has, theta) or self.client.busy:
-            self.client.request(theta)
-
-    def _capped(self, theta):
-        """Theta (n,) with max_vel_x within max_speed."""
-        return np.minimum(theta, self._cap)
+            self.client.request(self.space.theta0)
 
     def shutdown(self):
-        """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
+        """Leave the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.client.stop()
-        theta = self._capped(self.space.theta0)
-        if self.client.applied is None:
+        client, theta = self.client, self.client.space.clip(self.space.theta0)
+        if client.applied is None or (np.array_equal(client.applied, theta) and (client.multipliers == 1.0).all()):
             return
-        if self.client.compensation.needed or not np.array_equal(self.client.applied, theta):
-            self.client.compensation = Compensation(self.space)  # as the planner was before this node came
-            self.client.apply(theta)
+        self.meter_scoring.forget()  # as the planner was before this node came
+        client.apply(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.meter_scoring.forget()  # another process may count otherwise
-        self.client.compensation = Compensation(self.space)
         self.client.reapply()
 
     def _on_report(self, report):
@@ -332,8 +304,8 @@ class ApplrNode:
                 {name: self.counts[name] for name in COUNTS},
                 method=self.method.name if self.enabled else "off",
                 stalls=self.method.stalls,
-                max_speed=f"{self._cap.min():g}",
-                meter_scoring=self._scoring_line(now) or "not known before the first goal",
+                max_speed=f"{self._max_speed:g}",
+                meter_scoring=self.meter_scoring.line(now) or "not known before the first goal",
                 goal=self._goal or "none",
                 decision_age_s=f"{age:.2f}",
                 servers=", ".join(sorted(self.client.servers.values())) or "none",
@@ -344,7 +316,7 @@ class ApplrNode:
         """Publish what the planner has, and by what it gets the parameters multiplied; returns theta."""
         theta = self.client.theta()
         if theta is not None:
-            self.topics.parameters(theta, rospy.Time.now(), self.client.compensation.multipliers)
+            self.topics.parameters(theta, rospy.Time.now(), self.client.multipliers)
         return theta
 
     def _doing(self):

@@ -20,7 +20,6 @@ from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
 
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.parameter_space import SPACE, Space, Target, are_in_force
 
 # deadlines are wall time, whatever the clock of ROS does
@@ -120,12 +119,9 @@ class Server:
         return self._known == self._starts and are_in_force(values, self.values)
 
     def request(self, values: np.ndarray) -> Dict[str, Any]:
-        """{name: value} of what it holds of values (n,), within the bounds and as the types that it declares."""
-        found, declared = {}, self.declared
-        for i, sign, name in self.settings:
-            p = declared[name]
-            found[name] = _KINDS[p["type"]](min(max(sign * values[i], p["min"]), p["max"]))
-        return found
+        """{name: value} of what it holds of values (n,), as the types that it declares."""
+        declared = self.declared
+        return {name: _KINDS[declared[name]["type"]](sign * values[i]) for i, sign, name in self.settings}
 
     def set(self, values: Mapping[str, Any]) -> Future:
         """Begin a call, with no other unanswered; its result is one line why {name: value} are not in force, or ""."""
@@ -155,9 +151,10 @@ class Server:
 
 
 class ReconfigureClient:
-    """The parameters of one move_base. Make it after rospy.init_node.
+    """The parameters of one move_base, and the only door to them. Make it after rospy.init_node.
 
-    `apply` waits for its result; once it is started, a thread applies what is requested, until it is in force.
+    `apply` waits for its result; once it is started, a thread applies what is requested, until it is in force. Both
+    clip to the space's ranges, round counts, and refuse what is not finite.
 
     Args:
         namespace: Of move_base.
@@ -168,6 +165,7 @@ class ReconfigureClient:
 
     Attributes:
         applied: theta (n,) of the last request that came into force.
+        multipliers: (n,) by which parameters are multiplied on their way to the planner (MeterScoring sets them).
     """
 
     def __init__(
@@ -188,7 +186,7 @@ class ReconfigureClient:
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
         self.starting = False  # whether the last `connect` found move_base's node, but none of its servers yet
         self._servers: Dict[str, Server] = {}  # by their names in the space
-        self.compensation = Compensation(space)  # what is sent instead of theta, and back
+        self.multipliers = np.ones(len(space))
         self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None  # (theta, values) of the last apply
         self._lock = threading.Lock()  # one apply at a time
 
@@ -265,29 +263,32 @@ class ReconfigureClient:
             return None
         if sent is not None and np.array_equal(values, sent[1]):
             return sent[0].copy()
-        return self.compensation.incoming(values)
+        return values / self.multipliers
 
     def bounds(self) -> Tuple[np.ndarray, np.ndarray]:
         """The smallest and the largest values (n,) that all servers take."""
         low, high = np.full((2, len(self.space)), [[-np.inf], [np.inf]])
         for server in self._servers.values():
+            declared = server.declared
             for i, sign, name in server.settings:
-                least, most = sorted(sign * server.declared[name][end] for end in ("min", "max"))
+                least, most = sorted(sign * declared[name][end] for end in ("min", "max"))
                 low[i], high[i] = max(low[i], least), min(high[i], most)
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
         """Sets theta (n,): one call to each server that has not got its values, side by side, with answers verified.
 
-        What is sent is `compensation`.outgoing(theta), within the servers' bounds. A server whose values are in force
-        is left alone: C++ empties a costmap at every call of its server, an unchanged value's, too.
+        What is sent is theta times `multipliers`, within the servers' bounds. A server whose values are in force is
+        left alone: C++ empties a costmap at every call of its server, an unchanged value's, too.
 
         Raises ApplrError before anything is sent when a value is not finite. Otherwise never raises and ends within
         `seconds` (twice that where values have to be put back): see ApplyReport. If one server refuses, is gone or
         does not answer, those that took the new values get their former ones back. Nothing is sent while a server
         still has a former call to answer.
         """
-        theta = self.space.clip(theta)
+        return self._apply(self.space.clip(theta), seconds)
+
+    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
         until = time.monotonic() + seconds
         with self._lock:
             if not self.connected:
@@ -298,8 +299,9 @@ class ReconfigureClient:
             put_back: List[str] = []
             refused = False
             if not errors:
-                values = self.compensation.outgoing(theta)
+                values = theta * self.multipliers
                 self._sent = theta, values
+                values = np.clip(values, *self.bounds())
                 wanted = {server: server.request(values) for server in servers}
                 wanted = {server: request for server, request in wanted.items() if not server.has(request)}
                 former = {s: {name: s.values[name] for name in wanted[s] if name in s.values} for s in wanted}
@@ -316,11 +318,16 @@ class ReconfigureClient:
         """Begin to apply requests; those made before are kept."""
         self._thread.start()
 
-    def request(self, theta: np.ndarray) -> None:
-        """Have theta (n,), finite, applied as soon as possible, instead of what was requested before."""
+    def request(self, theta: np.ndarray) -> np.ndarray:
+        """Have theta (n,) applied as soon as possible, instead of what was requested before; returns it as requested.
+
+        Raises ApplrError, and changes nothing, for a value that is not finite.
+        """
+        theta = self.space.clip(theta)
         with self._asking:
-            self._requested, self._refusals = np.array(theta, dtype=np.float64), 0
+            self._requested, self._refusals = theta, 0
         self._wake.set()
+        return theta
 
     def reapply(self) -> None:
         """Apply the present parameters anew: a server came back and has its start-up values."""
@@ -368,7 +375,7 @@ class ReconfigureClient:
             self._wake.clear()
 
     def _attempt(self, theta: np.ndarray) -> None:
-        report = self.apply(theta)
+        report = self._apply(theta)
         with self._asking:
             if report.ok:
                 self.applied = theta
