@@ -59,7 +59,7 @@ def load_policy(robot="jackal", file=""):
 
     Args:
         robot: Name of an included robot, or folder with robot.yaml.
-        file: Of a policy that train.py wrote; "" for the included one.
+        file: Of a policy that train.py wrote; "" for the one in the robot's folder.
 
     Returns:
         A policy.actor.Policy; its `environment` is what gymnasium.make has to be given.
@@ -73,4 +73,4 @@ def load_policy(robot="jackal", file=""):
     from applr_ros1.policy import actor, methods
 
     described = robots.load(fspath(robot))
-    return actor.load(file or methods.shipped(robot=described), described)
+    return actor.load(file or methods.shipped(methods.POLICY, described), described)

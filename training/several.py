@@ -18,7 +18,6 @@ from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
 from applr_ros1.robots import load
 from training.common.folders import make_folder
-from training.env.drawn_robots import NAME as DRAWN
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.store import TRIALS, read_trials
 from training.learner.config import TrainConfig
@@ -42,8 +41,8 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     Raises:
         ApplrError: with one line.
     """
-    if config.robot == DRAWN or config.dataset:
-        raise ApplrError("--seeds: give --seeds 1 with --robot drawn and with --dataset")
+    if config.dataset:
+        raise ApplrError("--seeds: give --seeds 1 with --dataset")
     out = make_folder(config.out)
     if (out / "config.json").exists() and not config.resume:
         raise ApplrError(f"{out} holds a run already: --resume goes on with it, another --out begins one")
@@ -68,7 +67,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     best = out / "best.safetensors"
     shutil.copyfile({path.parent.name: path for path in policies}[str(means.idxmin())], best)
     robot = load(config.robot)
-    others = [OWN] + [SET] * Path(methods.shipped("static.json", robot)).exists()
+    others = [OWN] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
     trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
     method, (arrivals, judged) = verdict(trials, robot.name)
     advice = {

@@ -86,7 +86,6 @@ class TrainingRun:
             CONTACT_SECONDS,
             setting=config.setting(),
             planner=config.eval_planner,
-            robots=config.eval_robots,
         )
         self._forget_lost_best()
         self._next_episode = self.learner.store.next_episode(ACTOR)

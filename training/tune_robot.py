@@ -22,7 +22,6 @@ from typing import Any, Dict, Iterable, Iterator, List, Literal, Mapping, Option
 
 import numpy as np
 import pandas as pd
-import yaml
 from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
@@ -34,7 +33,6 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load, robot_file
-from sim_bridge import Randomisation
 from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import make_folder
@@ -68,7 +66,10 @@ JUDGED = "pybullet"  # the simulator of all but the search's first part
 MOST, FEWEST = 6, 12  # blocks of drives in which a parameter is put back; courses of the verdict
 COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in, unless --worlds says otherwise; to judge in
-RECIPE = Path(__file__).parent / "recipes" / "applr.yaml"  # how drives differ from the nominal robot in training
+DIFFERENT: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
+    **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
+    **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
+}
 T = TypeVar("T")
 
 
@@ -219,7 +220,7 @@ def find(
     seed, space = options.seed, space_of(robot)
     farthest = max(world.course.route_m for *_, world in worlds)
     rules: Dict[str, Any] = {
-        **{"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": randomisation()},
+        **{"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DIFFERENT},
         "time_limit": min(TIME_LIMIT, SLOW * farthest / robot.base.max_speed),
     }
     drive, lines, driven = resolve_name(options.runner), [], []  # type: Any, List[Dict[str, Any]], List[str]
@@ -269,7 +270,7 @@ def warm_starts(robot: Robot) -> np.ndarray:
     space, found = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
         with suppress(ApplrError):  # there is no set, or one of other parameters, or the laser does not look ahead
-            theirs = space_of(other).read(methods.shipped("static.json", other))
+            theirs = space_of(other).read(methods.shipped(methods.SET, other))
             action = space_of(other).to_action(theirs)
             if other is not robot:
                 there = dict(zip(space_of(other).names, action))
@@ -278,12 +279,6 @@ def warm_starts(robot: Robot) -> np.ndarray:
                 action = np.array([at if name in form.chosen else there.get(name, at) for name, at in here])
             found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
     return np.array(found)
-
-
-def randomisation() -> Dict[str, Any]:
-    """How drives differ from the nominal robot, which stays on its own ground: as where policies are trained."""
-    recipe = yaml.safe_load(RECIPE.read_text())
-    return {name: recipe[name] for name in vars(Randomisation()) if name in recipe and name != "ground"}
 
 
 def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:

@@ -1,8 +1,8 @@
-"""The dimensionless form of the learning problem: what one network sees and says, whatever robot it drives.
+"""The dimensionless form of the learning problem: numbers that mean the same on every robot.
 
 Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
-in cost per padded width. So an observation and an action mean the same to every robot, and a policy that was learnt on
-many of them drives one that it has never met. The paper's own form, for one robot, is in form.py.
+in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another (training/tune).
+The paper's own form is in form.py.
 
 Only the parameters of PARAMETERS are chosen, as far as the robot's parameter space has them and within its ranges; the
 others keep the values with which the policy was trained, or their default values.

@@ -1,7 +1,7 @@
-"""The form in which a policy sees a robot and sets its parameters: `Form`, and the paper's, for one robot.
+"""The form in which a policy sees a robot and sets its parameters: `Form`, and the paper's.
 
-The form for every robot is in dimensionless.py. The learning environment, the files of policies (policy.py) and the
-bag reader ask a form, and never which one it is.
+The other one is in dimensionless.py. The learning environment, the files of policies (actor.py) and the bag reader ask
+a form, and never which one it is.
 """
 
 from __future__ import annotations

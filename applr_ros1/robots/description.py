@@ -305,7 +305,6 @@ class Robot:
     world_scale: float
     space: Tuple[SpaceParameter, ...]
     move_base: MoveBaseSetup = field(repr=False, hash=False, compare=False)
-    method: str = field(default="applr", repr=False, compare=False)  # which launch files start; no trial depends on it
 
     @property
     def local_planner(self) -> str:

@@ -13,7 +13,7 @@ from math import nan
 from typing import Any, Dict, List, Optional, Tuple, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
-from typing_extensions import Annotated, Literal
+from typing_extensions import Annotated
 
 from applr_ros1.common.errors import ApplrError, Finding
 from applr_ros1.robots import description as sections
@@ -39,7 +39,6 @@ class RobotFile(sections.Section):
     odometry: sections.OdometryErrors = sections.OdometryErrors()
     monitor: sections.Monitoring = sections.Monitoring()
     world_scale: float = sections.real("", 0.05, 20.0, "size of its worlds beside the Jackal's")
-    method: Literal["applr", "dwa", "static"] = "applr"
     parameter_space: Optional[Dict[sections.ParameterName, sections.SpaceParameter]] = Field(
         default=None, min_length=1, max_length=sections.MAX_PARAMETERS
     )

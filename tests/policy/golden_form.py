@@ -2,7 +2,7 @@
 
     python -m tests.policy.golden_form          writes the file anew, after a deliberate change of the form
 
-For each included robot and one that is made up it holds inputs, drawn once: scenes of one course, actions, and how
+For each included robot it holds inputs, drawn once: scenes of one course, actions, and how
 decisions went; and what the form makes of them at a decision period of 1 s: observations, parameters of the robot's
 space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to
 the last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
@@ -19,7 +19,6 @@ import numpy as np
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import PARAMETERS, DimensionlessForm
 from applr_ros1.robots import NAMES, Robot, load
-from training.env.drawn_robots import draw_another
 from training.env.outcome import Outcome
 from training.env.reward import Reward
 
@@ -31,11 +30,6 @@ REWARDS = (
 )
 FLAGS, NUMBERS = ("contact", "success", "flipped"), ("progress", "progress_y", "last_scan_min", "decision_min")
 Arrays = Dict[str, np.ndarray]
-
-
-def robots() -> Dict[str, Robot]:
-    """The included ones and one that is made up."""
-    return {**{name: load(name) for name in NAMES}, "made-up": draw_another(np.random.default_rng(2))}
 
 
 def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
@@ -97,7 +91,8 @@ def _reward(form: Any, reward: Reward, given: Arrays, i: int, before: np.ndarray
 def main() -> None:
     """Writes the file."""
     found: Arrays = {}
-    for number, (name, robot) in enumerate(robots().items()):
+    for number, name in enumerate(NAMES):
+        robot = load(name)
         given = inputs(robot, np.random.default_rng(number))
         found.update({f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()})
     np.savez_compressed(FILE, **found)

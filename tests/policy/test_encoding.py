@@ -14,14 +14,14 @@ from applr_ros1.policy.dimensionless import DIMENSIONLESS, PARAMETERS, SIZE, Dim
 from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
+from applr_ros1.robots.default_space import default_space
 from applr_ros1.robots.description import Setting, SpaceParameter
 from tests.policy import golden_form
-from training.env.drawn_robots import draw_another
 
 MIRROR = DimensionlessForm(JACKAL, 1.0).mirror
-DRAWN = [draw_another(np.random.default_rng(seed)) for seed in range(6)]
 JACKAL_CHOSEN = [p.name for p in JACKAL.space if p.paper]
-ROBOTS = [load(name) for name in NAMES] + DRAWN
+ROBOTS = [load(name) for name in NAMES]
+WIDE = [replace(robot, space=default_space(robot.base, robot.body, robot.parameters())) for robot in ROBOTS]
 
 
 def context(robot, rng, side=1.0):
@@ -46,13 +46,13 @@ def network(rng):
     return found
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
+@pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)])
 def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
     form, rng = DimensionlessForm(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(PARAMETERS))):
         theta = form.theta(action)
         assert np.array_equal(theta, form.space.clip(theta))
-        if robot in DRAWN:  # whose ranges hold all that can be said
+        if robot in WIDE:  # whose ranges hold all that can be said
             inside = [i for i, name in enumerate(PARAMETERS) if "samples" not in name and "inflation" not in name]
             back = form.action(theta)[inside]
             free = (theta > form.space.low + 1e-9) & (theta < form.space.high - 1e-9)
@@ -63,7 +63,7 @@ def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
         form.theta(np.full(len(PARAMETERS), np.nan))
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
+@pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
     form, image = DimensionlessForm(robot, 1.0), DimensionlessForm(robot, 1.0)
     for seed in range(3):  # the later ones also hold what changed
@@ -77,12 +77,11 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
     np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])  # no decision before: twice
 
 
-@pytest.mark.parametrize("name", golden_form.robots())
+@pytest.mark.parametrize("name", NAMES)
 def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
-    robot = golden_form.robots()[name]
     with np.load(golden_form.FILE) as arrays:
         golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
-    for key, found in golden_form.outputs(robot, golden).items():
+    for key, found in golden_form.outputs(load(name), golden).items():
         np.testing.assert_array_equal(found, golden[key], key)
 
 
@@ -180,7 +179,7 @@ def test_one_file_drives_every_robot(tmp_path):
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
     assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
-    for robot in ROBOTS[: len(NAMES)]:
+    for robot in ROBOTS:
         method = methods.make(path, robot)
         method.reset(0)
         theta = method.theta(context(robot, rng))

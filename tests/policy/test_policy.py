@@ -342,7 +342,7 @@ def test_mirror_images_are_stored_once(tmp_path):
 def test_shipped_policy_says_what_made_it_and_drives():
     """The Jackal's file is what method:=applr takes for it; three test worlds, faster than with theta_0."""
     method = methods.make("applr")
-    assert (method.period, method.path) == (1.0, methods.shipped(robot=robots.load("jackal")))
+    assert (method.period, method.path) == (1.0, methods.shipped(methods.POLICY, robots.load("jackal")))
     told = method.metadata
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
@@ -363,14 +363,15 @@ def test_a_loaded_policy_predicts_what_its_method_decides(name):
     gymnasium = pytest.importorskip("gymnasium")
     from training.env import ID
 
-    policy = applr_ros1.load_policy(name)
+    file = methods.shipped(methods.POLICY, robots.JACKAL)
+    policy = applr_ros1.load_policy(name, file)
     environment = gymnasium.make(ID, worlds="generated:7", **policy.environment)
     seen, _ = environment.reset(seed=1)
     action, state = policy.predict(seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False)
     assert environment.action_space.contains(action)
     assert state == ("kept",)
     np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5)  # float32 sums
-    method = methods.make("applr", robots.load(name))
+    method = methods.make(file, robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())
     np.testing.assert_allclose(environment.unwrapped.form.theta(action), decided, rtol=1e-6)

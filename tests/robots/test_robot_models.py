@@ -1,11 +1,11 @@
 """The sets and policies in the robots' folders: each is found by the robot's name, and no other robot takes it."""
 
-import os
 import shutil
 
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.policy import methods
@@ -16,27 +16,31 @@ from training.evaluation import trials
 from training.evaluation.plan import plan_trials
 from training.tune.parameter_file import move_base_parameters
 
-OTHERS = ["husky", "turtlebot3_waffle_pi"]
 
-
-def test_one_policy_drives_every_robot():
-    """Each robot arrives in two test worlds with it, and nothing is touched."""
-    path = methods.shipped()
-    assert os.path.getsize(path) < 6e6
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_auto_drives_in_two_test_worlds(name):
+    """Each robot arrives, and nothing is touched."""
     names = [(world, world) for world in ("generated:8", "generated:35")]
-    for name in robots.NAMES:
-        runner = trials.TrialRunner(TrialSettings(robot=name, monitor=True))
-        results = [runner.run(task) for task in plan_trials(names, [("every", path)], 1, seed=0)]
-        assert all(result.success and not result.collided for result in results), (name, results)
+    runner = trials.TrialRunner(TrialSettings(robot=name, monitor=True))
+    results = [runner.run(task) for task in plan_trials(names, [("auto", "auto")], 1, seed=0)]
+    assert all(result.success and not result.collided for result in results), results
 
 
-def test_a_robots_own_policy_goes_first(tmp_path):
+def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
+    assert [methods.auto(robots.load(name)) for name in robots.NAMES] == ["static", "applr", "dwa", "static"]
     folder = tmp_path / "mine"
     shutil.copytree(robots.load("husky").folder, folder)
-    shutil.copy(methods.shipped(), folder / "applr.safetensors")
-    assert methods.make("applr", robots.load(str(folder))).path == str(folder / "applr.safetensors")
-    (folder / "applr.safetensors").unlink()
-    assert methods.make("applr", robots.load(str(folder))).path == methods.shipped()
+    shutil.copy(methods.shipped(methods.POLICY, robots.JACKAL), folder / "applr.safetensors")
+    robot = robots.load(str(folder))
+    for file, name in (("applr.safetensors", "applr"), ("static.json", "static"), ("", "dwa")):
+        assert methods.auto(robot) == methods.make("auto", robot).name == name
+        if name == "applr":
+            assert methods.make("applr", robot).path == str(folder / file)
+        (folder / file).unlink() if file else None
+    with pytest.raises(
+        ApplrError, match=r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$"
+    ):
+        methods.make("applr", robot)
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

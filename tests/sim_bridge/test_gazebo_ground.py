@@ -1,5 +1,6 @@
 """Ground `gazebo`: the Jackal turns, stops and errs as Gazebo 11's did in the mean over its wheels' angles."""
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.description import Base, Body, Simulation
 from tests.support.scenes import STEP, drive, small_world
-from training.env.drawn_robots import draw
 
 OPEN = small_world()
 
@@ -98,10 +99,23 @@ def test_a_ground_that_a_robot_cannot_have_is_one_line(name, line):
         robots.on_ground(robots.load(name), "gazebo")
 
 
-@pytest.mark.parametrize("seed", [82, 153, 629])
-def test_a_tyre_of_high_friction_jams_and_does_not_push(seed):
-    """Drawn robots with a friction of .95 to 1.2: they would be thrown off at 10 to 50 times their speed."""
-    robot = draw(np.random.default_rng(seed))
+@pytest.mark.parametrize(
+    ("seed", "width", "length", "limits", "friction", "ground"),
+    [
+        (82, 0.658, 1.045, (0.741, 3.82, 3.49, 10.95), 0.971, ("gazebo", 1.52)),
+        (153, 0.409, 0.62, (0.515, 3.85, 3.91, 7.89), 0.952, ("plain", None)),
+        (629, 0.152, 0.229, (0.425, 3.6, 2.37, 22.6), 0.997, ("gazebo", 1.33)),
+    ],
+)
+def test_a_tyre_of_high_friction_jams_and_does_not_push(seed, width, length, limits, friction, ground):
+    """Skidding robots with a friction of .95 to 1.2: they would be thrown off at 10 to 50 times their speed."""
+    wheels = dict(wheel_radius=0.15 * width, wheel_width=0.08 * width, track=0.9 * width, axle_height=0.15 * width)
+    wheels.update(zip(("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration"), limits))
+    base = Base(drive="skid_steer", **wheels, wheelbase=0.6 * length, wheel_friction=friction)
+    body = Body(size=(length, width, 0.5 * width), mass=90.0 * width**2, centre=(0.0, 0.0), com=(0.0, 0.0, 0.2 * width))
+    motor = dict(grip_limit=6.0 * friction, motor_torque=60.0 * width**2, wheel_shake=0.005 * limits[0])
+    simulation = Simulation(**motor, ground=ground[0], track_multiplier=ground[1])
+    robot = replace(robots.JACKAL, base=base, body=body, simulation=simulation)
     simulator = sim_bridge.make("kinematic", robot=robot, friction=1.2)
     fastest, rng = 0.0, np.random.default_rng(seed)
     for trial in range(4):

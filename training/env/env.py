@@ -17,10 +17,8 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
-from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import JACKAL, Robot
 from training.common.options import checked
-from training.env import drawn_robots, privileged, protocols
+from training.env import privileged, protocols
 from training.env.episode import Episode, laser_pose
 from training.env.outcome import Outcome
 from training.env.reward import failed
@@ -49,7 +47,7 @@ class ApplrEnv(gymnasium.Env):
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
         settings: fields of TrialSettings (settings.py): robot, simulator, randomisation, observation, ...; period must
             be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
-            reset; as robot, too (drawn_robots.py), for the dimensionless form.
+            reset.
 
     Raises:
         ApplrError: of one line, for what cannot be.
@@ -74,47 +72,34 @@ class ApplrEnv(gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
         self.settings = checked(TrialSettings, settings, "environment")
-        self.draws = self.settings.robot == drawn_robots.NAME
-        if self.draws and (self.settings.observation == PAPER or params is not None):
-            raise ApplrError("robot drawn: it needs the dimensionless observation, and no params")
         if self.settings.period is None:
             raise ApplrError("period: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
         self.render_mode = render_mode
         self.hidden = privileged.SIZE if critics_know_more else 0
-        self._params, self._planner = params, planner
-        self._loop: Dict[str, Any] = {
-            "limit": limit,
-            "period": self.settings.period,
-            "end_on_collision": end_on_collision,
-            "end_on_stall": end_on_stall,
-            "record": record or render_mode is not None,
-            "monitor": self.settings.monitor,
-        }
-        self._equip(JACKAL if self.draws else self.settings.load_robot())
-        form = self.form
+        robot = self.settings.load_robot()
+        self.episode = Episode(
+            sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
+            MoveBase(self.settings.planner_parameters(robot, params), planner=planner),
+            robot,
+            limit=limit,
+            period=self.settings.period,
+            end_on_collision=end_on_collision,
+            end_on_stall=end_on_stall,
+            record=record or render_mode is not None,
+            monitor=self.settings.monitor,
+        )
+        self.form = form = self.settings.form(robot)
+        self.space, self.episode.layout = form.space, form.layout
         self.scan_beams, self.scans = form.scan, form.scans  # the replay stores them coarser
         self.odd = form.odd + tuple(form.size - form.scan + i for i in privileged.ODD if self.hidden)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (form.size + self.hidden,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (form.actions,), np.float32)
 
-    def _equip(self, robot: Robot) -> None:
-        """Makes the simulator, the planner and the loop for a robot."""
-        simulator = sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation)
-        move_base = MoveBase(self.settings.planner_parameters(robot, self._params), planner=self._planner)
-        self.episode = Episode(simulator, move_base, robot, **self._loop)
-        self.form = self.settings.form(robot)
-        self.space, self.episode.layout = self.form.space, self.form.layout
-
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
         super().reset(seed=seed)
         options = options or {}
-        if self.draws:
-            robot = drawn_robots.draw(self.np_random)
-            if robot is not self.episode.robot:
-                self.episode.simulator.close()
-                self._equip(robot)
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
         protocol = self.settings.protocol

@@ -31,7 +31,6 @@ class PeriodicEvaluation:
         setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
             of another number of worlds or trials or another price of a contact.
         planner: kind of planner (applr_ros1/planner/variant.py).
-        robots: who drives, world after world the next of them; "": the robot of the trials' runner.
     """
 
     def __init__(
@@ -44,11 +43,10 @@ class PeriodicEvaluation:
         contact_seconds: float,
         setting: str = "",
         planner: str = OURS,
-        robots: Sequence[str] = ("",),
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
-        self.contact_seconds, self.planner, self.robots = contact_seconds, planner, robots
+        self.contact_seconds, self.planner = contact_seconds, planner
         setting_of = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
         self._judged: Dict[str, Any] = {**setting_of, "contact_seconds": contact_seconds}
         self.history: List[Dict[str, Any]] = _read(self.path)
@@ -76,7 +74,7 @@ class PeriodicEvaluation:
         self.step, self.version = step, version
         method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
-        trials = plan_trials(self.worlds, [method], self.trials, seed, 0, self.planner, self.robots)
+        trials = plan_trials(self.worlds, [method], self.trials, seed, 0, self.planner)
         self._open = len(trials)
         return trials
 

@@ -20,7 +20,7 @@ class Trial:
 
     world and method are names, as they stand in trials.csv; world_spec and method_spec say how to get them. method_spec
     may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. planner is MoveBase's
-    (applr_ros1/planner/variant.py); trace asks for the driven path. robot names who drives where the settings do not.
+    (applr_ros1/planner/variant.py); trace asks for the driven path.
     """
 
     world: str
@@ -32,7 +32,6 @@ class Trial:
     planner: str
     trace: bool = False
     theta: Optional[Tuple[float, ...]] = None
-    robot: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,6 @@ def plan_trials(
     seed: int,
     traces: int = 1,
     planner: str = OURS,
-    robots: Sequence[str] = ("",),
 ) -> List[Trial]:
     """All trials in the order of trials.csv.
 
@@ -87,14 +85,10 @@ def plan_trials(
         seed: of all of them.
         traces: of so many trials of each method in each world the driven path is kept.
         planner: kind of planner (applr_ros1/planner/variant.py).
-        robots: who drives, as Trial.robot; world after world the next of them.
     """
     return [
-        Trial(
-            *(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces),
-            robot=robots[i % len(robots)],
-        )
+        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces)
         for trial in range(trials)
-        for i, (world, world_spec) in enumerate(worlds)
+        for world, world_spec in worlds
         for method, method_spec in chosen
     ]

@@ -80,8 +80,7 @@ def drive(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[
     Returns:
         Its result, and the packed trace where the trial asks for it.
     """
-    named = settings.model_copy(update={"robot": trial.robot or settings.robot})
-    runner = _runner(named.model_dump_json())
+    runner = _runner(settings.model_dump_json())
     result = runner.run(trial, PolicyWeights(weights) if weights else None)
     return result, pack_trace(runner.trace) if trial.trace else b""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence
+from typing import Annotated, Any, Dict, List, Literal, Optional
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -21,11 +21,11 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import JACKAL, NAMES, load
+from applr_ros1.robots import NAMES, load
 from applr_ros1.robots.check import with_remarks
 from training.common.command_line import Monitor, Movers, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
-from training.env import drawn_robots, protocols
+from training.env import protocols
 from training.env.reward import RewardOptions
 from training.learner.learner import MOST_ROWS, LearnerOptions, Start
 from worlds.loading import FORMS
@@ -99,11 +99,12 @@ class TaskOptions(Options):
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     robot: str = option("jackal",
-        f"Robot that drives: {', '.join(NAMES)}, a folder with robot.yaml (docs/tutorials/your_robot.md), or drawn: "
-        "another one in each episode, the Jackal in a third of them. The worlds are at its scale.", fixed=True)
+        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/tutorials/your_robot.md). The "
+        "worlds are at its scale.", fixed=True)
     observation: Literal["paper", "dimensionless"] = option("paper",
         "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
-        "parameter space; or dimensionless, the same for every robot (applr_ros1/policy/dimensionless.py).", fixed=True)
+        "parameter space; or dimensionless, in the robot's size and speed (applr_ros1/policy/dimensionless.py).",
+        fixed=True)
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
@@ -155,8 +156,8 @@ class OfflineOptions(Options):
         "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
         "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
         "robot's own best single set, dwa for its default parameters or a JSON file, which also gives the parameters "
-        "that a policy in the dimensionless form does not choose; or from a policy in the dimensionless form, applr "
-        "for the included one or its file, which stands still while the critics learn alone for 2,000 gradient steps. "
+        "that a policy in the dimensionless form does not choose; or from the file of a policy in the dimensionless "
+        "form, which stands still while the critics learn alone for 2,000 gradient steps. "
         "Default: the policy's first output is near the middle of the ranges.",
         fixed=True)
     # fmt: on
@@ -187,33 +188,20 @@ class TrainConfig(
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        if self.robot == drawn_robots.NAME and self.observation == PAPER:
-            raise ApplrError("--robot drawn: a policy for all robots needs --observation dimensionless")
-        with_remarks(self.eval_robot)
+        with_remarks(self.robot)
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
         return self
 
     # -- what the parts need
-    @property
-    def eval_robot(self) -> str:
-        """The robot for which worlds are checked and sets are meant: the Jackal where each episode has another."""
-        return JACKAL.name if self.robot == drawn_robots.NAME else self.robot
-
-    @property
-    def eval_robots(self) -> Sequence[str]:
-        """Who drives the evaluations, world after world the next of them; "": the one robot."""
-        return NAMES if self.robot == drawn_robots.NAME else ("",)
-
     @cached_property
     def start(self) -> Start:
         """What --init-from names. Raises ApplrError for what is of no use.
 
         A run that has saved a checkpoint goes on from that and does not read it again.
         """
-        name = methods.shipped() if self.init_from == "applr" else self.init_from
-        out, begun = Path(self.out), {}
+        name, out, begun = self.init_from, Path(self.out), {}
         if self.resume and (out / "config.json").exists():
             begun = read_json(out / "config.json").get(BASE, {})
         if not name or self.resume and (out / "checkpoint.json").exists():
@@ -224,18 +212,17 @@ class TrainConfig(
             return Start(policy=name)
         if (Path(name) / "checkpoint.json").exists():
             return Start(run=name)
-        robot = load(self.eval_robot)
+        robot = load(self.robot)
         is_method = name in methods.METHODS or name.endswith(".json")
         method = methods.make(name, robot) if is_method else None
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(
-                f"--init-from is {self.init_from!r}: give static, dwa, applr, a JSON file with a parameter set, the "
-                "file of a policy, or the folder of a training run that has saved a checkpoint"
+                f"--init-from is {self.init_from!r}: give static, dwa, a JSON file with a parameter set, the file of "
+                "a policy, or the folder of a training run that has saved a checkpoint"
             )
         form = POLICY_FORMS[self.observation](robot, self.decision_period)
         base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
-        one_robots = self.observation != PAPER and self.robot != drawn_robots.NAME
-        return Start(action=form.action(method.values).tolist(), base=base if one_robots else {})
+        return Start(action=form.action(method.values).tolist(), base=base if self.observation != PAPER else {})
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""
@@ -272,8 +259,7 @@ class TrainConfig(
         """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
         beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
         rules = [self.eval_protocol] * (self.eval_protocol != protocols.PAPER)
-        robots = ["every included robot"] * (len(self.eval_robots) > 1)
-        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *robots, *rules])
+        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *rules])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""

@@ -13,7 +13,6 @@ import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
 from training.actors.collector import NAVIGATION, Collect, collect, layout_of
-from training.env import drawn_robots
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
@@ -38,12 +37,13 @@ class Preparation:
 def prepare(config: TrainConfig) -> Preparation:
     """Checks worlds and environment before anything is begun. Raises ApplrError with one line."""
     evaluates = config.eval_worlds != "none"
-    robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
+    robot, worlds = load(config.robot), load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, config.eval_protocol, robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
-    common: Dict[str, Any] = {name: getattr(config, name) for name in ("simulator", "monitor", "movers", "observation")}
+    shared = ("robot", "simulator", "monitor", "movers", "observation")
+    common: Dict[str, Any] = {name: getattr(config, name) for name in shared}
     common.update(reward=config.reward(), period=config.decision_period, base=config.start.base)
-    own = ("robot", "worlds", "planner", "protocol", "end_on_collision", "end_on_stall", "critics_know_more")
+    own = ("worlds", "planner", "protocol", "end_on_collision", "end_on_stall", "critics_know_more")
     options = {**common, "randomisation": config.randomisation(), **{name: getattr(config, name) for name in own}}
     env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
@@ -52,7 +52,7 @@ def prepare(config: TrainConfig) -> Preparation:
     env.close()
     return Preparation(
         partial(collect, NAVIGATION, json.dumps(options)),
-        partial(drive, TrialSettings(**common, robot=config.eval_robot, protocol=config.eval_protocol)),
+        partial(drive, TrialSettings(**common, protocol=config.eval_protocol)),
         len(worlds),
         held_out,
         layout_of(env),
@@ -61,7 +61,7 @@ def prepare(config: TrainConfig) -> Preparation:
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
-    name = config.robot if config.robot == drawn_robots.NAME else load(config.robot).name
+    name = load(config.robot).name
     return {"decision_period": config.decision_period, "robot": name, **Reward(**config.reward()).model_dump()}
 
 

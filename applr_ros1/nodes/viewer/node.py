@@ -79,7 +79,7 @@ class Viewer:
         self._world.stop()
 
     def _hand_over(self) -> None:
-        self.pilot.choose("applr" if self.pilot.method == pilot.HAND else pilot.HAND)
+        self.pilot.choose("auto" if self.pilot.method == pilot.HAND else pilot.HAND)
 
     def say(self, text: str) -> None:
         """Show one line to everybody who looks."""

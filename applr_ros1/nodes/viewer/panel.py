@@ -17,7 +17,7 @@ from .listening import Listener, by_hand, show
 from .pilot import METHODS, Pilot
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
-FILES = {"static": "static.json", "appld": "appld.safetensors"}  # that a robot may lack
+FILES = {"applr": "applr.safetensors", "static": "static.json", "appld": "appld.safetensors"}  # that a robot may lack
 ARRIVED = "arrived"
 WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", ARRIVED, "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status

@@ -16,17 +16,19 @@ from applr_ros1.policy.parameter_space import counts_cells, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
-POLICY = "applr.safetensors"  # of a robot alone, or of every robot
+POLICY, SET = "applr.safetensors", "static.json"  # in a robot's folder: its policy, its tuned set
 USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text
 
 
-def shipped(name: str = POLICY, robot: Optional[Robot] = None) -> str:
-    """Path of a file that a method drives with: in the robot's folder, else of the policy for every robot."""
-    if robot is not None:
-        own = os.path.join(robot.folder, name)
-        if name != POLICY or os.path.exists(own):
-            return own
-    return os.path.join(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))), "models", name)
+def shipped(name: str, robot: Robot) -> str:
+    """Return the path of a file in the robot's folder that a method drives with, whether it exists or not."""
+    return os.path.join(robot.folder, name)
+
+
+def auto(robot: Robot) -> str:
+    """Name the method that `auto` stands for: the robot's policy, else its tuned set, else its own parameters."""
+    files = {"applr": POLICY, "static": SET}
+    return next((name for name, file in files.items() if os.path.exists(shipped(file, robot))), "dwa")
 
 
 def _policy(path: str, robot: Robot) -> Method:
@@ -40,8 +42,18 @@ def _fixed(path: str, robot: Robot) -> Method:
     return FixedParameters(space.read(path), space, counts_cells(path))
 
 
+def _trained(robot: Robot) -> Method:
+    path = shipped(POLICY, robot)
+    if not os.path.exists(path):
+        raise ApplrError(
+            "applr: there is no %s: find a set with `./applr tune %s`, then train a policy that begins there with "
+            "`python -m training.train --recipe jackal --robot %s`" % (path, *[robot.folder] * 2)
+        )
+    return _policy(path, robot)
+
+
 def _tuned(robot: Robot) -> Method:
-    path = shipped("static.json", robot)
+    path = shipped(SET, robot)
     if not os.path.exists(path):
         raise ApplrError("static: there is no %s, which `./applr tune %s` writes" % (path, robot.folder))
     return _fixed(path, robot)
@@ -55,8 +67,8 @@ def _named(values: Dict[str, float], robot: Robot) -> Method:
 METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "dwa": (lambda robot: _named({}, robot), "the planner's default parameters, theta_0"),
     "auto": (
-        lambda robot: METHODS[robot.method][0](robot),
-        "the one that the key `method` of `robot.yaml` names; without it applr",
+        lambda robot: METHODS[auto(robot)][0](robot),
+        "applr where the robot's folder has a policy, else static where it has a set, else dwa",
     ),
     "fast_dwa": (
         lambda robot: _named({"max_vel_x": 1.0, "vx_samples": 12}, robot),
@@ -68,8 +80,8 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (
-        lambda robot: _policy(shipped(robot=robot), robot),
-        "the policy for every robot; where the robot's folder has one of its own, that",
+        _trained,
+        "the robot's policy",
     ),
     "appld": (
         lambda robot: _policy(shipped("appld.safetensors", robot), robot),
@@ -97,7 +109,7 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
     method = _made(spec, robot, user_code)
     if method.space.robot != robot.name:
         raise ApplrError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
-    method.name = robot.method if spec == "auto" else spec
+    method.name = auto(robot) if spec == "auto" else spec
     return method
 
 

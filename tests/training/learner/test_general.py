@@ -1,4 +1,4 @@
-"""One policy for every robot: a run over drawn robots, and a run for one robot that begins with its policy."""
+"""A run that begins with the file of a policy in the dimensionless form."""
 
 import numpy as np
 
@@ -11,10 +11,10 @@ FORM = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-
 SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1", "--worlds", "generated:7,dynamic:100"]
 
 
-def test_a_policy_over_drawn_robots_and_a_specialist_that_begins_with_it(tmp_path, capsys):
-    run, own = tmp_path / "general", tmp_path / "own"
+def test_a_policy_stands_still_while_new_critics_learn(tmp_path, capsys):
+    run, own = tmp_path / "jackal", tmp_path / "own"
     learning = [*FORM, *SHORT, "--symmetric", "--mirror", "--learning-starts", "4"]
-    assert main([*learning, "--robot", "drawn", "--eval-worlds", "none", "--out", str(run)]) == 0
+    assert main([*learning, "--eval-worlds", "none", "--out", str(run)]) == 0
     policy = str(run / "actor.safetensors")
     assert load(policy).period == 1.0
     alone = [*learning, "--robot", "husky", "--init-from", policy]
@@ -23,4 +23,4 @@ def test_a_policy_over_drawn_robots_and_a_specialist_that_begins_with_it(tmp_pat
     assert all(np.array_equal(before[name], after[name]) for name in before)  # the critics have learnt alone
     other = [*FORM, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
     one_line(capsys, other, "the same --net-arch", main)
-    one_line(capsys, ["--robot", "drawn", "--out", tmp_path / "d"], "needs --observation dimensionless", main)
+    one_line(capsys, ["--init-from", policy, "--out", tmp_path / "d"], "needs --observation dimensionless", main)

@@ -81,4 +81,4 @@ def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, says, adv
 
 
 def test_what_seeds_cannot_be_combined_with(tmp_path, capsys):
-    one_line(capsys, ["--recipe", "applr", "--seeds", "3", "--out", str(tmp_path / "x")], "--seeds 1", train.main)
+    one_line(capsys, ["--dataset", "d", "--seeds", "3", "--out", str(tmp_path / "x")], "--seeds 1", train.main)

@@ -167,7 +167,7 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
     assert state_of(out)[0] != state_of(whole)[0]
     one_line(capsys, toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"), "give the same --net-arch")
     one_line(capsys, toy(tmp_path / "c", "--init-from", whole, "--layer-norm"), "its critics have layer_norm False")
-    one_line(capsys, toy(tmp_path / "d", "--init-from", tmp_path), "--init-from is .*: give static, dwa, applr, a JSON")
+    one_line(capsys, toy(tmp_path / "d", "--init-from", tmp_path), "--init-from is .*: give static, dwa, a JSON")
     assert not (tmp_path / "d").exists()
 
 

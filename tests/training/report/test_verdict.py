@@ -1,14 +1,9 @@
 """The verdict on a policy by made-up results, and reasons of failures."""
 
-import shutil
-
 import numpy as np
 import pytest
 
-from applr_ros1 import robots
-from applr_ros1.policy import methods
 from training.evaluation.plan import Trial, TrialResult
-from training.evaluation.trials import content
 from training.report import verdict as judging
 from training.report.verdict import mean_scores, paired_trials
 
@@ -90,14 +85,3 @@ def test_failures_are_named_by_their_reason():
         "failed: flipped (2 with its own parameters)",
         "failed: time limit (1 with its own parameters)",
     ]
-
-
-def test_the_method_of_a_robots_file_is_what_auto_makes(tmp_path):
-    robot = robots.load("turtlebot3_burger")
-    folder = shutil.copytree(robot.folder, tmp_path / robot.name)
-    with open(folder / "robot.yaml", "a", encoding="utf-8") as file:
-        file.write("\nmethod: dwa\n")
-    other = robots.load(folder)
-    assert [methods.make("auto", one).name for one in (robot, other)] == ["applr", "dwa"]
-    assert methods.make("auto", other).static
-    assert content(other) == content(robot)  # no trial depends on it
