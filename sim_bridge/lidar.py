@@ -16,7 +16,7 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.robots.description import Laser
+from applr_ros1.robots.robot import Laser
 
 _NO_MOVERS = np.empty((0, 3))
 # of a fan: first angle, increment, beams in a full turn, least and largest range

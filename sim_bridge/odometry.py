@@ -12,7 +12,7 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
-from applr_ros1.robots.description import OdometryErrors
+from applr_ros1.robots.robot import OdometryErrors
 
 
 class Odometry:

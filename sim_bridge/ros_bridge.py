@@ -38,7 +38,7 @@ from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import load
 
 from . import make
 from .ros_changes import Changes
@@ -70,7 +70,7 @@ class Bridge:
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
         with_map = bool(rospy.get_param("~map", False))
-        robot = usable(str(rospy.get_param("~robot", "jackal")), with_map)
+        robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
         self.scale = robot.world_scale
         world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **dict(options, robot=robot))

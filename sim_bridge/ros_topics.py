@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.robots import Robot
-from applr_ros1.robots.description import Laser, OdometryErrors
+from applr_ros1.robots.robot import Laser, OdometryErrors
 from worlds import WorldError
 from worlds.occupancy import occupancy
 

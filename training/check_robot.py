@@ -19,7 +19,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
-from applr_ros1.robots.check import examined
+from applr_ros1.robots.check import findings
+from applr_ros1.robots.folder import read
 from training.common.command_line import parsed
 from training.common.options import Options, argument
 from training.evaluation import open_floor
@@ -50,7 +51,8 @@ def summary(described: Robot) -> List[str]:
 
 def check(name_or_folder: str) -> int:
     """Print all that there is to say about a robot; exit status 1 where it has an error or does not drive."""
-    described, found = examined(name_or_folder)
+    described, found = read(name_or_folder)
+    found = findings(described, found)
     lines = [f"{finding.severity}: {finding}" for finding in found]
     if found and found[0].severity == "error":
         print("\n".join(lines), file=sys.stderr)

@@ -24,12 +24,11 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, without
-from applr_ros1.robots import from_parameters, from_urdf, robot_file
-from applr_ros1.robots.check import WIDTH
-from applr_ros1.robots.description import Monitoring, find
-from applr_ros1.robots.from_parameters import Parameters
-from applr_ros1.robots.mistakes import in_one_line
-from applr_ros1.robots.reader import FILE
+from applr_ros1.robots.check import WIDTH, in_one_line
+from applr_ros1.robots.owner.links import read_urdf
+from applr_ros1.robots.owner.parameters import Parameters, one_scan, read_parameter_files, used, without_map
+from applr_ros1.robots.owner.write import robot_yaml
+from applr_ros1.robots.robot import FILE, Monitoring, setting
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
@@ -60,9 +59,9 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
-    parameters = from_parameters.read_parameter_files([str(path) for path in options.parameters], arguments)
+    parameters = read_parameter_files([str(path) for path in options.parameters], arguments)
     scan = next(iter(parameters.scans()), {})
-    found = from_urdf.read_urdf(
+    found = read_urdf(
         str(options.urdf),
         arguments,
         parameters.base_frame,
@@ -95,11 +94,11 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     move_base: Dict[str, Any] = {"files": files}
     if parameters.added:
         move_base["parameters"] = parameters.added
-    changes = from_parameters.without_map(parameters, odom, ceil(COURSE * scale))
+    changes = without_map(parameters, odom, ceil(COURSE * scale))
     if changes:
         move_base["with_map"] = {}
-    costmaps = from_parameters.used(merged(parameters.tree, changes))
-    scan_alone, others = from_parameters.one_scan(costmaps, names["scan"]) if names["scan"] else ({}, set())
+    costmaps = used(merged(parameters.tree, changes))
+    scan_alone, others = one_scan(costmaps, names["scan"]) if names["scan"] else ({}, set())
     if changes or others:
         move_base["without_map"] = {"parameters": merged(changes, scan_alone)}
     if others:
@@ -107,7 +106,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
             f"without a map, as on courses, the costmaps take nothing from {', '.join(sorted(others))}: the simulated "
             "robot has one laser; before yours drives so, take observation_sources from move_base.without_map"
         )
-    text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(parameters))
+    text, missing = robot_yaml(options.urdf.name, values, scale, move_base, _hints(parameters))
     for path, name in copies.items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
         if path in parameters.changed:
@@ -136,7 +135,7 @@ def _braking(base: Dict[str, Any]) -> Dict[str, float]:
 def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]]) -> Tuple[float, List[str]]:
     """world_scale, by the padded footprint, and what is wrong with the parameters, for which it is by the outline."""
     base, body = values["base"], values["body"]
-    tree = merged(parameters.tree, from_parameters.without_map(parameters, odom, 1))
+    tree = merged(parameters.tree, without_map(parameters, odom, 1))
     wrong = check(tree)
     try:
         planner = MoveBase(without(tree, wrong))
@@ -164,7 +163,7 @@ def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
         ((("base", "max_acceleration"), ("monitor", "deceleration")), ("acc_lim_x",)),
         ((("base", "max_yaw_acceleration"), ("monitor", "yaw_deceleration")), ("acc_lim_theta",)),
     ):
-        have = [(x, f"the planner's {key}") for key in theirs if (x := find(planner, "", (key,))) is not None]
+        have = [(x, f"the planner's {key}") for key in theirs if (x := setting(planner, "", (key,))) is not None]
         found.update(dict.fromkeys(places, max(have)) if have else {})
     return found
 

@@ -32,7 +32,8 @@ from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, Robot, load, robot_file
+from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots.owner.write import write_measured
 from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import make_folder
@@ -201,7 +202,7 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     place = out / options.robot.name
     shutil.copytree(options.robot.folder, place, dirs_exist_ok=True)
     for described in (place, folder) if folder != out else (place,):
-        for remark in robot_file.write_measured(described, found.new):
+        for remark in write_measured(described, found.new):
             print(remark, flush=True)
     halves: Tuple[List[str], List[str]] = [], []
     for number, world in enumerate(found.worlds):

@@ -7,8 +7,8 @@ import numpy as np
 
 from applr_ros1.common.arguments import number_within
 from applr_ros1.robots import Robot
-from applr_ros1.robots.description import Monitoring
 from applr_ros1.robots.geometry import corners
+from applr_ros1.robots.robot import Monitoring
 
 
 @dataclass(frozen=True)

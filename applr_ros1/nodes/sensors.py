@@ -69,7 +69,7 @@ class Sensors:
         origins: {topic: frame at whose origin the rays start}; frames that tf does not know are passed over.
         odometry: topic of the odometry.
         on_news: called from the threads of the subscribers when a scan or a transform for one that waits has come.
-        no_return: range [m] that laser scans state where nothing returns, beside +inf (Laser of robots/description.py).
+        no_return: range [m] that laser scans state where nothing returns, beside +inf (Laser of robots/robot.py).
     """
 
     def __init__(

@@ -1,32 +1,26 @@
-"""The check of a robot's folder: its move_base parameters, and what they and robot.yaml say of each other.
+"""The check of a robot's folder: robot.yaml, its move_base parameters, and what they say of each other.
 
 Errors are findings that the robot cannot drive with, remarks those that it will not drive well with, warnings are about
-names that may be misspelt. What C++ does not read is one remark per file. check_robot.py prints all of them. Commands
-that drive a robot take it from `with_remarks`, the nodes from `usable`; they stop at errors. Values that are given
-beside a robot's folder, on ROS's parameter server, are checked by planner.parameters.check alone, which allows what the
-C++ node allows.
+names that may be misspelt. What C++ does not read is one remark per file. check_robot.py prints all of them; `load` of
+folder.py stops at errors. Values that are given beside a robot's folder, on ROS's parameter server, are checked by
+planner.parameters.check alone, which allows what the C++ node allows.
 """
 
 from __future__ import annotations
 
-import atexit
 import os
 import re
-import sys
 from contextlib import suppress
-from functools import lru_cache
 from itertools import chain
 from math import isnan, pi
 from types import SimpleNamespace
-from typing import Any, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Tuple, get_args
 
 import numpy as np
+from pydantic import ValidationError
 
 from applr_ros1.common.errors import Finding, meant
 from applr_ros1.common.trees import branch
-from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.costmap.grid import INSCRIBED
-from applr_ros1.planner.dwa.samples import SLACK
 from applr_ros1.planner.parameters.check import UNREAD_NAME, check, complete, warnings, without
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, servers
 from applr_ros1.planner.parameters.layers import (
@@ -38,28 +32,44 @@ from applr_ros1.planner.parameters.layers import (
     sources,
 )
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.robots import NAMES, Robot, geometry, load
-from applr_ros1.robots.description import SpaceParameter, find
-from applr_ros1.robots.mistakes import Rule, apply, at_most, in_one_line, refuse, same_name
-from applr_ros1.robots.parameter_files import FILE
-from applr_ros1.robots.reader import described
+from applr_ros1.robots import geometry, rules
+from applr_ros1.robots.robot import FILE, Robot, SpaceParameter, setting
 
-DWA = "DWAPlannerROS"
-SPEEDS = ("max_vel_x", "min_vel_x", "max_vel_trans", "min_vel_trans", "max_trans_vel", "min_trans_vel", "escape_vel")
-TURNS = (
-    *("max_vel_theta", "min_vel_theta", "max_rot_vel", "min_rot_vel", "max_rotational_vel"),
-    *("min_in_place_vel_theta", "min_in_place_rotational_vel"),
-)
-LIMITED = ((SPEEDS, "max_speed", "m/s"), (TURNS, "max_yaw_rate", "rad/s"))  # by a field of base
 SEVERITIES = ("error", "warning", "remark")
-UNITS = 10.0  # a length that is so many times another one is in centimetres or millimetres
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
-SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
 EIGHT = np.arange(8) * pi / 4  # directions, to sides and corners
-OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
+_MAPPING = "give a mapping of names and values"
+_GIVE = {  # by pydantic's kind of mistake; otherwise its own words count
+    "string_pattern_mismatch": "give a name such as front/scan",
+    "tuple_type": "give a list",
+    "dict_type": _MAPPING,
+    "model_type": _MAPPING,
+    "greater_than_equal": "give at least {ge:g} {unit}",
+    "less_than_equal": "give at most {le:g} {unit}",
+    "too_short": "give at least {min_length} of them",
+    "too_long": "give at most {max_length} of them",
+}
 
 
-def findings(robot: Robot, with_map: bool = False, found: Iterable[Finding] = ()) -> List[Finding]:
+def findings(robot: Robot, found: Iterable[Finding] = (), setups: Iterable[bool] = (False, True)) -> List[Finding]:
+    """Return all that there is to say about a robot's folder: errors, warnings, and one remark per file.
+
+    Args:
+        robot: As `folder.read` gives it, as far as its files can be read.
+        found: What is wrong with its robot.yaml.
+        setups: False is that without a map, True the one with it; those that it does not have are left out.
+    """
+    there = [with_map for with_map in setups if robot.move_base.with_map is not None or not with_map]
+    found = [finding for with_map in there for finding in of_setup(robot, with_map, found)]
+    found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
+    remarks = [finding for finding in found if finding.severity == "remark"]
+    files = dict.fromkeys(finding.file for finding in remarks)
+    joined = [in_one_line([finding for finding in remarks if finding.file == file]) for file in files]
+    found = [finding for finding in found if finding.severity != "remark"] + joined
+    return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def of_setup(robot: Robot, with_map: bool = False, found: Iterable[Finding] = ()) -> List[Finding]:
     """All that there is to say about a robot's folder, each finding with its file: errors, warnings, remarks.
 
     What only follows from an error, such as a limit that is beyond a wrong speed, is left out.
@@ -83,48 +93,73 @@ def _stops(finding: Finding) -> bool:
     return finding.severity == "error"
 
 
-def examined(name_or_folder: str, setups: Iterable[bool] = (False, True)) -> Tuple[Robot, List[Finding]]:
-    """A robot as far as its files can be read, and what there is to say about its folder in setups that it has.
-
-    setups: False is that without a map, True the one with it.
-    """
-    robot, own = described(name_or_folder)
-    there = [with_map for with_map in setups if robot.move_base.with_map is not None or not with_map]
-    found = [finding for with_map in there for finding in findings(robot, with_map, own)]
-    found = list({finding._replace(file=""): finding for finding in reversed(found)}.values())[::-1]
-    remarks = [finding for finding in found if finding.severity == "remark"]
-    files = dict.fromkeys(finding.file for finding in remarks)
-    joined = [in_one_line([finding for finding in remarks if finding.file == file]) for file in files]
-    found = [finding for finding in found if finding.severity != "remark"] + joined
-    return robot, sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
+def in_one_line(findings: List[Finding]) -> Finding:
+    """Join findings about one file to one, which says once what they say of several keys."""
+    alike: Dict[Tuple[str, str], List[str]] = {}
+    for finding in findings:
+        alike.setdefault((finding.value, finding.advice), []).append(finding.key)
+    texts = []
+    for (value, advice), keys in alike.items():
+        value = re.sub("^is ", "are ", re.sub("^has ", "have ", value)) if keys[1:] else value
+        texts.append(str(Finding(", ".join(keys), value, advice)))
+    return findings[0]._replace(key="; ".join(texts), value="", advice="")
 
 
-def usable(name_or_folder: str, with_map: bool = False) -> Robot:
-    """The robot, whose folder has been checked unless it is an included one. RobotError with each error."""
-    if name_or_folder in NAMES:
-        return load(name_or_folder)
-    robot, found = examined(name_or_folder, [with_map])
-    refuse(found)
-    return robot
+# --- robot.yaml ------------------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=32)
-def with_remarks(name_or_folder: str) -> Robot:
-    """As `usable`; prints the remarks, once in a process."""
-    if name_or_folder in NAMES:
-        return load(name_or_folder)
-    robot, found = examined(name_or_folder, [False])
-    refuse(found)
-    for finding in found:
-        print(f"{finding.severity}: {finding}", file=sys.stderr)
-    atexit.register(_repeat, [finding for finding in found if finding.severity == "warning"], os.getpid())
-    return robot
+def refused(model: Any, error: ValidationError) -> List[Finding]:
+    """Return what pydantic refused in the values of a model, unknown names first."""
+    found = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    return list(dict.fromkeys(_finding(model, problem) for problem in found))
 
 
-def _repeat(warnings: List[Finding], process: int) -> None:
-    """The warnings once more, at the end of what was printed since."""
-    for finding in warnings if os.getpid() == process else ():
-        print(f"warning: {finding}", file=sys.stderr)
+def _finding(model: Any, problem: Any) -> Finding:
+    kind, parts = problem["type"], [part for part in problem["loc"] if part != "[key]"]
+    few = kind == "missing" and isinstance(parts[-1], int)  # numbers in a list
+    label = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts[: -1 if few else None])[1:]
+    if kind == "value_error":  # one of ours: "NAME is VALUE: ADVICE"
+        key, _, rest = str(problem["ctx"]["error"]).partition(" ")
+        value, _, advice = rest.partition(": ")
+        return Finding(f"{label}.{key}", value, advice)
+    known, unit = _declared(model, parts)
+    if kind == "extra_forbidden":
+        return Finding(label, "is unknown", meant(parts[-1], known, "there are " + ", ".join(known)))
+    if kind == "missing" and not few:
+        return Finding(label, "is missing", "give it")
+    give = "give more numbers" if few else _GIVE.get(kind, problem["msg"].replace("Input should be", "give"))
+    return Finding(label, f"is {problem['input']!r:.60}", give.format(**problem.get("ctx", {}), unit=unit).rstrip())
+
+
+def _declared(kind: Any, parts: Iterable[Any]) -> Tuple[Dict[str, Any], str]:
+    """The names that the last section on the way to a value knows, and the value's unit ("" for none)."""
+    known: Dict[str, Any] = {}
+    unit = ""
+    for part in parts:
+        while not hasattr(kind, "model_fields") and get_args(kind):  # Optional, Dict or Tuple of sections
+            kind = next((one for one in reversed(get_args(kind)) if one not in (type(None), ...)), None)
+        known = getattr(kind, "model_fields", known)
+        if part in known:
+            kind, unit = known[part].annotation, (known[part].json_schema_extra or {}).get("unit", "")
+    return known, unit
+
+
+def contradictions(robot: Robot) -> List[Finding]:
+    """Return what the fields of robot.yaml say against each other."""
+    base, body, laser = robot.base, robot.body, robot.laser
+    (x, y, _), skids = laser.pose, base.drive == "skid_steer" or not base.drive and base.wheelbase
+    m = SimpleNamespace(skids=skids, turn=laser.last_angle - laser.first_angle, blind=laser.range_min)
+    m.ground = base.axle_height - base.wheel_radius
+    m.back, m.front, m.right, m.left = geometry.bounding_box(robot)
+    m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)
+    m.laser_depth = min(size / 2 - abs(at - middle) for at, middle, size in zip((x, y), body.centre, body.size))
+    stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
+    mass, _, loads = geometry.balance(robot) if stands else (0.0, (), np.zeros(1))
+    m.tips = loads.min() < -1e-4 * mass * geometry.GRAVITY  # right above the axle it stands
+    return list(rules.apply(rules.ROBOT, robot, m))
+
+
+# --- its parameter files ----------------------------------------------------------------------------------------------
 
 
 class _Setup:
@@ -181,22 +216,21 @@ class _Setup:
         return finding._replace(file=file, key=key + comma + others)
 
     def layers(self, costmap: str, kind: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
-        """(path, values) of the layers of this kind in a costmap."""
+        """Yield (path, values) of the layers of this kind in a costmap."""
         found = (layer.path for layer in layers(costmap, self.full[costmap]) if layer.kind == kind)
         return ((path, branch(self.full, path)) for path in found)
 
     def sources(self, costmap: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
-        """(path, values) of the observation sources of a costmap."""
+        """Yield (path, values) of the observation sources of a costmap."""
         for path, own in self.layers(costmap, OBSTACLE_LAYER):
             yield from ((f"{path}/{name}", own[name]) for name in sources(own))
 
-    def judged(self, rules: Tuple[Rule, ...], path: str, values: Dict[str, Any], **measures: Any) -> Iterator[Finding]:
-        """What rules say of the values at a path; measures are attributes beside those of the robot's setup."""
-        m = SimpleNamespace(**vars(self.robot), s=self, **measures)
-        for finding in apply(rules, SimpleNamespace(**values), m):
-            given = "/" in finding.key or path not in COSTMAPS or finding.key in branch(self.tree, path)
-            value = finding.value if given else finding.value.replace("is ", "is not given, which means ", 1)
-            yield self.placed(finding._replace(key=f"{path}/{finding.key}", value=value))
+    def judged(self, place: str, path: str, values: Dict[str, Any], **measures: Any) -> Iterator[Finding]:
+        """Yield what the rules of a place say of the values at a path; measures are beside those of every place."""
+        measures.update(vars(self.robot), with_map=self.with_map, length=self.length, width=self.width)
+        given = (lambda key: key in branch(self.tree, path)) if path in COSTMAPS else bool
+        for finding in rules.apply(place, SimpleNamespace(**values), SimpleNamespace(**measures), given):
+            yield self.placed(finding.below(path))
 
 
 def _paths(tree: Dict[str, Any]) -> Iterator[str]:
@@ -252,32 +286,25 @@ def _listed(tree: Dict[str, Any]) -> Iterator[str]:
 
 
 def _rules(setup: _Setup) -> Iterator[Finding]:
-    """The tables of this file."""
-    yield from _limits(setup)
+    """Yield what the rules say of the parameters in force."""
+    numbers = ((name, setting(setup.tree, setup.planner, (name,))) for name in branch(setup.tree, setup.planner))
+    given = {name: number for name, number in numbers if number is not None}
+    yield from setup.judged(rules.GIVEN, setup.planner, given)
     if setup.planner not in setup.full:
         return
     topic = branch(setup.tree, setup.planner).get("odom_topic", setup.robot.topics.odometry)
     values = {**setup.full[setup.planner], "odom_topic": topic}
-    yield from setup.judged(PLANNER, setup.planner, values)
-    if setup.planner == DWA:
-        yield from setup.judged(DWA_PLANNER, DWA, {**values, **_dwa_measures(values)})
+    yield from setup.judged(rules.PLANNER, setup.planner, values)
+    if setup.planner == rules.DWA:
+        yield from setup.judged(rules.DWA, rules.DWA, {**values, **_dwa_measures(values)})
     for costmap in COSTMAPS:
         yield from _costmap(setup, costmap)
 
 
-def _limits(setup: _Setup) -> Iterator[Finding]:
-    """Speeds in the files that the base's controller does not allow."""
-    for names, limit, unit in LIMITED:
-        most = getattr(setup.robot.base, limit)
-        for name in names:
-            given = find(setup.tree, setup.planner, (name,))
-            if given is not None and abs(given) > most:
-                advice = f"base.{limit} in robot.yaml is {most:g} {unit}, which the base will not exceed"
-                yield setup.placed(Finding(f"{setup.planner}/{name}", f"is {given:g}", advice, "warning"))
-
-
 def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
-    """What DWAPlannerROS can reach from rest within its window, and what its critics weigh."""
+    """Return what DWAPlannerROS can reach from rest within its window, and what its critics weigh."""
+    from applr_ros1.planner.costmap.grid import INSCRIBED  # needs numba
+
     v = SimpleNamespace(**values)
     period = 1.0 / (v.controller_frequency or 20.0)
     seconds = period if v.use_dwa else v.sim_time
@@ -294,56 +321,52 @@ def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
 
 
 def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
-    """Footprint, frames, size, and whether the scans of the robot's laser reach a costmap."""
+    """Yield what there is to say of footprint, frames, size, and whether the laser's scans reach a costmap."""
+    from applr_ros1.planner.costmap import footprint  # needs numba
+
     own, (back, front, right, left) = setup.full[costmap], setup.box
-    points = footprint.parse(own["footprint"])
+    local, points = costmap == "local_costmap", footprint.parse(own["footprint"])
     outline = footprint.pad(points if len(points) else footprint.circle(own["robot_radius"]), own["footprint_padding"])
-    reach, fits, key = np.ptp(outline, axis=0), False, "footprint" if len(points) else "robot_radius"
-    if not {"footprint", "robot_radius"} & {*branch(setup.tree, costmap), *setup.tree}:
-        corners = [(back, right), (back, left), (front, left), (front, right)]
-        box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
-        value = f"is missing, which means a circle of {own['robot_radius']:g} m"
-        advice = "give that of body and wheels" if isnan(setup.width) else f"body and wheels fill [{box}], give that"
-        yield setup.placed(Finding(f"{costmap}/footprint", value, advice, "warning"))
-    elif reach[1] < setup.width / UNITS or reach[1] > setup.width * UNITS:
-        key = "footprint_padding" if abs(own["footprint_padding"]) > setup.length else key
-        advice = f"with padding that is {reach[0]:.3g} x {reach[1]:.3g} m, body and wheels are {setup.length:.3g} x "
-        advice += f"{setup.width:.3g} m, give metres"
-        yield setup.placed(Finding(f"{costmap}/{key}", f"is {own[key]!s:.60}", advice))
-    else:
-        fits = True
-    measures = {"local": costmap == "local_costmap", "fixed": not (setup.with_map or own["rolling_window"])}
-    measures.update(centred_x=-own["width"] / 2, centred_y=-own["height"] / 2)
-    yield from setup.judged(COSTMAP, costmap, own, **measures)
+    reach, key = np.ptp(outline, axis=0), "footprint" if len(points) else "robot_radius"
+    missing = not {"footprint", "robot_radius"} & {*branch(setup.tree, costmap), *setup.tree}
+    corners = [(back, right), (back, left), (front, left), (front, right)]
+    box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
+    measures = {
+        "local": local,
+        "fixed": not (setup.with_map or own["rolling_window"]),
+        **{"centred_x": -own["width"] / 2, "centred_y": -own["height"] / 2, "reach": reach, "missing": missing},
+        "fill": "give that of body and wheels" if isnan(setup.width) else f"body and wheels fill [{box}], give that",
+        "wrong_units": "",
+    }
+    if not missing and (reach[1] < setup.width / rules.UNITS or reach[1] > setup.width * rules.UNITS):
+        measures["wrong_units"] = "footprint_padding" if abs(own["footprint_padding"]) > setup.length else key
+    yield from setup.judged(rules.COSTMAP, costmap, own, **measures)
     for path, values in setup.layers(costmap, INFLATION_LAYER):
-        yield from setup.judged(INFLATION, path, values)
-    for path, _ in setup.layers(costmap, STATIC_LAYER) if not setup.with_map else ():
-        value = f"has {path.rpartition('/')[2]}"
-        advice = "there is no map here, leave it out in without_map"
-        yield setup.placed(Finding(f"{costmap}/plugins", value, advice))
+        yield from setup.judged(rules.INFLATION, path, values)
+    for path, _ in setup.layers(costmap, STATIC_LAYER):
+        yield from setup.judged(rules.STATIC, costmap, {"plugins": path.rpartition("/")[2]})
     found = list(setup.sources(costmap))
-    blind = [list(setup.judged(BLIND, path, values)) for path, values in found]
+    blind = [list(setup.judged(rules.BLIND, path, values)) for path, values in found]
     if found and all(blind):
         yield from blind[0]
     for path, values in found:
-        yield from setup.judged(SOURCE, path, values)
-    local = costmap == "local_costmap"
+        yield from setup.judged(rules.SOURCE, path, values)
     if not found and (local or not any(setup.layers(costmap, STATIC_LAYER))):
         advice = "the robot would not see obstacles, give one" if local else "paths lead through obstacles, give one"
         yield setup.placed(Finding(costmap, "has no observation source", advice, "error" if local else "warning"))
-    if local and fits:
+    if local and not (missing or measures["wrong_units"]):
         yield from _size_of_the_robot(setup, key, outline)
 
 
 def _size_of_the_robot(setup: _Setup, key: str, outline: np.ndarray) -> Iterator[Finding]:
-    """Whether the local costmap's padded footprint (n, 2) [m], which a key gives, fits world_scale, body and wheels."""
+    """Yield what does not fit the local costmap's padded footprint (n, 2) [m], which a key gives."""
     fitting, given = np.ptp(outline[:, 1]) / WIDTH, setup.robot.world_scale
-    if abs(given / fitting - 1.0) > SCALE_OFF:
+    if abs(given / fitting - 1.0) > rules.SCALE_OFF:
         advice = f"by the footprint's width it is {fitting:.3f}, give that"
         yield Finding("world_scale", f"is {given:g}", advice, "remark", setup.own)
     directions = np.array([np.cos(EIGHT), np.sin(EIGHT)])
     beyond = ((geometry.corners(setup.robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
-    if beyond > OUTSIDE:
+    if beyond > rules.OUTSIDE:
         advice = f"the box around body and wheels, at which the monitor stops, reaches {beyond:.2f} m beyond it, padded"
         yield setup.placed(Finding(f"local_costmap/{key}", "is too small", advice, "remark"))
 
@@ -353,9 +376,9 @@ def _space(setup: _Setup) -> Iterator[Finding]:
     if setup.planner != setup.robot.local_planner or setup.planner not in setup.full:
         return
     for parameter in setup.robot.space:
-        for names, limit, _ in LIMITED:
+        for names, limit, _ in rules.LIMITED:
             first = parameter.sets[0]  # the range includes what the files start with
-            start = find(setup.full, first.server, first.names) or 0.0
+            start = setting(setup.full, first.server, first.names) or 0.0
             most = max(getattr(setup.robot.base, limit), abs(start))
             beyond = max(abs(parameter.low), abs(parameter.high)) > most
             if beyond and any(s.server == setup.planner and s.name in names for s in parameter.sets):
@@ -370,7 +393,7 @@ def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:
     known = servers(full)
     for parameter in robot.space:
         key = f"parameter_space.{parameter.name}"
-        advice = next(filter(None, (_refusal(parameter, setting, known) for setting in parameter.sets)), "")
+        advice = next(filter(None, (_refusal(parameter, one, known) for one in parameter.sets)), "")
         if not advice:
             start = branch(full, parameter.sets[0].server)[parameter.sets[0].name]
             if not parameter.low <= start <= parameter.high:
@@ -379,99 +402,20 @@ def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:
             yield Finding(key, advice=advice)
 
 
-def _refusal(parameter: SpaceParameter, setting: Any, known: Dict[str, Any]) -> str:
+def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
     """Why a parameter cannot set a value of a server; "" where it can."""
-    where = f"server {setting.server} of move_base" if setting.server else "move_base's own server"
-    if setting.server not in known:
+    where = f"server {one.server} of move_base" if one.server else "move_base's own server"
+    if one.server not in known:
         names = list(filter(None, known))
-        return f"there is no {where}; {meant(setting.server, names, 'give ' + ', '.join(names))}"
-    declared = next((p for p in known[setting.server].parameters if setting.name in p.names), None)
+        return f"there is no {where}; {meant(one.server, names, 'give ' + ', '.join(names))}"
+    declared = next((p for p in known[one.server].parameters if one.name in p.names), None)
     if declared is None:
-        return f"{where} has no parameter {setting.name}; docs/reference/parameters.md lists them"
+        return f"{where} has no parameter {one.name}; docs/reference/parameters.md lists them"
     if declared.type not in ("double", "int"):
-        return f"{setting.name} is no number in {where}; take another parameter"
+        return f"{one.name} is no number in {where}; take another parameter"
     if (declared.type == "int") != parameter.integer:
         return f"give integer: {str(declared.type == 'int').lower()}, as in {where}"
-    low, high = (-parameter.high, -parameter.low) if setting.negated else (parameter.low, parameter.high)
+    low, high = (-parameter.high, -parameter.low) if one.negated else (parameter.low, parameter.high)
     if not declared.min <= low <= high <= declared.max:
         return f"{where} takes {declared.min:g} to {declared.max:g}; stay within it"
     return ""
-
-
-# --- tables ----------------------------------------------------------------------------------------------------------
-# v: the values at the key's place. m: the robot's sections, and m.s, the setup.
-
-START = (
-    "the costmap, {{v.{0}:g}} m long, does not hold the robot's start at 0, give {{m.centred_{1}:g}}, or "
-    "rolling_window: true"
-)
-WIDE = "the robot is {m.s.width:.3g} m wide, give metres"
-DROPPED = "laser.height in robot.yaml is {{m.laser.height:g}}, so that all points are dropped, give at {} that"
-PLANNER = (
-    same_name("odom_topic", "topics.odometry", severity="remark"),
-    at_most("min_vel_x", "max_vel_x", severity="warning"),
-    at_most("min_vel_theta", "max_vel_theta", severity="warning"),
-    Rule("sim_time", lambda v, m: v.sim_time == 0.0, "no velocity is legal then, give about 1.5 s"),
-    Rule(
-        "yaw_goal_tolerance",
-        lambda v, m: v.yaw_goal_tolerance > pi,
-        "all headings are within it, give radians",
-        "remark",
-    ),
-)
-DWA_PLANNER = (
-    at_most("min_vel_trans", "max_vel_trans"),
-    Rule(
-        "acc_lim_theta",
-        lambda v, m: v.reached_speed + SLACK < v.min_vel_trans and v.reached_turn + SLACK < v.min_vel_theta,
-        "within {v.seconds:g} s a robot that stands reaches {v.reached_turn:.3g} rad/s and {v.reached_speed:.3g} m/s, "
-        "below min_vel_theta {v.min_vel_theta:g} and min_vel_trans {v.min_vel_trans:g}, so that every sample is "
-        "refused: give acc_lim_theta {v.enough:.3g}, or smaller speeds",
-    ),
-    Rule(
-        "min_vel_x",
-        lambda v, m: v.min_vel_x <= -v.min_vel_trans and v.change < 2.0 * v.min_vel_trans,
-        "a robot that backs can neither stop nor drive ahead until a cycle fails, for acc_lim_x / controller_frequency "
-        "is {v.change:.3g} m/s, and speeds below min_vel_trans {v.min_vel_trans:g} are refused: give acc_lim_x "
-        "{v.braking:.3g}",
-        "remark",
-    ),
-    at_most("max_vel_x", "max_vel_trans", lambda v, m: v.max_vel_x > v.max_vel_trans + SLACK, "remark"),
-    Rule(
-        "occdist_scale",
-        lambda v, m: v.obstacle > v.progress,
-        "before a narrow gap the robot turns or stands, for an obstacle beside it costs {v.obstacle:.2f}, all progress "
-        "of a trajectory counts {v.progress:.2f} (goal_distance_bias)",
-        "remark",
-    ),
-)
-COSTMAP = (
-    same_name("robot_base_frame", "frames.base", lambda v, m: not m.local),
-    same_name("global_frame", "frames.odom", lambda v, m: not m.s.with_map),
-    same_name("global_frame", "frames.map", lambda v, m: m.s.with_map and not m.local),
-    Rule("resolution", lambda v, m: v.resolution > m.s.width, WIDE),
-    Rule(
-        "update_frequency",
-        lambda v, m: m.local and v.update_frequency == 0.0,
-        "the costmap is never updated, give that of the scans",
-    ),
-    Rule("origin_x", lambda v, m: m.fixed and not -v.width < v.origin_x < 0.0, START.format("width", "x")),
-    Rule("origin_y", lambda v, m: m.fixed and not -v.height < v.origin_y < 0.0, START.format("height", "y")),
-)
-INFLATION = (Rule("inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.s.width, WIDE, "warning"),)
-BLIND = (  # why a source does not show what the laser sees
-    same_name("topic", "topics.scan"),
-    Rule("data_type", lambda v, m: v.data_type != "LaserScan", "the robot's laser publishes LaserScan, give that"),
-    Rule("marking", lambda v, m: not v.marking, "nothing would mark obstacles, give true"),
-    Rule("min_obstacle_height", lambda v, m: v.min_obstacle_height > m.laser.height, DROPPED.format("most")),
-    Rule("max_obstacle_height", lambda v, m: v.max_obstacle_height < m.laser.height, DROPPED.format("least")),
-)
-SOURCE = (
-    same_name("sensor_frame", "laser.frame", lambda v, m: v.sensor_frame and not any(apply(BLIND[:1], v, m)), "remark"),
-    Rule(
-        "obstacle_range",
-        lambda v, m: v.obstacle_range > v.raytrace_range,
-        "what is marked beyond raytrace_range {v.raytrace_range:g} is never cleared, give at most that",
-        "remark",
-    ),
-)

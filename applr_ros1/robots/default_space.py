@@ -1,6 +1,6 @@
 """The parameter space of a robot whose robot.yaml states none: what pays, within wide ranges.
 
-The first are what the included policy sets; the last ones, with paper false, are for searches alone. reader.py calls
+The first are what the included policy sets; the last ones, with paper false, are for searches alone. folder.py calls
 `default_space`.
 """
 
@@ -14,7 +14,7 @@ from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, find
+from applr_ros1.robots.robot import Base, Body, Setting, SpaceParameter, setting
 
 DWA = "DWAPlannerROS"
 # what move_base starts with where the files leave it out, of those that the ranges would not always include
@@ -61,7 +61,7 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     ]
     if dwa:
         ranges.append(("forward_point_distance", 0.0, width, False, []))
-        if (find(tree, server, ("min_vel_x",)) or 0.0) < 0.0:  # no policy makes a robot reverse that its maker does not
+        if (setting(tree, server, ("min_vel_x",)) or 0.0) < 0.0:  # no policy reverses where its maker does not
             ranges.append(("min_vel_x", 0.0, 0.0, False, []))
     aliases = {} if dwa else {"path_distance_bias": ("pdist_scale",), "goal_distance_bias": ("gdist_scale",)}
     found = []
@@ -76,9 +76,9 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     searched: List[Tuple[str, float, float, Tuple[str, ...]]] = []
     if not dwa:
         searched.append(("min_in_place_vel_theta", 0.05 * turn, 0.5 * turn, (server,)))
-    if len({find(tree, costmap, ("footprint_padding",)) for costmap in costmaps}) == 1:
+    if len({setting(tree, costmap, ("footprint_padding",)) for costmap in costmaps}) == 1:
         searched.append(("footprint_padding", 0.0, 0.45 * width, costmaps))
-    if not find(tree, "", ("planner_frequency",)):  # a plan is made once, through what the laser has not seen yet
+    if not setting(tree, "", ("planner_frequency",)):  # a plan is made once, through what the laser has not seen yet
         searched.append(("planner_frequency", 0.0, 5.0, ("",)))
     for name, low, high, places in searched:
         settings = tuple(Setting.model_construct(server=place, name=name) for place in places)
@@ -95,7 +95,7 @@ def _with_start(
     settings: Tuple[Setting, ...],
     paper: bool = True,
 ) -> SpaceParameter:
-    start = find(tree, settings[0].server, settings[0].names)
+    start = setting(tree, settings[0].server, settings[0].names)
     start = _DEFAULTS.get(name) if start is None else start
     if start is not None:
         for p in SERVERS.get(settings[0].server, INFLATION):

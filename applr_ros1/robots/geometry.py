@@ -10,7 +10,7 @@ from typing import List, Tuple
 
 import numpy as np
 
-from applr_ros1.robots.description import Base, Robot
+from applr_ros1.robots.robot import Base, Robot
 
 GRAVITY = 9.8
 Rectangle = Tuple[float, float, float, float]  # x, y of the middle, half length, half width

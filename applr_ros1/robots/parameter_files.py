@@ -1,32 +1,26 @@
-"""The YAML files of a robot's folder, and the section move_base of robot.yaml, which says how they are loaded.
+"""Reader of the YAML files of a robot: parameters of move_base as rosparam reads them, of bounded size.
 
-Files are bounded in size and hold plain values only. Called by reader.py and from_parameters.py.
+folder.py reads those in a robot's folder, owner/parameters.py those of a navigation package.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import re
-from typing import Any, Callable, Dict, Optional, Tuple
-
-from pydantic import Field, model_validator
-from typing_extensions import Annotated
+from typing import Any, Callable, Dict
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
 from applr_ros1.common.yaml_files import MAX_LEVELS, Yaml, yaml_value
-from applr_ros1.robots.description import PATH, LoadedFile, MoveBaseSetup, Section
 
-FILE = "robot.yaml"
 # names that stand at move_base itself alone
 MOVE_BASE = {"base_local_planner", "base_global_planner", "planner_frequency", "recovery_behaviors", "NavfnROS"}
 MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
 MAX_BYTES = 2**19  # what roslaunch --dump-params writes holds the robot's description, too
 
 
-class _Loader(Yaml):
+class Loader(Yaml):
     """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
 
     most = 30_000
@@ -48,21 +42,22 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
 
 
 for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
-    _Loader.add_constructor(f"!{_name}", _angle(_unit))
-    _Loader.add_implicit_resolver(f"!{_name}", re.compile(rf"^{_name[:3]}\([^)]*\)$"), [_name[0]])
+    Loader.add_constructor(f"!{_name}", _angle(_unit))
+    Loader.add_implicit_resolver(f"!{_name}", re.compile(rf"^{_name[:3]}\([^)]*\)$"), [_name[0]])
 
 
-def read_yaml(path: str) -> Dict[str, Any]:
-    """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
-    return _mapping(_text(path), path)
+def read_yaml(path: Any) -> Dict[str, Any]:
+    """Read the mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
+    return mapping(_text(path), path)
 
 
-def _text(path: str) -> str:
+def _text(path: Any) -> str:
     return files.read_bytes(path, MAX_BYTES).decode("utf-8-sig", "replace")  # comments may be of another encoding
 
 
-def _mapping(text: str, path: str) -> Dict[str, Any]:
-    found = yaml_value(text, path, _Loader)
+def mapping(text: str, path: Any) -> Dict[str, Any]:
+    """Read the mapping in a YAML text, as `read_yaml` does."""
+    found = yaml_value(text, path, Loader)
     if not isinstance(found or {}, dict):
         raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
     return found or {}
@@ -82,7 +77,7 @@ def read_levels(path: str) -> Dict[str, Any]:
     if "ros__parameters:" in text:
         raise ApplrError(f"{path} is for ROS 2: give the parameter files of a move_base of ROS 1")
     for document in re.split(r"^---(?=\s|$)", text, flags=re.MULTILINE):
-        content = _mapping(document, path)
+        content = mapping(document, path)
         space = str(content.pop("_ns", ""))  # rosparam's name of the level that a document is loaded below
         found = merged(found, _levels({f"{space}/{name}".strip("/"): value for name, value in content.items()}, path))
     return found
@@ -112,47 +107,3 @@ def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:
             here = here[part]
         here.update(merged({parts[-1]: here.get(parts[-1])}, {parts[-1]: value}))
     return found
-
-
-class ParameterFile(Section):
-    """A file in the robot's folder, and the namespace below which its parameters stand."""
-
-    file: str
-    namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
-
-    @model_validator(mode="after")
-    def _is_in_the_folder(self) -> ParameterFile:
-        if os.path.isabs(self.file) or ".." in self.file.split("/"):
-            raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
-        return self
-
-    def loaded(self, folder: str) -> LoadedFile:
-        """The file in a folder; without values where it cannot be read."""
-        try:
-            return LoadedFile(self.file, self.namespace, read_parameters(os.path.join(folder, self.file)))
-        except ApplrError as problem:
-            return LoadedFile(self.file, self.namespace, {}, str(problem))
-
-
-class FileGroup(Section):
-    """Files in the order in which they are loaded, and parameters that come after them; later values count."""
-
-    files: Tuple[ParameterFile, ...] = ()
-    parameters: Dict[str, Any] = {}
-
-    def loaded(self, folder: str) -> Tuple[LoadedFile, ...]:
-        """The files in a folder, and robot.yaml with the parameters."""
-        return (*(file.loaded(folder) for file in self.files), LoadedFile(FILE, "", self.parameters))
-
-
-class MoveBaseSection(FileGroup):
-    """What is always loaded, and what is loaded after it with and without a map."""
-
-    with_map: Optional[FileGroup] = None
-    without_map: FileGroup = FileGroup()
-
-    def setup(self, folder: str) -> MoveBaseSetup:
-        """The files in `folder` that the section names."""
-        always = self.loaded(folder)
-        with_map = None if self.with_map is None else always + self.with_map.loaded(folder)
-        return MoveBaseSetup(always + self.without_map.loaded(folder), with_map)

@@ -134,12 +134,11 @@ def _parameter(p):
 
 def robot_sections():
     """The sections of robot.yaml and their fields, from the classes that read them."""
-    from applr_ros1.robots import description
-    from applr_ros1.robots.reader import RobotFile
+    from applr_ros1.robots.robot import RobotFile
 
     kinds = {name: field.annotation for name, field in RobotFile.model_fields.items()}
     return "\n\n".join(
-        _section(name, kind) for name, kind in kinds.items() if getattr(kind, "__module__", "") == description.__name__
+        _section(name, kind) for name, kind in kinds.items() if getattr(kind, "__module__", "") == RobotFile.__module__
     )
 
 

@@ -15,7 +15,7 @@ from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_im
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.default_space import default_space
-from applr_ros1.robots.description import Setting, SpaceParameter
+from applr_ros1.robots.robot import Setting, SpaceParameter
 from tests.policy import golden_form
 
 MIRROR = DimensionlessForm(JACKAL, 1.0).mirror

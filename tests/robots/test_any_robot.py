@@ -14,7 +14,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots.check import findings
+from applr_ros1.robots.check import of_setup
 from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, train
 from training.bags import reader as bags
@@ -137,13 +137,13 @@ def test_check_says_what_it_makes_of_a_description(crate, capsys):
     (crate / "costmap.yaml").write_text(COSTMAP.replace("padding: 0.05", "padding: 0.0"))
     text = CRATE.replace("world_scale: 0.85", "world_scale: 1.5").replace("size: [0.36, 0.30", "size: [0.36, 0.40")
     (crate / "robot.yaml").write_text(text.replace("sim_time: 1.2,", "sim_time: 1.2, max_rot_vel: 1.0,"))
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     assert check_robot.main([str(crate)]) == 0
     own, costmap = [line for line in capsys.readouterr().out.splitlines() if line.startswith("remark")]
     assert re.search(r"robot.yaml: \S+max_rot_vel is no longer read: give max_vel_theta; world_scale is 1.5: ", own)
     assert "0.05 m beyond" in costmap
     (crate / "robot.yaml").write_text(CRATE.replace("range: [0.3, 0.8]", "range: [0.3, 0.9]"))
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     assert check_robot.main([str(crate)]) == 1
     assert "base.max_speed of this base is 0.8" in capsys.readouterr().err
 
@@ -153,7 +153,7 @@ def test_check_says_what_it_makes_of_a_description(crate, capsys):
     [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],
 )
 def test_check_names_the_traps_of_shipped_parameters(name, trap):
-    found = [finding.advice for finding in findings(robots.load(name)) if finding.value != "has no effect"]
+    found = [finding.advice for finding in of_setup(robots.load(name)) if finding.value != "has no effect"]
     assert [trap in advice for advice in found] == ([True] if trap else [])
 
 

@@ -13,10 +13,10 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.robots import xacro_file
 from applr_ros1.robots.default_space import default_space
-from applr_ros1.robots.urdf import urdf as urdf_of
-from applr_ros1.robots.urdf_file import UrdfFile
+from applr_ros1.robots.owner.expand import expand
+from applr_ros1.robots.owner.urdf import UrdfFile
+from applr_ros1.robots.rviz_model import urdf as urdf_of
 from training import check_robot, new_robot
 
 pytest.importorskip("yourdfpy")
@@ -171,7 +171,7 @@ def test_two_wheels_and_a_caster(make, capsys):
     assert check_robot.main([str(file.parent)]) == 1
     assert "base.max_speed" in capsys.readouterr().err
     fill(file)
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     assert check_robot.main([str(file.parent)]) == 0
     assert "DWAPlannerROS, 20 commands per second, with and without a map" in capsys.readouterr().out
 
@@ -201,7 +201,7 @@ def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
     assert "local_costmap/plugins has costmap_2d::VoxelLayer: an obstacle layer stands for it" in said
     assert "take nothing from bumps: " in said
     fill(file)
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     robot = robots.load(str(file.parent))
     assert robot.local_planner == "DWAPlannerROS"
     layers = [[layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]] for at in (True, False)]
@@ -275,7 +275,7 @@ def test_what_lies_beside_a_urdf_is_bounded(make, tmp_path):
 def test_all_meshes_together_are_bounded_and_each_is_read_once(tmp_path, monkeypatch):
     (tmp_path / "a.stl").write_bytes(stl := trimesh.creation.box((1, 1, 1)).export(file_type="stl"))
     (tmp_path / "b.stl").write_bytes(stl)
-    monkeypatch.setattr("applr_ros1.robots.urdf_file.MAX_MESHES", len(stl) + 1)
+    monkeypatch.setattr("applr_ros1.robots.owner.urdf.MAX_MESHES", len(stl) + 1)
     text = "".join(link(name, f'<mesh filename="{name[0]}.stl"/>') for name in ("a", "a2", "b"))
     text += joint("a2", "0 0 0", "a") + joint("b", "0 0 0", "a")
     (tmp_path / "a.urdf").write_text(f'<robot name="a">{text}</robot>')
@@ -430,7 +430,7 @@ def test_a_xacro_file_calculates(tmp_path):
     text += "".join(f'<link name="${{{escape(expression)}}}"/>' for expression in wanted)
     text += '<link name="$(eval many * 2)"/>'
     (tmp_path / "a.xacro").write_text(HEAD + text + "</robot>")
-    urdf, problem, _ = xacro_file.expand(str(tmp_path / "a.xacro"), {}, {})
+    urdf, problem, _ = expand(str(tmp_path / "a.xacro"), {}, {})
     assert re.findall('<link name="(.*?)"', urdf) == [str(value) for value in (*wanted.values(), 6)], problem
 
 
@@ -524,15 +524,16 @@ def test_parameters_as_roslaunch_and_rosparam_read_them(make, monkeypatch, tmp_p
     )
     _, said, file = make(PLAIN, "prefix:=my_", "unknown:=false", **files)
     fill(file)
-    robots.reader._read.cache_clear()
-    tree = robots.load(str(file.parent)).parameters(with_map=True)
+    robots.folder._read.cache_clear()
+    robot = robots.load(str(file.parent), list)
+    tree = robot.parameters(with_map=True)
     assert tree["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(1.5707963)
     assert tree["DWAPlannerROS"]["min_vel_theta"] == pytest.approx(0.1570796)
     assert [tree["DWAPlannerROS"][name] for name in ("max_vel_x", "acc_lim_theta")] == [0.3, 0.7]
     assert tree["DWAPlannerROS"]["global_frame_id"] == f"{tmp_path}/a"
     assert (tree["NavfnROS"], tree["planner_frequency"]) == ({"allow_unknown": False, "default_tolerance": 0.3}, 2.0)
     assert tree["local_costmap"]["global_frame"] == "my_odom"
-    assert robots.load(str(file.parent)).frames.map == "site_map"
+    assert robot.frames.map == "site_map"
 
 
 @pytest.mark.parametrize("frame", ["odom", "map"])
@@ -545,7 +546,7 @@ def test_both_costmaps_may_be_in_one_frame_of_any_name(make, capsys, frame):
     )
     assert yaml.safe_load(file.read_text())["frames"][frame] == "two/odom-combined"
     fill(file)
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
 
 
@@ -575,7 +576,7 @@ def test_a_local_planner_that_is_not_here_gives_its_limits_to_one_that_is(make, 
         _, said, file = make(PLAIN, **{"dwa.yaml": named + teb})
         assert f"remark: DWAPlannerROS drives here, not {planner}: with its speeds" in said
         fill(file)
-        robots.reader._read.cache_clear()
+        robots.folder._read.cache_clear()
         assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
         robot = robots.load(str(file.parent))
         own = robot.parameters()["DWAPlannerROS"]
@@ -607,7 +608,7 @@ def test_what_is_left_out_is_no_error_afterwards(make, capsys, changes):
         PLAIN, **{"costmap_common.yaml": common, "more.yaml": "TebLocalPlannerROS: {dt_ref: 0.3}\n" + NAVFN + SLASH}
     )
     fill(file)
-    robots.reader._read.cache_clear()
+    robots.folder._read.cache_clear()
     assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
     said = capsys.readouterr().out
     assert "bumper" not in said
@@ -656,7 +657,7 @@ def test_a_stand_in_has_an_inflation_layer_and_names_have_levels(make):
     plugins = found["move_base"]["parameters"]["local_costmap"]["plugins"]
     assert [layer["name"] for layer in plugins] == ["map", "seen", "inflation_layer"]
     fill(file)
-    local = robots.load(str(file.parent)).parameters()["local_costmap"]
+    local = robots.load(str(file.parent), list).parameters()["local_costmap"]
     assert (local["seen"]["scan"]["raytrace_range"], local["plugins"][-1]["name"]) == (2.0, "inflation_layer")
 
 

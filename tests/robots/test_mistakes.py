@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots import NAMES, load
-from applr_ros1.robots.check import examined, findings, with_remarks
+from applr_ros1.robots import NAMES, load, tell
+from applr_ros1.robots import folder as folders
+from applr_ros1.robots.check import findings, of_setup
 from tests.support import DATA
 from training import check_robot, evaluate, train
 
@@ -35,7 +36,7 @@ def changed(folder, robot, file, old, new):
 
 def checked(folder, capsys):
     """Exit status of the check, and its findings."""
-    load.__globals__["_read"].cache_clear()
+    folders._read.cache_clear()
     status = check_robot.main([folder])
     printed = "".join(capsys.readouterr()).replace("check_robot.py: ", "error: ").replace(folder + "/", "")
     return status, [line for line in printed.splitlines() if re.match("error|warning|remark", line)]
@@ -55,7 +56,9 @@ def test_what_no_file_of_parameters_holds_is_a_finding(tmp_path, text, line):
     folder = changed(
         tmp_path / "mine", "turtlebot3_burger", "local_costmap_params.yaml", "local_costmap:", text + "\nb:"
     )
-    assert [found for found in examined(folder)[1] if found.severity == "error" and re.search(line, str(found))]
+    assert [
+        found for found in findings(*folders.read(folder)) if found.severity == "error" and re.search(line, str(found))
+    ]
 
 
 @pytest.mark.parametrize(("robot", "file", "old", "new", "remedy", "lines"), mistakes())
@@ -99,14 +102,14 @@ def test_all_findings_of_all_files_come_at_once(tmp_path, capsys):
         shutil.copy(Path(folder, "odom_nav_params", "local_costmap_params.yaml"), folder)
         file = Path(folder, "costmap_common_params.yaml")
         file.write_text(file.read_text().replace(" topic: front/scan", " topic: scan").replace("2.5", "5.5"))
-        load.__globals__["_read"].cache_clear()
+        folders._read.cache_clear()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_included_robots_have_no_errors(name):
     robot = load(name)
     setups = [False] if robot.move_base.with_map is None else [False, True]
-    assert not [f for with_map in setups for f in findings(robot, with_map) if f.severity == "error"]
+    assert not [f for with_map in setups for f in of_setup(robot, with_map) if f.severity == "error"]
 
 
 WRONG = ("turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "max_vel_theta: 2.75", "max_vel_theta: .inf")
@@ -138,7 +141,7 @@ def test_the_demo_and_the_node_stop_at_the_same_line(tmp_path):
 
 def test_remarks_are_printed_once(tmp_path, capsys):
     folder = changed(tmp_path / "mine", "jackal", "robot.yaml", "world_scale: 1.0", "world_scale: 2.0")
-    assert with_remarks(folder) is with_remarks(folder)
+    assert load(folder, tell) is load(folder, tell)
     (printed,) = capsys.readouterr().err.splitlines()
     assert printed.startswith(f"remark: {folder}/robot.yaml: world_scale is 2: ")
 
@@ -146,9 +149,8 @@ def test_remarks_are_printed_once(tmp_path, capsys):
 def test_warnings_come_again_at_the_end_of_the_process(tmp_path, capsys, monkeypatch):
     later = []
     monkeypatch.setattr("atexit.register", lambda *call: later.append(call))
-    with_remarks(
-        changed(tmp_path / "mine", "jackal", "costmap_common_params.yaml", "inflation_radius:", "inflation_radus:")
-    )
+    word = "inflation_radius:", "inflation_radus:"
+    load(changed(tmp_path / "mine", "jackal", "costmap_common_params.yaml", *word), tell)
     said = capsys.readouterr().err
     ((repeat, found, process),) = later
     repeat(found, process)
@@ -166,6 +168,6 @@ def test_a_window_is_judged_as_the_planner_judges_it(tmp_path):
     for least, turn, refused in (("1.37", "13.6", True), ("1.37", "13.8", False), ("0.1", "2.0", False)):
         text = limits.replace("min_vel_theta: 1.37", f"min_vel_theta: {least}")
         file.write_text(text.replace("acc_lim_theta: 3.2", f"acc_lim_theta: {turn}"))
-        load.__globals__["_read"].cache_clear()
-        assert any("every sample is refused" in f.advice for f in findings(load(str(folder)))) == refused
-    assert findings(load("jackal")) == []
+        folders._read.cache_clear()
+        assert any("every sample is refused" in f.advice for f in of_setup(load(str(folder), list))) == refused
+    assert of_setup(load("jackal")) == []

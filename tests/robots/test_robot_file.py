@@ -6,11 +6,13 @@ from pathlib import Path
 import pytest
 import yaml
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.measured import Value
-from applr_ros1.robots.reader import FILE, RobotFile
-from applr_ros1.robots.robot_file import write_measured
+from applr_ros1.robots.owner.write import write_measured
+from applr_ros1.robots.parameter_files import read_yaml
+from applr_ros1.robots.robot import FILE, RobotFile
 
 TEXT = (Path(JACKAL.folder) / FILE).read_text()
 VALUES = yaml.safe_load(TEXT)
@@ -64,15 +66,20 @@ IN_PLACE = {
     "merged section": without("monitor", "monitor:\n  <<: {margin: 0.03}\n  reaction_time: 0.2\n"),
     "question mark": without("monitor", "? monitor\n: {margin: 0.03}\n"),
     "umlaut": "# für\n" + TEXT,
+    "another encoding": ("# für\n" + TEXT).encode("latin-1"),
+    "angles of rosparam": TEXT.replace("first_angle: -2.35619", "first_angle: deg(-135)"),
 }
 ANEW = {
     "value is an alias": without("monitor", "monitor:\n  margin: &a 0.5\n  deceleration: *a\n"),
     "value has an alias": without("monitor", "monitor:\n  deceleration: &a 0.5\n  margin: *a\n"),
     "section is an alias": "defaults: &d {margin: 0.03}\n" + without("monitor", "monitor: *d\n"),
     "question mark in a section": without("monitor", "monitor:\n  ? margin\n  : 0.03\n"),
-    "utf-16": TEXT.encode("utf-16"),
 }
-NOT_SECTIONS = {"list": "- 1\n", "section is a list": without("monitor", "monitor: [1]\n")}
+NOT_SECTIONS = {
+    "list": ("- 1\n", "holds no mapping"),
+    "section is a list": (without("monitor", "monitor: [1]\n"), "not sections of values; nothing was written"),
+    "utf-16": (TEXT.encode("utf-16"), "not readable as YAML"),
+}
 
 
 def in_folder(folder, text):
@@ -85,14 +92,14 @@ def in_folder(folder, text):
 def test_values_change_in_every_form_of_yaml_and_nothing_else(tmp_path, form):
     file = in_folder(tmp_path, {**IN_PLACE, **ANEW}[form])
     old = file.read_bytes()
-    expected = yaml.safe_load(old)
+    expected = read_yaml(file)
     for (section, name), number in NUMBERS.items():
         expected[section] = {**(expected.get(section) or {}), name: number}
     lines = write_measured(tmp_path, MEASURED)
     new = file.read_bytes()
-    assert yaml.safe_load(new) == expected
+    assert read_yaml(file) == expected
     for section, name in NUMBERS:
-        assert new.decode().count(f"# measured: {section}.{name} ") == 1
+        assert new.decode("latin-1").count(f"# measured: {section}.{name} ") == 1
     copies = [path for path in tmp_path.iterdir() if path != file]
     if form in ANEW:
         assert [path.read_bytes() for path in copies] == [old]
@@ -100,23 +107,24 @@ def test_values_change_in_every_form_of_yaml_and_nothing_else(tmp_path, form):
         assert lines == [said]
     else:
         assert (lines, copies) == ([], [])
-        assert [line for line in old.decode().splitlines() if line.startswith("#") and line not in new.decode()] == []
+        assert [line for line in old.splitlines() if line.startswith(b"#") and line not in new] == []
     assert write_measured(tmp_path, MEASURED) == []
     assert file.read_bytes() == new
 
 
 @pytest.mark.parametrize("form", NOT_SECTIONS)
 def test_a_file_without_sections_is_one_line_and_untouched(tmp_path, form):
-    file = in_folder(tmp_path, NOT_SECTIONS[form])
-    with pytest.raises(StorageError, match="robot.yaml: not sections of values; nothing was written"):
+    file = in_folder(tmp_path, NOT_SECTIONS[form][0])
+    before = file.read_bytes()
+    with pytest.raises(ApplrError, match=f"robot.yaml: {NOT_SECTIONS[form][1]}"):
         write_measured(tmp_path, MEASURED)
-    assert file.read_text() == NOT_SECTIONS[form]
+    assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_text_that_holds_other_values_than_it_should_is_not_written(tmp_path, monkeypatch):
     file = in_folder(tmp_path, TEXT)
-    monkeypatch.setattr("applr_ros1.robots.robot_file._with_number", lambda text, *_: text.replace("0.5", "0.4"))
+    monkeypatch.setattr("applr_ros1.robots.owner.write._with_number", lambda text, *_: text.replace("0.5", "0.4"))
     with pytest.raises(StorageError, match="cannot be written as YAML again; nothing was written"):
         write_measured(tmp_path, MEASURED)
     assert file.read_text() == TEXT

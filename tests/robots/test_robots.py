@@ -9,7 +9,7 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots.mistakes import contradictions
+from applr_ros1.robots.check import contradictions
 from tests.support.jackal import JACKAL
 
 HERE = os.path.dirname(robots.load("jackal").folder)

@@ -9,7 +9,7 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots.description import Base, Body, Simulation
+from applr_ros1.robots.robot import Base, Body, Simulation
 from tests.support.scenes import STEP, drive, small_world
 
 OPEN = small_world()

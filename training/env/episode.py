@@ -26,7 +26,7 @@ from applr_ros1.policy.observation import goal_angle, layout_of, local_goal
 from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
-from applr_ros1.robots.description import Laser
+from applr_ros1.robots.robot import Laser
 from training.env.outcome import CLEAR, Outcome, Trace
 
 CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles

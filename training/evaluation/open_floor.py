@@ -19,7 +19,7 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots import Robot
-from applr_ros1.robots.description import LoadedFile
+from applr_ros1.robots.robot import LoadedFile
 from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
 from worlds import Course, World
 

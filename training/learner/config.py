@@ -21,8 +21,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import NAMES, load
-from applr_ros1.robots.check import with_remarks
+from applr_ros1.robots import NAMES, load, tell
 from training.common.command_line import Monitor, Movers, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import protocols
@@ -188,7 +187,7 @@ class TrainConfig(
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        with_remarks(self.robot)
+        load(self.robot, tell)
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")

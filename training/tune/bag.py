@@ -16,7 +16,8 @@ import sim_bridge
 from applr_ros1.common.angles import normalize_angle, transform_point
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
-from applr_ros1.robots import Robot, measured, mistakes
+from applr_ros1.robots import Robot, measured
+from applr_ros1.robots.check import contradictions
 from applr_ros1.robots.measured import Fields
 from training.bags.reader import BagError, TopicNames, find, refused
 from training.env.episode import TIME_LIMIT, Episode, counting_cells
@@ -152,7 +153,7 @@ def read(paths: Sequence[Any], robot: Robot, copies: int = 6) -> Recorded:
     new = {(of, name): v for (of, name), v in fields.items() if v.contradicts(getattr(getattr(robot, of), name))}
     for (section, name), value in list(new.items()):
         other = replace(robot, **{section: getattr(robot, section).model_copy(update={name: value.value})})
-        wrong = [finding for finding in mistakes.contradictions(other) if finding.severity == "error"]
+        wrong = [finding for finding in contradictions(other) if finding.severity == "error"]
         if wrong:
             remarks.insert(0, f"measured {section}.{name} {new.pop((section, name))} is left out: {wrong[0]}")
         robot = robot if wrong else other

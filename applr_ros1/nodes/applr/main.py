@@ -24,8 +24,7 @@ from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import JACKAL, load
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
@@ -93,7 +92,7 @@ def main():
     period, seed = _number("period", 0, 60.0), _number("seed", 0, 2**31 - 1)
     max_speed = _number("max_speed", 0, math.inf)
     namespace = rospy.resolve_name(str(rospy.get_param("~move_base", "move_base")))
-    robot = usable(str(rospy.get_param("~robot", JACKAL.name)), bool(rospy.get_param("~map", False)))
+    robot = load(str(rospy.get_param("~robot", JACKAL.name)), with_map=bool(rospy.get_param("~map", False)))
     space = space_of(robot)
     slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
     if 0 < max_speed < slowest:

@@ -32,8 +32,7 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Ages, Sensors
-from applr_ros1.robots import JACKAL, Robot
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import JACKAL, Robot, load
 
 from .guard import Heartbeat
 from .other_publishers import OtherPublishers
@@ -233,7 +232,7 @@ def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
     parameters = private_parameters()
-    robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
+    robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
     more = parameters.get("more_scans", list(robot.topics.more_scans))

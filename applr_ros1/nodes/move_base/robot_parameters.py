@@ -10,8 +10,7 @@ from typing import Any, Dict, Optional, Tuple
 from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.robots import Robot
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import Robot, load
 
 OWN = ("robot", "map", "tf_prefix")
 
@@ -37,7 +36,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
     with_map, prefix = given.get("map", False), frame_prefix(str(given.get("tf_prefix", "")))
     if not isinstance(with_map, bool):
         raise ParameterError(f"map is {with_map!r}: give true or false")
-    robot = usable(str(given["robot"]), with_map)
+    robot = load(str(given["robot"]), with_map=with_map)
     files = robot.parameters(with_map)
     if prefix:
         _prefix_frames(files, prefix)

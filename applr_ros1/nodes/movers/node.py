@@ -27,8 +27,7 @@ from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors, jumped_back
 from applr_ros1.planner.parameters.layers import PREDICTED
-from applr_ros1.robots import JACKAL, Robot
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import JACKAL, Robot, load
 
 LOOK = 0.2  # s of wall time after which the clock is looked at where no scan comes
 SHOWN = 0.3  # s for which it stays
@@ -93,7 +92,7 @@ def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("movers")
     parameters = private_parameters()
-    robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
+    robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
     warm_up()
     node = MoversNode(robot, frame_prefix(str(parameters.get("tf_prefix", ""))))
     with until_shutdown():

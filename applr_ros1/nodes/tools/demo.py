@@ -32,7 +32,7 @@ from applr_ros1.drives.page import PERIOD, Drive, Scene, page
 from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots.check import with_remarks
+from applr_ros1.robots import load, tell
 from sim_bridge.ros_bridge import BASE_TIME
 
 from . import send_goal
@@ -88,7 +88,7 @@ def prepare(words):
     writable = os.access(os.path.dirname(os.path.abspath(picture)), os.W_OK)
     if picture != "none" and not (picture.endswith(".png") and writable):
         raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
-    robot = with_remarks(values["robot"])
+    robot = load(values["robot"], tell)
     if values["policy"] != "none":
         kind = "applr" if values["method"] == "auto" else values["method"]
         values["method"] = methods.absolute(f"{kind}:{values['policy']}")

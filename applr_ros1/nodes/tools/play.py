@@ -14,7 +14,7 @@ from dynamic_reconfigure import find_reconfigure_services
 
 import worlds
 from applr_ros1.nodes.viewer import admission
-from applr_ros1.robots.check import usable
+from applr_ros1.robots import load
 
 from .launcher import given_arguments, launch_arguments, own_stack, say
 
@@ -35,7 +35,7 @@ def main():
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
     defaults = launch_arguments()
     given.update(given_arguments(options.words, defaults))
-    usable(given.get("robot", defaults["robot"]))  # what is wrong with these two ends here, in one line
+    load(given.get("robot", defaults["robot"]))  # what is wrong with these two ends here, in one line
     worlds.load(given.get("world", defaults["world"]))
     token = os.environ[admission.TOKEN] = admission.token()
     # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there

@@ -34,7 +34,7 @@ def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
     text = (folder / file).read_text()
     assert old in text
     (folder / file).write_text(text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5"))
-    robot = load(str(folder))
+    robot = load(str(folder), list)
     assert why in Floor(robot, "kinematic").drive(courses(robot)[course])
 
 

@@ -10,7 +10,7 @@ import sim_bridge
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import measured
-from applr_ros1.robots.reader import load
+from applr_ros1.robots.folder import load
 from tests.support.recording import RecordingEpisode, StackWriter
 from training.bags.reader import BagError, TopicNames
 from training.env.episode import counting_cells

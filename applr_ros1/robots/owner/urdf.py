@@ -1,4 +1,4 @@
-"""Reads a URDF or xacro file as it stands: links, joints, boxes around shapes, masses. from_urdf.py judges it."""
+"""Reads a URDF or xacro file as it stands: links, joints, boxes around shapes, masses. links.py says what they are."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from defusedxml import ElementTree
 
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.common.files import plain_xml, read_bytes
-from applr_ros1.robots.xacro_file import MAX_TEXT, expand
+from applr_ros1.robots.owner.expand import MAX_TEXT, expand
 
 LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 MAX_DEPTH = 100  # levels of tags, joints from a link to the root, and files that a xacro file includes
@@ -181,7 +181,7 @@ class UrdfFile:
 
     def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str = ""):
         try:
-            import xacro  # noqa: F401  (xacro_file.py's process needs it)
+            import xacro  # noqa: F401  (expand.py's process needs it)
             import yourdfpy
         except ModuleNotFoundError as missing:
             raise ApplrError(

@@ -11,7 +11,7 @@ from typing import List
 from xml.sax.saxutils import quoteattr
 
 from applr_ros1.robots import geometry, load
-from applr_ros1.robots.description import Robot
+from applr_ros1.robots.robot import Robot
 
 _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
 

@@ -1,12 +1,13 @@
-"""What robot.yaml holds, once: each field with its type, limits, unit, default and sentence, as pydantic models.
+"""The schema of robot.yaml, each field once with type, limits, unit, default and sentence, and the Robot made of it.
 
-reader.py fills them, new_robot.py asks for fields that other files leave out, the site's reference page lists them.
+folder.py fills it, new_robot.py asks for fields that other files leave out, the site's reference page lists them.
 Positions are in the robot's base frame, x ahead. Fields without a default have to be given.
 """
 
 from __future__ import annotations
 
 import copy
+import os
 from dataclasses import dataclass, field
 from typing import Any, Dict, NamedTuple, Optional, Tuple
 
@@ -15,7 +16,9 @@ from typing_extensions import Annotated, Literal, get_args
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
+from applr_ros1.robots.parameter_files import read_parameters
 
+FILE = "robot.yaml"
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
 Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # of a topic
 Frame = Annotated[str, Field(pattern=r"^/?[A-Za-z0-9_][A-Za-z0-9_.:-]*(/[A-Za-z0-9_.:-]+)*$")]  # in tf2
@@ -280,6 +283,82 @@ class LoadedFile(NamedTuple):
     problem: str = ""
 
 
+class ParameterFile(Section):
+    """A file in the robot's folder, and the namespace below which its parameters stand."""
+
+    file: str
+    namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
+
+    @model_validator(mode="after")
+    def _is_in_the_folder(self) -> ParameterFile:
+        if os.path.isabs(self.file) or ".." in self.file.split("/"):
+            raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
+        return self
+
+    def loaded(self, folder: str) -> LoadedFile:
+        """The file in a folder; without values where it cannot be read."""
+        try:
+            return LoadedFile(self.file, self.namespace, read_parameters(os.path.join(folder, self.file)))
+        except ApplrError as problem:
+            return LoadedFile(self.file, self.namespace, {}, str(problem))
+
+
+class FileGroup(Section):
+    """Files in the order in which they are loaded, and parameters that come after them; later values count."""
+
+    files: Tuple[ParameterFile, ...] = ()
+    parameters: Dict[str, Any] = {}
+
+    def loaded(self, folder: str) -> Tuple[LoadedFile, ...]:
+        """The files in a folder, and robot.yaml with the parameters."""
+        return (*(file.loaded(folder) for file in self.files), LoadedFile(FILE, "", self.parameters))
+
+
+class MoveBaseSection(FileGroup):
+    """Files that are always loaded, and those that are loaded after them with and without a map."""
+
+    with_map: Optional[FileGroup] = None
+    without_map: FileGroup = FileGroup()
+
+    def setup(self, folder: str) -> MoveBaseSetup:
+        """The files in `folder` that the section names."""
+        always = self.loaded(folder)
+        with_map = None if self.with_map is None else always + self.with_map.loaded(folder)
+        return MoveBaseSetup(always + self.without_map.loaded(folder), with_map)
+
+
+class RobotFile(Section):
+    """The content of robot.yaml."""
+
+    base: Base
+    body: Body
+    laser: Laser
+    frames: Frames
+    simulation: Simulation
+    move_base: MoveBaseSection
+    topics: Topics = Topics()
+    odometry: OdometryErrors = OdometryErrors()
+    monitor: Monitoring = Monitoring()
+    world_scale: float = real("", 0.05, 20.0, "size of its worlds beside the Jackal's")
+    parameter_space: Optional[Dict[ParameterName, SpaceParameter]] = Field(
+        default=None, min_length=1, max_length=MAX_PARAMETERS
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, content: Any) -> Any:
+        """Takes empty sections out, and gives each parameter of the space the name that is its key, its values too."""
+        content = {name: value for name, value in content.items() if value is not None}
+        space = content.get("parameter_space")
+        if not isinstance(space, dict):
+            return content
+        named = {name: dict(given, name=name) if isinstance(given, dict) else given for name, given in space.items()}
+        for name, given in named.items():
+            if isinstance(given, dict) and isinstance(given.get("sets"), list):
+                given["sets"] = [{"name": name, **one} if isinstance(one, dict) else one for one in given["sets"]]
+        return dict(content, parameter_space=named)
+
+
 @dataclass(frozen=True)
 class MoveBaseSetup:
     """The robot's move_base parameters: the files in the order in which its launch file loads them."""
@@ -333,7 +412,7 @@ class Robot:
         return joined
 
 
-def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
+def setting(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
     """A number of a server in a nested parameter tree (layers.arranged) under the first of `names` that has one."""
     found = [branch(tree, server).get(name) for name in names]
     numbers = [number for number in found if isinstance(number, (int, float)) and not isinstance(number, bool)]

@@ -1,6 +1,6 @@
 """Writes robot.yaml: a new one from what was found in other files, and measured values into one that is there.
 
-training/new_robot.py calls `text`, training/tune_robot.py `write_measured`; reader.py reads the file.
+training/new_robot.py calls `robot_yaml`, training/tune_robot.py `write_measured`; folder.py reads the file.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any, Dict, List, Mapping, Tuple, Type
 
 import yaml
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, sha256, write_bytes
-from applr_ros1.common.yaml_files import MAX_YAML, Yaml, yaml_value
-from applr_ros1.robots.description import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
 from applr_ros1.robots.measured import Fields
-from applr_ros1.robots.parameter_files import FILE
+from applr_ros1.robots.parameter_files import Loader, mapping, read_yaml
+from applr_ros1.robots.robot import FILE, Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
 
 _MODELS: Dict[str, Type[Section]] = {
     "base": Base,
@@ -30,7 +30,7 @@ _MODELS: Dict[str, Type[Section]] = {
 NULL = "tag:yaml.org,2002:null"
 
 
-def text(
+def robot_yaml(
     source: str,
     values: Mapping[str, Mapping[str, Any]],
     world_scale: float,
@@ -102,28 +102,27 @@ def write_measured(folder: Any, fields: Fields) -> List[str]:
         StorageError: The file is not one of sections, or cannot be read or written. It is untouched then.
     """
     path = Path(folder) / FILE
-    old = read_bytes(path, MAX_YAML)
-    values = yaml_value(old, path)
-    if not isinstance(values, dict) or not all(isinstance(values.get(name) or {}, dict) for name, _ in fields):
+    old, values = read_bytes(path), read_yaml(path)
+    if not all(isinstance(values.get(section) or {}, dict) for section, _ in fields):
         raise StorageError(f"{path}: not sections of values; nothing was written")
     numbers = {place: float(f"{value.value:.4g}") for place, value in fields.items()}
     for (section, name), number in numbers.items():
         values[section] = {**(values.get(section) or {}), name: number}  # a new dict: an alias may be another section
+    encoding = "utf-8" if old.isascii() or "\ufffd" not in old.decode("utf-8", "replace") else "latin-1"
     anew = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
     kept = path.with_name(f"{FILE}.{sha256(old)[:8]}.bak")
     said = f"{path}: written anew for measured values, without comments and layout; as it was: {kept}"
-    for text_before, lines in ((old.decode("utf-8", "replace"), []), (anew, [said])):
+    for new, lines in ((old.decode(encoding), []), (anew, [said])):
         try:
-            new = text_before
             for (section, name), value in fields.items():
                 new = _with_number(new, section, name, numbers[section, name], value)
-            same = yaml_value(new, path) == values
-        except (StorageError, yaml.YAMLError, AttributeError, ValueError):  # a form that marks do not lead through
+            same = mapping(new, path) == values
+        except (ApplrError, yaml.YAMLError, AttributeError, ValueError):  # a form that marks do not lead through
             same = False
         if same:
             if lines:
                 write_bytes(kept, old)
-            write_bytes(path, new.encode())
+            write_bytes(path, new.encode("utf-8" if lines else encoding))
             return lines
     raise StorageError(f"{path}: its values cannot be written as YAML again; nothing was written")
 
@@ -134,7 +133,7 @@ def _with_number(text: str, section: str, name: str, number: float, how: Any) ->
     It may hold other values than it should, or none, where the form is unusual, as with aliases.
     """
     text = re.sub(rf"^# measured: {section}\.{name} .*\n", "", text, flags=re.M)
-    root: Any = yaml.compose(text, Yaml)
+    root: Any = yaml.compose(text, Loader)
     nodes = {key.value: (key, below) for key, below in root.value}
     key, below = nodes.get(section, (root.value[0][0], None))
     shown = _flow(number)

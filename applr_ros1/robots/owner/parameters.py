@@ -1,6 +1,6 @@
 """Finds out below which namespaces a robot's launch file loads its parameter files, and what they say of the robot.
 
-training/new_robot.py calls `read_parameter_files`; parameter_files.py reads the folder that it writes.
+training/new_robot.py calls `read_parameter_files`; parameter_files.py reads each file.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.common.yaml_files import yaml_value
 from applr_ros1.planner.parameters.layers import INFLATION_LAYER, replaced
-from applr_ros1.robots.description import find
+from applr_ros1.robots.owner.urdf import Packages
 from applr_ros1.robots.parameter_files import MOVE_BASE, of_move_base, read_levels
-from applr_ros1.robots.urdf_file import Packages
+from applr_ros1.robots.robot import setting
 
 _COSTMAPS = ("local_costmap", "global_costmap")
 _SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
@@ -199,7 +199,7 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
 def _instead(tree: Dict[str, Any], theirs: Dict[str, Any]) -> Dict[str, Any]:
     """DWAPlannerROS where the files are for a local planner that is not here, with what they say of both."""
     shared = ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta", "xy_goal_tolerance", "yaw_goal_tolerance")
-    limits = {name: x for name in shared if (x := find(theirs, "", (name,))) is not None and isfinite(x)}
+    limits = {name: x for name in shared if (x := setting(theirs, "", (name,))) is not None and isfinite(x)}
     limits.update({"max_vel_trans": limits["max_vel_x"]} if "max_vel_x" in limits else {})
     for limit, speed in (("acc_lim_x", "max_vel_x"), ("acc_lim_theta", "max_vel_theta")):
         if {limit, speed} <= set(limits):  # with less it overshoots a goal by metres

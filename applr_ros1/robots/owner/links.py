@@ -1,6 +1,6 @@
-"""Judges what a URDF says of a robot: which links are wheels, casters, body and laser, by sections of robot.yaml.
+"""Finds wheels, casters, body and laser among the links of a URDF: `read_urdf`, by sections of robot.yaml.
 
-urdf_file.py reads the file, training/new_robot.py writes the folder of a robot from what this finds.
+urdf.py reads the file, training/new_robot.py writes the folder of a robot from what this finds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Set, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots.urdf_file import LASER, Box, UrdfFile, around
+from applr_ros1.robots.owner.urdf import LASER, Box, UrdfFile, around
 
 _OMNI = re.compile(r"mecanum|omni", re.IGNORECASE)
 _SIDEWAYS_PLUGIN = re.compile(r"mecanum|planar_move|force_based_move", re.IGNORECASE)
