@@ -148,7 +148,12 @@ def contradictions(robot: Robot) -> List[Finding]:
     """Return what the fields of robot.yaml say against each other."""
     base, body, laser = robot.base, robot.body, robot.laser
     (x, y, _), skids = laser.pose, base.drive == "skid_steer" or not base.drive and base.wheelbase
-    m = SimpleNamespace(skids=skids, turn=laser.last_angle - laser.first_angle, blind=laser.range_min)
+    m = SimpleNamespace(
+        skids=skids,
+        on_gazebo=robot.simulation.ground == "gazebo",
+        turn=laser.last_angle - laser.first_angle,
+        blind=laser.range_min,
+    )
     m.ground = base.axle_height - base.wheel_radius
     m.back, m.front, m.right, m.left = geometry.bounding_box(robot)
     m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)

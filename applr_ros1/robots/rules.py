@@ -117,137 +117,90 @@ _START = (
 _WIDE = "the robot is {m.width:.3g} m wide, give metres"
 _DROPPED = "laser.height in robot.yaml is {{m.laser.height:g}}, so that all points are dropped, give at {} that"
 
+# Read the rules as: place, key, when there is something to say, and below that why and what to give.
+# fmt: off
 RULES: Tuple[Rule, ...] = (
-    Rule(
-        *(ROBOT, "base.wheelbase", lambda v, m: m.skids and not v.base.wheelbase),
-        "a skid_steer base has two axles, give their distance",
-    ),
-    Rule(
-        *(ROBOT, "base.wheelbase", lambda v, m: not m.skids and v.base.wheelbase),
-        "a two_wheel base has one axle, leave it out",
-    ),
-    Rule(
-        *(ROBOT, "base.casters", lambda v, m: m.skids and v.base.casters),
-        "a skid_steer base has none, leave them out",
-    ),
-    Rule(
-        *(ROBOT, "base.casters", lambda v, m: not m.skids and not v.base.casters),
-        "a two_wheel base stands on one at least, give where they touch the ground",
-    ),
-    Rule(
-        *(ROBOT, "simulation.ground", lambda v, m: v.simulation.ground == "gazebo" and not m.skids),
-        "it is for a skid_steer base, give plain",
-    ),
-    Rule(
-        *(ROBOT, "simulation.track_multiplier"),
-        lambda v, m: v.simulation.ground == "gazebo" and v.simulation.track_multiplier is None,
-        "ground gazebo needs the one of the wheels' controller",
-    ),
+    Rule(ROBOT, "base.wheelbase", lambda v, m: m.skids and not v.base.wheelbase,
+        "a skid_steer base has two axles, give their distance"),
+    Rule(ROBOT, "base.wheelbase", lambda v, m: not m.skids and v.base.wheelbase,
+        "a two_wheel base has one axle, leave it out"),
+    Rule(ROBOT, "base.casters", lambda v, m: m.skids and v.base.casters,
+        "a skid_steer base has none, leave them out"),
+    Rule(ROBOT, "base.casters", lambda v, m: not m.skids and not v.base.casters,
+        "a two_wheel base stands on one at least, give where they touch the ground"),
+    Rule(ROBOT, "simulation.ground", lambda v, m: m.on_gazebo and not m.skids,
+        "it is for a skid_steer base, give plain"),
+    Rule(ROBOT, "simulation.track_multiplier", lambda v, m: m.on_gazebo and v.simulation.track_multiplier is None,
+        "ground gazebo needs the one of the wheels' controller"),
     Rule(ROBOT, "laser.last_angle", lambda v, m: m.turn <= 0.0, "give more than first_angle {v.laser.first_angle:g}"),
-    Rule(
-        ROBOT, "laser.last_angle", lambda v, m: m.turn > 2 * pi + 1e-3, "from first_angle that is more than a full turn"
-    ),
+    Rule(ROBOT, "laser.last_angle", lambda v, m: m.turn > 2 * pi + 1e-3,
+        "from first_angle that is more than a full turn"),
     Rule(ROBOT, "laser.range_max", lambda v, m: v.laser.range_max <= m.blind, "give more than range_min {m.blind:g}"),
-    Rule(
-        *(ROBOT, "laser.no_return"),
+    Rule(ROBOT, "laser.no_return",
         lambda v, m: v.laser.no_return is not None and m.blind <= v.laser.no_return < v.laser.range_max,
-        "between range_min and range_max it would hide obstacles",
-    ),
+        "between range_min and range_max it would hide obstacles"),
     _at_most(ROBOT, "monitor.deceleration", "base.max_acceleration"),
     _at_most(ROBOT, "monitor.yaw_deceleration", "base.max_yaw_acceleration"),
-    Rule(
-        *(ROBOT, "base.axle_height", lambda v, m: v.body.bottom < m.ground),
+    Rule(ROBOT, "base.axle_height", lambda v, m: v.body.bottom < m.ground,
         "the ground is then at {m.ground:.3g} m, above the body's underside body.bottom {v.body.bottom:g}; give the "
-        "axles' height above the base frame",
-    ),
-    Rule(
-        *(ROBOT, "laser.height", lambda v, m: v.laser.height < m.ground <= v.body.bottom),
-        "that is below the ground at {m.ground:.3g} m, give metres",
-    ),
-    Rule(
-        *(ROBOT, "laser.height"),
+        "axles' height above the base frame"),
+    Rule(ROBOT, "laser.height", lambda v, m: v.laser.height < m.ground <= v.body.bottom,
+        "that is below the ground at {m.ground:.3g} m, give metres"),
+    Rule(ROBOT, "laser.height",
         lambda v, m: v.body.bottom < v.laser.height < v.body.top and m.laser_depth > INSIDE * v.body.size[1],
         "the laser is then deep inside the body, up to {v.body.top:.3g} m; compare laser.pose, laser.height and body",
-        "remark",
-    ),
-    Rule(
-        *(ROBOT, "laser.pose", lambda v, m: m.laser_off > max(m.front - m.back, m.left - m.right)),
-        "body and wheels end at {m.front:.3g} m ahead and {m.left:.3g} m to the left, give metres",
-    ),
-    Rule(
-        *(ROBOT, "body.com", lambda v, m: m.tips),
-        "the centre of mass of body and wheels lies outside the wheels and casters; check base.casters, too",
-    ),
+        "remark"),
+    Rule(ROBOT, "laser.pose", lambda v, m: m.laser_off > max(m.front - m.back, m.left - m.right),
+        "body and wheels end at {m.front:.3g} m ahead and {m.left:.3g} m to the left, give metres"),
+    Rule(ROBOT, "body.com", lambda v, m: m.tips,
+        "the centre of mass of body and wheels lies outside the wheels and casters; check base.casters, too"),
+
     *(_within(name, limit, unit) for names, limit, unit in LIMITED for name in names),
     _same(PLANNER, "odom_topic", "topics.odometry", "remark"),
     _at_most(PLANNER, "min_vel_x", "max_vel_x", "warning"),
     _at_most(PLANNER, "min_vel_theta", "max_vel_theta", "warning"),
     Rule(PLANNER, "sim_time", lambda v, m: v.sim_time == 0.0, "no velocity is legal then, give about 1.5 s"),
-    Rule(
-        *(PLANNER, "yaw_goal_tolerance", lambda v, m: v.yaw_goal_tolerance > pi),
-        "all headings are within it, give radians",
-        "remark",
-    ),
+    Rule(PLANNER, "yaw_goal_tolerance", lambda v, m: v.yaw_goal_tolerance > pi,
+        "all headings are within it, give radians", "remark"),
     _at_most(DWA, "min_vel_trans", "max_vel_trans"),
-    Rule(
-        *(DWA, "acc_lim_theta"),
+    Rule(DWA, "acc_lim_theta",
         lambda v, m: v.reached_speed + SLACK < v.min_vel_trans and v.reached_turn + SLACK < v.min_vel_theta,
         "within {v.seconds:g} s a robot that stands reaches {v.reached_turn:.3g} rad/s and {v.reached_speed:.3g} m/s, "
         "below min_vel_theta {v.min_vel_theta:g} and min_vel_trans {v.min_vel_trans:g}, so that every sample is "
-        "refused: give acc_lim_theta {v.enough:.3g}, or smaller speeds",
-    ),
-    Rule(
-        *(DWA, "min_vel_x", lambda v, m: v.min_vel_x <= -v.min_vel_trans and v.change < 2.0 * v.min_vel_trans),
+        "refused: give acc_lim_theta {v.enough:.3g}, or smaller speeds"),
+    Rule(DWA, "min_vel_x", lambda v, m: v.min_vel_x <= -v.min_vel_trans and v.change < 2.0 * v.min_vel_trans,
         "a robot that backs can neither stop nor drive ahead until a cycle fails, for acc_lim_x / controller_frequency "
         "is {v.change:.3g} m/s, and speeds below min_vel_trans {v.min_vel_trans:g} are refused: give acc_lim_x "
-        "{v.braking:.3g}",
-        "remark",
-    ),
+        "{v.braking:.3g}", "remark"),
     _at_most(DWA, "max_vel_x", "max_vel_trans", "remark", lambda v, m: v.max_vel_x > v.max_vel_trans + SLACK),
-    Rule(
-        *(DWA, "occdist_scale", lambda v, m: v.obstacle > v.progress),
+    Rule(DWA, "occdist_scale", lambda v, m: v.obstacle > v.progress,
         "before a narrow gap the robot turns or stands, for an obstacle beside it costs {v.obstacle:.2f}, all progress "
-        "of a trajectory counts {v.progress:.2f} (goal_distance_bias)",
-        "remark",
-    ),
-    Rule(
-        *(COSTMAP, "footprint", lambda v, m: m.missing, "{m.fill}", "warning"),
-        "is missing, which means a circle of {v.robot_radius:g} m",
-    ),
+        "of a trajectory counts {v.progress:.2f} (goal_distance_bias)", "remark"),
+
+    Rule(COSTMAP, "footprint", lambda v, m: m.missing, "{m.fill}", "warning",
+        "is missing, which means a circle of {v.robot_radius:g} m"),
     *map(_in_metres, ("footprint", "robot_radius", "footprint_padding")),
     _same(COSTMAP, "robot_base_frame", "frames.base", when=lambda v, m: not m.local),
     _same(COSTMAP, "global_frame", "frames.odom", when=lambda v, m: not m.with_map),
     _same(COSTMAP, "global_frame", "frames.map", when=lambda v, m: m.with_map and not m.local),
     Rule(COSTMAP, "resolution", lambda v, m: v.resolution > m.width, _WIDE),
-    Rule(
-        *(COSTMAP, "update_frequency", lambda v, m: m.local and v.update_frequency == 0.0),
-        "the costmap is never updated, give that of the scans",
-    ),
+    Rule(COSTMAP, "update_frequency", lambda v, m: m.local and v.update_frequency == 0.0,
+        "the costmap is never updated, give that of the scans"),
     Rule(COSTMAP, "origin_x", lambda v, m: m.fixed and not -v.width < v.origin_x < 0.0, _START.format("width", "x")),
     Rule(COSTMAP, "origin_y", lambda v, m: m.fixed and not -v.height < v.origin_y < 0.0, _START.format("height", "y")),
-    Rule(
-        INFLATION, "inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.width, _WIDE, severity="warning"
-    ),
-    Rule(
-        *(STATIC, "plugins", lambda v, m: not m.with_map),
-        "there is no map here, leave it out in without_map",
-        value="has {v.plugins}",
-    ),
+    Rule(INFLATION, "inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.width, _WIDE, "warning"),
+    Rule(STATIC, "plugins", lambda v, m: not m.with_map,
+        "there is no map here, leave it out in without_map", value="has {v.plugins}"),
+
     _same(BLIND, "topic", "topics.scan"),
-    Rule(
-        *(BLIND, "data_type", lambda v, m: v.data_type != "LaserScan"),
-        "the robot's laser publishes LaserScan, give that",
-    ),
+    Rule(BLIND, "data_type", lambda v, m: v.data_type != "LaserScan",
+        "the robot's laser publishes LaserScan, give that"),
     Rule(BLIND, "marking", lambda v, m: not v.marking, "nothing would mark obstacles, give true"),
     Rule(BLIND, "min_obstacle_height", lambda v, m: v.min_obstacle_height > m.laser.height, _DROPPED.format("most")),
     Rule(BLIND, "max_obstacle_height", lambda v, m: v.max_obstacle_height < m.laser.height, _DROPPED.format("least")),
-    _same(
-        *(SOURCE, "sensor_frame", "laser.frame", "remark"),
-        lambda v, m: v.sensor_frame and not _differ(v.topic, m.topics.scan),
-    ),
-    Rule(
-        *(SOURCE, "obstacle_range", lambda v, m: v.obstacle_range > v.raytrace_range),
-        "what is marked beyond raytrace_range {v.raytrace_range:g} is never cleared, give at most that",
-        "remark",
-    ),
+    _same(SOURCE, "sensor_frame", "laser.frame", "remark",
+        lambda v, m: v.sensor_frame and not _differ(v.topic, m.topics.scan)),
+    Rule(SOURCE, "obstacle_range", lambda v, m: v.obstacle_range > v.raytrace_range,
+        "what is marked beyond raytrace_range {v.raytrace_range:g} is never cleared, give at most that", "remark"),
 )
+# fmt: on
