@@ -4,14 +4,14 @@ Lengths are in padded widths of the robot, speeds in shares of what its base all
 in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another (training/tune).
 The paper's own form is in form.py.
 
-Only the parameters of PARAMETERS are chosen, as far as the robot's parameter space has them and within its ranges; the
+Only the parameters of OUTPUTS are chosen, as far as the robot's parameter space has them and within its ranges; the
 others keep the values with which the policy was trained, or their default values.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple, Type
+from typing import Any, Dict, Mapping, Optional, Tuple, Type
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import TURN, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
 
 DIMENSIONLESS = "dimensionless"
 VERSION = "dimensionless-2"  # of this form, in the files of policies
@@ -33,36 +34,9 @@ JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 JACKAL_SPEED = 2.0  # what its base allows [m/s]
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
-DWA = "DWAPlannerROS"
-
-
-class Scale(NamedTuple):
-    """Between which two values, in the unit named, a parameter lies; on a logarithmic scale where that fits it."""
-
-    low: float
-    high: float
-    unit: str  # "speed", "turn", "weight", "width", "per_width", or "" for the planner's own
-    logarithmic: bool = False
-
-
-PARAMETERS: Dict[str, Scale] = {
-    "max_vel_x": Scale(0.1, 1.0, "speed"),
-    "max_vel_theta": Scale(0.1, 1.0, "turn"),
-    "vx_samples": Scale(4.0, 20.0, ""),
-    "vtheta_samples": Scale(4.0, 60.0, ""),
-    "sim_time": Scale(0.8, 3.0, ""),
-    "occdist_scale": Scale(0.005, 1.0, "", True),
-    "path_distance_bias": Scale(0.4, 25.0, "weight", True),
-    "goal_distance_bias": Scale(0.4, 25.0, "weight", True),
-    "inflation_radius": Scale(0.18, 3.0, "width", True),
-    "cost_scaling_factor": Scale(0.5, 12.0, "per_width", True),
-    "min_vel_x": Scale(-1.0, 0.0, "speed"),
-    "forward_point_distance": Scale(0.0, 1.0, "width"),
-}
-ALIASES = {"vth_samples": "vtheta_samples", "pdist_scale": "path_distance_bias", "gdist_scale": "goal_distance_bias"}
 MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
 MOVERS = 3  # the nearest moving obstacles are seen, four numbers each
-BEFORE_MOVERS = 2 * SECTORS + MOVING + len(PARAMETERS) + DESCRIBED
+BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED
 SIZE = BEFORE_MOVERS + 4 * MOVERS  # of an observation
 SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))  # of movers
 
@@ -84,7 +58,7 @@ class DimensionlessForm(Form):
     """
 
     name, redraws_stalled = DIMENSIONLESS, True
-    size, actions, scan, scans, odd = SIZE, len(PARAMETERS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11, *SIDEWAYS)
+    size, actions, scan, scans, odd = SIZE, len(OUTPUTS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11, *SIDEWAYS)
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
         if period is None:
@@ -98,26 +72,25 @@ class DimensionlessForm(Form):
         resolution = float(tree["local_costmap"]["resolution"])
         by_planner = 1.0 / resolution if planner == DWA else 1.0  # DWAPlannerROS multiplies its biases with it
         units = {
-            "": 1.0,
             "speed": robot.base.max_speed,
             "turn": robot.base.max_yaw_rate,
             "weight": by_planner * resolution / self.width,
-            "width": self.width,
-            "per_width": 1.0 / self.width,
+            "length": self.width,
+            "1/length": 1.0 / self.width,
         }
-        scales = list(PARAMETERS.values())
-        unit = np.array([units[scale.unit] for scale in scales])
-        self._low, self._high = (unit * np.array([getattr(s, end) for s in scales]) for end in ("low", "high"))
-        self._logarithmic = np.array([scale.logarithmic for scale in scales])
+        rows = list(OUTPUTS.values())
+        unit = np.array([units.get(row.declared.kind, 1.0) for row in rows])
+        self._low, self._high = unit * np.array([row.output or (row.low, row.high) for row in rows]).T
+        self._logarithmic = np.array([row.log for row in rows])
         self._first = np.where(self._logarithmic, self._low, 1.0)
         self._octaves = np.log2(np.where(self._logarithmic, self._high, 2.0) / self._first)
-        names = [ALIASES.get(name, name) for name in self.space.names]
-        known = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
+        names = [NAMES.get(name, name) for name in self.space.names]
+        known = [(names.index(name), i) for i, name in enumerate(OUTPUTS) if name in names]
         least, most = self.space.low, self.space.high
         self._place = [(i, at) for i, at in known if self._low[at] < most[i] and least[i] < self._high[at]]
         self.chosen = tuple(self.space.names[i] for i, _ in self._place)
         self._base = self.space.clip([self.base.get(*pair) for pair in zip(self.space.names, self.space.theta0)])
-        self._fixed = np.array([_start(tree, planner, name) for name in PARAMETERS], dtype=np.float64)
+        self._fixed = np.array([_start(tree, planner, name) for name in OUTPUTS], dtype=np.float64)
         self._described = _description(robot, tree, planner, self.width, resolution)
         self.reset()
 
@@ -141,8 +114,8 @@ class DimensionlessForm(Form):
         Raises ApplrError for NaN, infinity and another length.
         """
         action = np.asarray(action, dtype=np.float64)
-        if action.shape != (len(PARAMETERS),) or not np.isfinite(action).all():
-            raise ApplrError(f"action {action!r:.80}: {len(PARAMETERS)} finite numbers are needed")
+        if action.shape != (len(OUTPUTS),) or not np.isfinite(action).all():
+            raise ApplrError(f"action {action!r:.80}: {len(OUTPUTS)} finite numbers are needed")
         share, low, high = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0), self._low, self._high
         values = np.where(self._logarithmic, self._first * 2.0 ** (self._octaves * share), low + share * (high - low))
         theta = self._base.copy()
@@ -218,7 +191,7 @@ def _padded_width(costmap: Dict[str, Any]) -> float:
 def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
     """The value in the robot's files of a parameter that its space may lack."""
     values = branch(tree, planner)
-    for known in (name, *(alias for alias, of in ALIASES.items() if of == name)):
+    for known in (known for known, of in NAMES.items() if of == name):
         if known in values:
             return float(values[known])
     layers = [part for part in branch(tree, "local_costmap").values() if isinstance(part, dict) and name in part]

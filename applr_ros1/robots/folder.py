@@ -19,7 +19,7 @@ from typing_extensions import Annotated
 
 from applr_ros1.common.errors import ApplrError, Finding
 from applr_ros1.robots import check
-from applr_ros1.robots.default_space import default_space
+from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.parameter_files import read_yaml
 from applr_ros1.robots.robot import FILE, MoveBaseSection, Robot, RobotFile, Section
 

@@ -10,6 +10,8 @@ from operator import attrgetter
 from typing import Any, Callable, Iterator, NamedTuple, Tuple
 
 from applr_ros1.common.errors import Finding
+from applr_ros1.planner.parameters.declarations import of_kind
+from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 
 # places of values: robot.yaml, the numbers that files give the local planner, the local planner with defaults,
 # DWAPlannerROS, a costmap, an inflation layer, a static layer, an observation source
@@ -18,17 +20,11 @@ ROBOT, GIVEN, PLANNER, DWA, COSTMAP, INFLATION, STATIC, SOURCE = (
     *("costmap", "inflation layer", "static layer", "source"),
 )
 BLIND = "blind source"  # why a source does not show what the laser sees
-SPEEDS = ("max_vel_x", "min_vel_x", "max_vel_trans", "min_vel_trans", "max_trans_vel", "min_trans_vel", "escape_vel")
-TURNS = (
-    *("max_vel_theta", "min_vel_theta", "max_rot_vel", "min_rot_vel", "max_rotational_vel"),
-    *("min_in_place_vel_theta", "min_in_place_rotational_vel"),
-)
-LIMITED = ((SPEEDS, "max_speed", "m/s"), (TURNS, "max_yaw_rate", "rad/s"))  # by a field of base
+LIMITED = ((of_kind("speed"), "max_speed", "m/s"), (of_kind("turn"), "max_yaw_rate", "rad/s"))  # by a field of base
 UNITS = 10.0  # ratio of lengths from which on one is in centimetres or millimetres
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
 INSIDE = 0.3  # share of the body's width; lasers in a slit are nearer to its side
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
-SLACK = 1e-4  # m/s and rad/s, of dwa/samples.py
 
 
 class Rule(NamedTuple):

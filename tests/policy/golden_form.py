@@ -17,8 +17,9 @@ from typing import Any, Dict
 import numpy as np
 
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.dimensionless import PARAMETERS, DimensionlessForm
+from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots.learned import OUTPUTS
 from training.env.outcome import Outcome
 from training.env.reward import Reward
 
@@ -45,7 +46,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
         "phis": rng.uniform(-3.0, 3.0, SCENES),
         "goal": np.array([8.0 * scale, 5.0 * scale, 0.0]),
         "plans": poses[:, None, :2] + ways,
-        "actions": rng.uniform(-1.0, 1.0, (SCENES, len(PARAMETERS))).astype(np.float32),
+        "actions": rng.uniform(-1.0, 1.0, (SCENES, len(OUTPUTS))).astype(np.float32),
         "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
         "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
         "seconds": np.array([1.0, 1.0, 0.35, 0.6]),

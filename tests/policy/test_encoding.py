@@ -10,11 +10,11 @@ from applr_ros1.policy import actor, methods
 from applr_ros1.policy.actor import Policy, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, PARAMETERS, SIZE, DimensionlessForm
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, SIZE, DimensionlessForm
 from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
-from applr_ros1.robots.default_space import default_space
+from applr_ros1.robots.learned import OUTPUTS, default_space
 from applr_ros1.robots.robot import Setting, SpaceParameter
 from tests.policy import golden_form
 
@@ -38,7 +38,7 @@ def context(robot, rng, side=1.0):
 
 
 def network(rng):
-    sizes = (SIZE, 16, len(PARAMETERS))
+    sizes = (SIZE, 16, len(OUTPUTS))
     found = {}
     for i, (width, out) in enumerate(zip(sizes, sizes[1:])):
         found["%d.weight" % i] = rng.normal(0.0, 0.1, (out, width)).astype(np.float32)
@@ -49,18 +49,18 @@ def network(rng):
 @pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)])
 def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
     form, rng = DimensionlessForm(robot, 1.0), np.random.default_rng(0)
-    for action in rng.uniform(-1.0, 1.0, (50, len(PARAMETERS))):
+    for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = form.theta(action)
         assert np.array_equal(theta, form.space.clip(theta))
         if robot in WIDE:  # whose ranges hold all that can be said
-            inside = [i for i, name in enumerate(PARAMETERS) if "samples" not in name and "inflation" not in name]
+            inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
             back = form.action(theta)[inside]
             free = (theta > form.space.low + 1e-9) & (theta < form.space.high - 1e-9)
-            kept = [free[form.space.names.index(n)] if n in form.space.names else False for n in PARAMETERS]
+            kept = [free[form.space.names.index(n)] if n in form.space.names else False for n in OUTPUTS]
             same = np.abs(back - action[inside]) < 1e-6
             assert (same | ~np.array(kept)[inside]).all()
     with pytest.raises(ApplrError, match="finite"):
-        form.theta(np.full(len(PARAMETERS), np.nan))
+        form.theta(np.full(len(OUTPUTS), np.nan))
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
@@ -106,7 +106,7 @@ def test_a_file_of_before_movers_were_seen_answers_as_it_did(tmp_path, images):
     kept = with_mirror_images({name: value[None] for name, value in weights.items()}, mirror) if images else weights
     actor._write(path, kept, actor.FORMAT, {"observation": "dimensionless-1", "period_s": 1.0}, mirror)
     policy, seen = load_policy(path), DimensionlessForm(JACKAL, 1.0).observe(context(JACKAL, rng))
-    before = np.tanh(forward(layers_of(kept, 519, len(PARAMETERS), "it"), seen[:519]))
+    before = np.tanh(forward(layers_of(kept, 519, len(OUTPUTS), "it"), seen[:519]))
     np.testing.assert_allclose(policy.action(seen), before, atol=1e-6)
 
 
@@ -169,7 +169,7 @@ def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
     form = DimensionlessForm(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
     assert set(form.chosen) == {*JACKAL_CHOSEN, "sim_time"}
-    assert form.theta(np.full(len(PARAMETERS), -1.0))[-1] == 0.1
+    assert form.theta(np.full(len(OUTPUTS), -1.0))[-1] == 0.1
 
 
 def test_one_file_drives_every_robot(tmp_path):

@@ -13,7 +13,7 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.robots.default_space import default_space
+from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.owner.expand import expand
 from applr_ros1.robots.owner.urdf import UrdfFile
 from applr_ros1.robots.rviz_model import urdf as urdf_of

@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 
 
 @kernel
@@ -69,9 +70,6 @@ def spread(bottom, top, n, values):
             count += 1
     values[count] = single(top)
     return count + 1
-
-
-SLACK = 1e-4  # [m/s] and [rad/s]
 
 
 @kernel

@@ -36,14 +36,15 @@ COSTMAP = (
         "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used."),
     real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used where no footprint is given."),
     real("footprint_padding", 0.01, -INF, INF, "m",
-        "Distance by which the footprint is enlarged on every side."),
+        "Distance by which the footprint is enlarged on every side.", kind="length"),
 )
 
 INFLATION = (
     flag("enabled", True, "Whether costs are spread around obstacles."),
     real("cost_scaling_factor", 10.0, 0.0, 100.0, "1/m",
-        "Rate at which the cost falls with the distance from an obstacle; larger values fall faster."),
-    real("inflation_radius", 0.55, 0.0, 50.0, "m", "Distance up to which an obstacle has a cost around it."),
+        "Rate at which the cost falls with the distance from an obstacle; larger values fall faster.", kind="1/length"),
+    real("inflation_radius", 0.55, 0.0, 50.0, "m", "Distance up to which an obstacle has a cost around it.",
+        kind="length"),
     flag("inflate_unknown", False, "Whether unknown cells take inflated costs."),
 )
 

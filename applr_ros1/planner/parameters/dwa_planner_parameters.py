@@ -14,7 +14,7 @@ from applr_ros1.planner.parameters.parameter import (
     INT_MAX,
     RESTORE,
     flag,
-    older,
+    given_up,
     real,
     text,
     too_many_points,
@@ -25,34 +25,39 @@ from applr_ros1.planner.parameters.parameter import (
 # Flags and texts have no bounds and no unit.
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
+SLACK = 1e-4  # m/s and rad/s by which a sample may be beyond a limit
 MOST_SAMPLES = 1_000_000  # of one cycle; more are refused instead of filling the memory
 
 # Live, through dynamic_reconfigure
 DWA_PLANNER = (
     real("max_vel_trans", 0.55, 0.0, INF, "m/s",
-        "Largest speed over ground. Also the speed at which the footprint counts largest, see max_scaling_factor."),
+        "Largest speed over ground. Also the speed at which the footprint counts largest, see max_scaling_factor.",
+        kind="speed", older=("max_trans_vel",)),
     real("min_vel_trans", 0.1, 0.0, INF, "m/s",
-        "Smallest speed over ground, except for samples that turn at min_vel_theta or faster."),
-    real("max_vel_x", 0.55, -INF, INF, "m/s", "Largest forward velocity that is sampled."),
+        "Smallest speed over ground, except for samples that turn at min_vel_theta or faster.",
+        kind="speed", older=("min_trans_vel",)),
+    real("max_vel_x", 0.55, -INF, INF, "m/s", "Largest forward velocity that is sampled.", kind="speed"),
     real("min_vel_x", 0.0, -INF, INF, "m/s",
-        "Smallest forward velocity that is sampled; a negative value lets the robot drive backwards."),
+        "Smallest forward velocity that is sampled; a negative value lets the robot drive backwards.", kind="speed"),
     real("max_vel_y", 0.1, -INF, INF, "m/s",
         "Largest sideways velocity that is sampled. Both sideways limits are 0 for a base that cannot strafe."),
     real("min_vel_y", -0.1, -INF, INF, "m/s",
         "Smallest sideways velocity that is sampled; negative values are to the right."),
     real("max_vel_theta", 1.0, 0.0, INF, "rad/s",
-        "Largest angular velocity that is sampled, in both directions."),
+        "Largest angular velocity that is sampled, in both directions.",
+        kind="turn", older=("max_rot_vel", "max_vel_rot")),
     real("min_vel_theta", 0.4, 0.0, INF, "rad/s",
-        "Smallest angular velocity of a sample slower than min_vel_trans, and of the turn to the goal heading."),
+        "Smallest angular velocity of a sample slower than min_vel_trans, and of the turn to the goal heading.",
+        kind="turn", older=("min_rot_vel", "min_vel_rot")),
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
         "Forward acceleration limit of the dynamic window and of stopping at the goal."),
     real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
         "Sideways acceleration limit of the dynamic window and of stopping at the goal. Without effect: the base "
         "cannot strafe, and a measured sideways velocity counts as 0."),
     real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
-        "Angular acceleration limit of the dynamic window and of the turn to the goal heading."),
+        "Angular acceleration limit of the dynamic window and of the turn to the goal heading.", older=("acc_lim_th",)),
     real("acc_lim_trans", 0.1, 0.0, INF, "m/s^2",
-        "Without effect, as in the C++ node; exists so that clients find it."),
+        "Without effect, as in the C++ node; exists so that clients find it.", older=("acc_limit_trans",)),
     flag("prune_plan", False, "Whether points of the plan that the robot has passed are removed."),
     real("xy_goal_tolerance", 0.1, -INF, INF, "m",
         "Distance from the goal position at which the position counts as reached."),
@@ -61,18 +66,18 @@ DWA_PLANNER = (
     real("trans_stopped_vel", 0.1, -INF, INF, "m/s",
         "Measured velocity along either axis at which the robot counts as standing."),
     real("theta_stopped_vel", 0.1, -INF, INF, "rad/s",
-        "Measured angular velocity at which the robot counts as standing."),
+        "Measured angular velocity at which the robot counts as standing.", older=("rot_stopped_vel",)),
     real("sim_time", 1.7, 0.0, INF, "s",
-        "Duration for which each sampled velocity is simulated. With 0 no velocity is legal."),
+        "Duration for which each sampled velocity is simulated. With 0 no velocity is legal.", kind="time"),
     real("sim_granularity", 0.025, 0.0, INF, "m",
         "Distance between two simulated points of a trajectory.", not_zero=True),
     real("angular_sim_granularity", 0.1, 0.0, INF, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
     real("path_distance_bias", 0.6, 0.0, INF, "1/m",
         "Weight of the final distance of a trajectory from the plan in its cost. With 0 trajectories through cells "
-        "that the robot cannot enter are no longer refused by this distance."),
+        "that the robot cannot enter are no longer refused by this distance.", kind="weight"),
     real("goal_distance_bias", 0.8, 0.0, INF, "1/m",
-        "Weight of the final distance of a trajectory from the local goal in its cost."),
+        "Weight of the final distance of a trajectory from the local goal in its cost.", kind="weight"),
     real("occdist_scale", 0.01, 0.0, INF, "",
         "Weight of the largest costmap value along a trajectory in its cost. With 0 the footprint is not checked "
         "against obstacles."),
@@ -85,34 +90,22 @@ DWA_PLANNER = (
     real("oscillation_reset_angle", 0.2, 0.0, INF, "rad",
         "Rotation after which a direction that was barred because of oscillation is allowed again."),
     real("forward_point_distance", 0.325, -INF, INF, "m",
-        "Distance ahead of the robot of a second point that is kept near the plan and driven towards the goal."),
+        "Distance ahead of the robot of a second point that is kept near the plan and driven towards the goal.",
+        kind="length"),
     real("scaling_speed", 0.25, 0.0, INF, "m/s", "Speed above which the footprint counts larger."),
     real("max_scaling_factor", 0.2, 0.0, INF, "",
         "Share by which the footprint counts larger at max_vel_trans."),
     whole("vx_samples", 3, 1, INT_MAX, "",
-        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
+        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", beyond="", kind="count"),
     whole("vy_samples", 10, 1, INT_MAX, "",
         "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
     whole("vth_samples", 20, 1, INT_MAX, "",
-        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
+        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", beyond="", kind="count"),
     flag("use_dwa", True,
         "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
         "within sim_time."),
     RESTORE,
 )
-
-
-OLDER = {
-    "max_trans_vel": "max_vel_trans",
-    "min_trans_vel": "min_vel_trans",
-    "max_rot_vel": "max_vel_theta",
-    "min_rot_vel": "min_vel_theta",
-    "max_vel_rot": "max_vel_theta",
-    "min_vel_rot": "min_vel_theta",
-    "acc_limit_trans": "acc_lim_trans",
-    "acc_lim_th": "acc_lim_theta",
-    "rot_stopped_vel": "theta_stopped_vel",
-}
 
 # Read once, when the node starts
 STATIC_DWA_PLANNER = (
@@ -132,7 +125,7 @@ STATIC_DWA_PLANNER = (
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
     text("global_frame_id", "odom", "Frame of trajectory_cloud."),
     text("odom_topic", "odom", "Topic of the odometry."),
-) + tuple(older(old, new) for old, new in OLDER.items())
+) + given_up(DWA_PLANNER)
 # fmt: on
 
 

@@ -33,7 +33,9 @@ class Parameter:
 
     name: as in ROS. type: "double", "int", "bool" or "str" as in dynamic_reconfigure; parameters that are read once may
     also be a "list". default, min, max: of that type. unit: "" for none. doc: one or two sentences. aliases: older
-    names that always show the same value.
+    names that always show the same value. older: names that the C++ node has given up and no longer reads.
+    kind: "speed" or "turn" that the base is asked for, "length", "1/length", "time", "count" of samples, "weight" of a
+    distance; "" for all else. The ranges of learnt parameters and the limits of a base are by kind.
     enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
     beyond: what is said of a start-up value beyond the bounds, which is moved to them as in C++: "remark", "" for
     nothing, or "error" where nothing drives with it.
@@ -50,6 +52,8 @@ class Parameter:
     enum: Tuple[Tuple[str, int, str], ...] = ()
     not_zero: bool = False
     beyond: str = "remark"
+    kind: str = ""
+    older: Tuple[str, ...] = ()
 
     @property
     def names(self) -> Tuple[str, ...]:
@@ -112,9 +116,10 @@ def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, 
     return Parameter(name, "double", default, low, high, unit, doc, **more)
 
 
-def older(name: str, now: str) -> Parameter:
-    """Declare a name that the C++ node has given up and no longer reads."""
-    return real(name, 0.0, -INF, INF, "", f"Older name of {now}. Without effect, as in the C++ node: give {now}.")
+def given_up(parameters: Iterable[Parameter]) -> Tuple[Parameter, ...]:
+    """Declare the names of parameters that the C++ node has given up and no longer reads."""
+    doc = "Older name of {0}. Without effect, as in the C++ node: give {0}."
+    return tuple(real(name, 0.0, -INF, INF, "", doc.format(p.name)) for p in parameters for name in p.older)
 
 
 def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:

@@ -9,7 +9,7 @@ import math
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import Finding
-from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, older, real, text, too_many_points, whole
+from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, given_up, real, text, too_many_points, whole
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -17,29 +17,32 @@ from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, older, r
 # Live, through dynamic_reconfigure
 TRAJECTORY_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
-        "Forward acceleration limit that the trajectory simulation assumes."),
+        "Forward acceleration limit that the trajectory simulation assumes.", older=("acc_limit_x",)),
     real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
         "Sideways acceleration limit. Without effect: the base cannot strafe, and a measured sideways velocity counts "
-        "as 0."),
+        "as 0.", older=("acc_limit_y",)),
     real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
-        "Angular acceleration limit that the trajectory simulation assumes."),
-    real("max_vel_x", 0.55, 0.0, 20.0, "m/s", "Largest forward velocity that is sampled."),
-    real("min_vel_x", 0.0, 0.0, 20.0, "m/s", "Smallest forward velocity that is sampled."),
-    real("max_vel_theta", 1.0, 0.0, 20.0, "rad/s", "Largest angular velocity to the left that is sampled."),
+        "Angular acceleration limit that the trajectory simulation assumes.", older=("acc_limit_th", "acc_lim_th")),
+    real("max_vel_x", 0.55, 0.0, 20.0, "m/s", "Largest forward velocity that is sampled.", kind="speed"),
+    real("min_vel_x", 0.0, 0.0, 20.0, "m/s", "Smallest forward velocity that is sampled.", kind="speed"),
+    real("max_vel_theta", 1.0, 0.0, 20.0, "rad/s", "Largest angular velocity to the left that is sampled.",
+        kind="turn"),
     real("min_vel_theta", -1.0, -20.0, 0.0, "rad/s",
-        "Largest angular velocity to the right that is sampled, as a negative number."),
+        "Largest angular velocity to the right that is sampled, as a negative number.", kind="turn"),
     real("min_in_place_vel_theta", 0.4, 0.0, 20.0, "rad/s",
-        "Smallest angular velocity, in either direction, of a turn in place."),
+        "Smallest angular velocity, in either direction, of a turn in place.", kind="turn"),
     real("sim_time", 1.7, 0.0, 10.0, "s",
-        "Duration for which each sampled velocity is simulated.", not_zero=True),
+        "Duration for which each sampled velocity is simulated.", not_zero=True, kind="time"),
     real("sim_granularity", 0.025, 0.0, 5.0, "m",
         "Distance between two simulated points of a trajectory.", not_zero=True),
     real("angular_sim_granularity", 0.025, 0.0, math.pi / 2, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
     real("path_distance_bias", 0.6, 0.0, 5.0, "",
-        "Weight of the final distance of a trajectory from the global plan in its cost.", aliases=("pdist_scale",)),
+        "Weight of the final distance of a trajectory from the global plan in its cost.",
+        aliases=("pdist_scale",), kind="weight"),
     real("goal_distance_bias", 0.8, 0.0, 5.0, "",
-        "Weight of the final distance of a trajectory from the local goal in its cost.", aliases=("gdist_scale",)),
+        "Weight of the final distance of a trajectory from the local goal in its cost.",
+        aliases=("gdist_scale",), kind="weight"),
     real("occdist_scale", 0.01, 0.0, 5.0, "",
         "Weight of the largest costmap value along a trajectory in its cost."),
     real("oscillation_reset_dist", 0.05, 0.0, 5.0, "m",
@@ -48,8 +51,8 @@ TRAJECTORY_PLANNER = (
     real("escape_reset_dist", 0.1, 0.0, 5.0, "m", "Distance after which backing out of a dead end is over."),
     real("escape_reset_theta", math.pi / 2, 0.0, 5.0, "rad",
         "Rotation after which backing out of a dead end is over."),
-    whole("vx_samples", 20, 1, 300, "", "Number of forward velocities sampled in a control cycle."),
-    whole("vtheta_samples", 20, 1, 300, "", "Number of angular velocities sampled in a control cycle."),
+    whole("vx_samples", 20, 1, 300, "", "Number of forward velocities sampled in a control cycle.", kind="count"),
+    whole("vtheta_samples", 20, 1, 300, "", "Number of angular velocities sampled in a control cycle.", kind="count"),
     real("heading_lookahead", 0.325, 0.0, 5.0, "m",
         "Distance ahead of the robot, in the direction it would have after a turn in place, at which that turn is "
         "judged."),
@@ -57,7 +60,8 @@ TRAJECTORY_PLANNER = (
         "Without effect; exists so that clients of the C++ node find it. A differential-drive base is always "
         "assumed."),
     real("escape_vel", -0.1, -2.0, 2.0, "m/s",
-        "Forward velocity while backing out of a dead end; negative values drive backwards."),
+        "Forward velocity while backing out of a dead end; negative values drive backwards.",
+        kind="speed", older=("backup_vel",)),
     flag("dwa", False,
         "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
         "within sim_time."),
@@ -72,14 +76,6 @@ TRAJECTORY_PLANNER = (
     RESTORE,
 )
 
-OLDER = {
-    "acc_limit_x": "acc_lim_x",
-    "acc_limit_y": "acc_lim_y",
-    "acc_limit_th": "acc_lim_theta",
-    "acc_lim_th": "acc_lim_theta",
-    "backup_vel": "escape_vel",
-}
-
 # Read once, when the node starts
 STATIC_TRAJECTORY_PLANNER = (
     real("xy_goal_tolerance", 0.1, 0.0, INF, "m",
@@ -91,18 +87,18 @@ STATIC_TRAJECTORY_PLANNER = (
         "heading."),
     flag("prune_plan", True, "Whether points of the plan that the robot has passed are removed."),
     real("max_rotational_vel", 1.0, 0.0, INF, "rad/s",
-        "Largest angular velocity of the turn to the goal heading."),
+        "Largest angular velocity of the turn to the goal heading.", kind="turn"),
     flag("meter_scoring", False,
         "Whether path_distance_bias and goal_distance_bias apply to distances in metres instead of in cells."),
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
         "Its inverse is the control period that the dynamic window is computed with."),
     real("min_in_place_rotational_vel", 0.4, -INF, INF, "rad/s",
         "Older name of min_in_place_vel_theta. Where that is not given it counts, as in C++, for the turn to the goal "
-        "heading; with another local planner for rotations of recovery, too."),
+        "heading; with another local planner for rotations of recovery, too.", kind="turn"),
     text("world_model", "costmap", "Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
-) + tuple(older(old, new) for old, new in OLDER.items())
+) + given_up(TRAJECTORY_PLANNER)
 # fmt: on
 
 

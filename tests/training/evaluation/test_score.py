@@ -9,8 +9,9 @@ import pytest
 import safetensors.numpy
 
 from applr_ros1.policy.actor import save
-from applr_ros1.policy.dimensionless import PARAMETERS, SIZE, DimensionlessForm
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
 from applr_ros1.robots import JACKAL, load
+from applr_ros1.robots.learned import OUTPUTS
 from training.actors.collector import PolicyWeights
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
@@ -54,7 +55,7 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
-    weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, {"period_s": 0.5}, DimensionlessForm)
     spec = str(tmp_path / "a.safetensors")
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
@@ -72,7 +73,7 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
 def test_the_environment_earns_what_the_evaluation_counts():
     """The same decisions in the same course: the sum of the environment's rewards is the trial's total."""
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0, "exact_time": True}, "period": 1.0}
-    weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = PolicyWeights(safetensors.numpy.save(weights))
     (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
     runner = trials.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
