@@ -1,7 +1,7 @@
 """The model of a robot that RViz shows, made from its description: box, wheels, casters and laser.
 
-scripts/robot_model.py prints it for the parameter robot_description. One link holds all shapes, so that no joint states
-are needed. A real robot's own description is up already; this one is for the simulated robot.
+`rosrun applr_ros1 robot_model.py` prints it for the parameter robot_description. One link holds all shapes, so that no
+joint states are needed. A real robot's own description is up already; this one is for the simulated robot.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The one learner: takes trajectories, keeps them (buffer, store), and makes the gradient steps due for them.
 
-run.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
+train.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
 that was killed goes on from its last checkpoint, through the store, to the very same numbers.
 """
 

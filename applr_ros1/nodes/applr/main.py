@@ -1,9 +1,9 @@
 """Starts the applr node: reads its private parameters, joins method, inputs and topics, and runs until shutdown.
 
-Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal; name or folder
-of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring (auto, true or
-false: see meter_scoring.py) and ~move_base (its name). Topic: ~set_parameters (applr_ros1/Parameters). Services:
-~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod); docs/reference/topics.md
+Started as `rosrun applr_ros1 applr.py`. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal;
+name or folder of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring
+(auto, true or false: see meter_scoring.py) and ~move_base (its name). Topic: ~set_parameters (applr_ros1/Parameters).
+Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod); docs/reference/topics.md
 """
 
 import gc

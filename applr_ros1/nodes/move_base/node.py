@@ -1,8 +1,8 @@
 """The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
 
-Started by scripts/move_base.py. Subscribers and services hand their messages to one thread (planner_thread.py), which
-steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose files are then read), ~map
-and ~tf_prefix for it, and those in docs/reference/parameters.md.
+Started as `rosrun applr_ros1 move_base.py`. Subscribers and services hand their messages to one thread
+(planner_thread.py), which steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose
+files are then read), ~map and ~tf_prefix for it, and those in docs/reference/parameters.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Measures how a base brakes and turns, and prints the line `monitor:` of robot.yaml for the collision monitor.
 
-Run by scripts/measure_braking.py, which drives the robot itself: --help says how.
+`rosrun applr_ros1 measure_braking.py` starts it. It drives the robot itself: --help says how.
 """
 
 from __future__ import annotations

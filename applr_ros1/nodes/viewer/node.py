@@ -1,6 +1,6 @@
 """The ROS node viewer: a page in a browser with the robot, its planner and its parameters.
 
-Started by scripts/viewer.py. While no page is open it subscribes to nothing.
+Started as `rosrun applr_ros1 viewer.py`. While no page is open it subscribes to nothing.
 
 Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix, ~host
 (127.0.0.1: which computers reach the page) and ~port (8080, or the next free one). Sets ~address, where the page is,

@@ -1,6 +1,7 @@
 """APPLD's context classifier: a small network from the scan, as the observation has it, to the context.
 
-It is trained here with torch and run by applr_ros1/policy/appld.py with numpy. appld.py calls it.
+It is trained here with torch and run by ContextPolicy (applr_ros1/policy/actor.py) with numpy. training/appld.py calls
+it.
 """
 
 from __future__ import annotations
