@@ -1,1 +1,1 @@
-"""What several packages share and what knows none of them."""
+"""Helpers that several packages share; they import none of them."""

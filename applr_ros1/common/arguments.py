@@ -10,12 +10,12 @@ from applr_ros1.common.errors import ApplrError
 
 
 def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
-    """A command line (sys.argv's if None) without ROS's remapping arguments (NAME:=VALUE), as rospy.myargv does."""
+    """Return a command line (None: sys.argv's) without ROS's remappings (NAME:=VALUE), as rospy.myargv does."""
     return [word for word in (sys.argv[1:] if arguments is None else arguments) if ":=" not in word]
 
 
 def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """A parameter's value, if it is a number from `low` to `high` (infinite only where a bound is); else ApplrError."""
+    """Return a value that is a number from `low` to `high` (infinite only where a bound is). Raises ApplrError."""
     if not isinstance(value, bool) and isinstance(value, (int, float)) and low <= value <= high:
         return value
     between = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
@@ -23,14 +23,14 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
 
 
 def boolean(name: str, text: str) -> bool:
-    """True or False from a launch file's spelling. Raises ApplrError."""
+    """Return True or False from a launch file's spelling. Raises ApplrError."""
     if text.lower() not in ("true", "false", "1", "0"):
         raise ApplrError(f"{name} is {text or 'empty'}: give true or false")
     return text.lower() in ("true", "1")
 
 
 def pose(name: str, text: str) -> Tuple[float, float, float]:
-    """(x, y, yaw) [m, m, rad] from "x y yaw". Raises ApplrError."""
+    """Return (x, y, yaw) [m, m, rad] from "x y yaw". Raises ApplrError."""
     try:
         x, y, yaw = map(float, text.replace(",", " ").split())
     except ValueError:
@@ -41,5 +41,5 @@ def pose(name: str, text: str) -> Tuple[float, float, float]:
 
 
 def frame_prefix(text: str) -> str:
-    """What the names of a robot's frames begin with: "robot1/" for robot1, "" for none or an empty text."""
+    """Return the prefix of a robot's frames: "robot1/" for robot1, "" for none or an empty text."""
     return "" if text.strip("/") in ("", "none") else text.strip("/") + "/"

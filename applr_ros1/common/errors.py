@@ -17,7 +17,7 @@ OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 
 
 class ApplrError(ValueError):
-    """Something that a user can put right. Its text is one line: what is wrong, which value, what to do.
+    """A mistake that a user can put right. Its text is one line: what is wrong, which value, what to do.
 
     exit_status: what a command that ends with this error returns to the shell.
     """
@@ -26,7 +26,7 @@ class ApplrError(ValueError):
 
 
 class Finding(NamedTuple):
-    """What a check found in something that a user wrote.
+    """A fault or a remark that a check found in what a user wrote.
 
     key: the name of the value, in its file once that is known. value: what stands there, such as "is 0.3" or "is
     missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with, a warning is
@@ -44,18 +44,18 @@ class Finding(NamedTuple):
         return f"{place} {self.value}".rstrip() + (f": {self.advice}" if self.advice else "")
 
     def below(self, path: str) -> Finding:
-        """The same, with the key below a path."""
+        """Return the same, with the key below a path."""
         return self._replace(key=f"{path}/{self.key}" if path else self.key)
 
 
 def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
-    """What to do about an unknown name: "did you mean NAME?" where a known one is like it."""
+    """Return the advice on an unknown name: "did you mean NAME?" where a known one is like it."""
     close = difflib.get_close_matches(str(name), list(known), 1)
     return f"{MEANT} {close[0]}?" if close else otherwise
 
 
 def misspelt(name: str, known: Iterable[str]) -> str:
-    """The known name that differs from this one by a letter or two; "" where there is none."""
+    """Return the known name that differs from this one by a letter or two; "" where there is none."""
     for other in difflib.get_close_matches(name, list(known), 3, 0.7):
         changes = difflib.SequenceMatcher(None, name, other, autojunk=False).get_opcodes()
         if sum(max(a - b, c - d) for what, b, a, d, c in changes if what != "equal") <= 2:
@@ -64,12 +64,12 @@ def misspelt(name: str, known: Iterable[str]) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Why the system refused, in its own words, without the error number and the path."""
+    """Return the system's own words for an error, without its number and path."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def one_line(error: BaseException) -> str:
-    """What went wrong, for people: the text of this package's own errors; of all others kind, text and place.
+    """Return an error in one line: the text of this package's own errors; of all others kind, text and place.
 
     The place is the file and line that raised the error: "KeyError: 'v' (my_method.py, line 9)".
     """
@@ -83,7 +83,7 @@ def one_line(error: BaseException) -> str:
 
 
 def _with_file(error: BaseException) -> str:
-    """The reason, after the file that it is about, where there is one."""
+    """Return the reason, after the file that it is about, where there is one."""
     where = f"{error.filename}: " if isinstance(error, OSError) and error.filename else ""
     return where + reason(error)
 

@@ -17,7 +17,7 @@ EXTRAS = {
 
 
 def absent(package: Optional[str]) -> str:
-    """What to do about a package of an extra that is not installed, in one line; "" where it is, or is of no extra."""
+    """Return the line about a package of an extra that is not installed; "" where it is, or is of no extra."""
     name = (package or "").partition(".")[0]
     if name not in EXTRAS or find_spec(name):
         return ""
@@ -26,7 +26,7 @@ def absent(package: Optional[str]) -> str:
 
 @contextmanager
 def extra(importer: str) -> Iterator[None]:
-    """Around the imports of a command for which an extra is needed.
+    """Guard the imports of a command for which an extra is needed.
 
     Args:
         importer: the module's __name__. As a command, which is "__main__", it ends with one line where a package is

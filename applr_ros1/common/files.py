@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Tuple
 from applr_ros1.common.errors import ApplrError, reason
 
 MAX_BYTES = 2**31  # of a file that is read where the caller knows no smaller bound
-MAX_JSON = 2**28
+MAX_JSON_BYTES = 2**28
 MAX_CELLS = 16_000_000  # of one map, 200 x 200 m at .05 m; a larger one is refused instead of filling the memory
 
 
@@ -22,7 +22,7 @@ class StorageError(ApplrError):
 
 
 def _check_regular(path) -> None:
-    """Reading a pipe would wait for ever, renaming over a device would remove it."""
+    """Refuse all but regular files: reading a pipe would wait for ever, renaming over a device would remove it."""
     if os.path.lexists(path) and not os.path.isfile(path):
         raise StorageError(f"{path}: a folder, pipe or device; give the path of a regular file")
 
@@ -49,7 +49,7 @@ def write_json(path, value: Any) -> None:
 
 
 def read_bytes(path, limit: int = MAX_BYTES) -> bytes:
-    """The content of a regular file of at most `limit` bytes. Pipes, devices and folders are refused at once."""
+    """Return the content of a regular file of at most `limit` bytes. Pipes, devices and folders are refused at once."""
     _check_regular(path)
     try:
         if os.path.getsize(path) > limit:
@@ -59,8 +59,8 @@ def read_bytes(path, limit: int = MAX_BYTES) -> bytes:
         raise StorageError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
 
 
-def read_json(path, limit: int = MAX_JSON) -> Any:
-    """The value in a JSON file."""
+def read_json(path, limit: int = MAX_JSON_BYTES) -> Any:
+    """Return the value in a JSON file."""
     try:
         return json_value(read_bytes(path, limit))
     except ApplrError:
@@ -70,7 +70,7 @@ def read_json(path, limit: int = MAX_JSON) -> Any:
 
 
 def json_value(text) -> Any:
-    """The value of a JSON text; ValueError also where it is too deep, beyond a float, or has a name twice."""
+    """Return the value of a JSON text; ValueError also where it is too deep, beyond a float, or has a name twice."""
     try:
         return json.loads(text, parse_int=whole_number, object_pairs_hook=_with_each_name_once)
     except RecursionError:
@@ -85,7 +85,7 @@ def _with_each_name_once(members: List[Tuple[str, Any]]) -> Dict[str, Any]:
 
 
 def whole_number(text: Any) -> int:
-    """The int of a text; ValueError where no float holds it."""
+    """Return the int of a text; ValueError where no float holds it."""
     number = int(text)
     try:
         float(number)
@@ -106,7 +106,7 @@ def plain_xml(data: bytes) -> str:
 
 
 def check_tables(database: Any, name) -> None:
-    """StorageError for an open sqlite3 database of a stranger that has more than tables.
+    """Raise StorageError for an open sqlite3 database of a stranger that has more than tables.
 
     Reading a view, a calculated column, or the check of an expression can be endless work.
     """
@@ -117,5 +117,5 @@ def check_tables(database: Any, name) -> None:
 
 
 def sha256(*values: Any) -> str:
-    """The checksum of bytes, or of several values, bytes or others by their text, one after the other; hexadecimal."""
+    """Return the checksum, in hexadecimal digits, of values one after the other: bytes, or others by their text."""
     return hashlib.sha256(b"\0".join(v if isinstance(v, bytes) else str(v).encode() for v in values)).hexdigest()

@@ -32,7 +32,7 @@ PACKAGES = (
     "sim_bridge",
     "applr_ros1/sim_bridge",  # where pip installed it
 )  # no kernel takes one of another
-KEPT = 24  # folders; beyond, those that were unused longest are removed
+KEPT_FOLDERS = 24  # folders; beyond, those that were unused longest are removed
 
 
 def kernel(function: Callable | None = None, **options: Any) -> Any:
@@ -73,7 +73,7 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
 
 @functools.lru_cache(maxsize=None)
 def cache_folder(package: str) -> str:
-    """The folder for machine code of one of PACKAGES, made if missing; "" if this user alone can write in none."""
+    """Return the folder for machine code of one of PACKAGES, made if missing; "" if none is this user's alone."""
     sources = hashlib.sha256()
     for path in sorted((ROOT / package).rglob("*.py")):
         sources.update(path.read_bytes())
@@ -91,7 +91,7 @@ def cache_folder(package: str) -> str:
                 continue
             os.utime(folder)  # the time of its last use
             tempfile.TemporaryFile(dir=folder).close()  # else numba refuses the folder, and thereby the kernel
-            for old in sorted(os.scandir(place), key=lambda entry: -entry.stat().st_mtime)[KEPT:]:
+            for old in sorted(os.scandir(place), key=lambda entry: -entry.stat().st_mtime)[KEPT_FOLDERS:]:
                 shutil.rmtree(old.path, ignore_errors=True)
             return folder
     tried = ", ".join(places)

@@ -7,13 +7,15 @@ import threading
 import time
 from typing import Callable, Iterator
 
-FIRST = 2.0  # s after which the work is announced
-EVERY = 10.0  # s between further lines
+FIRST_LINE_S = 2.0  # s after which the work is announced
+NEXT_LINE_S = 10.0  # s between further lines
 
 
 @contextlib.contextmanager
-def announced(what: str, say: Callable[[str], object], first: float = FIRST, every: float = EVERY) -> Iterator[None]:
-    """Around work that is usually quick: say what is going on once it takes long, and how long it took if it was done.
+def announced(
+    what: str, say: Callable[[str], object], first: float = FIRST_LINE_S, every: float = NEXT_LINE_S
+) -> Iterator[None]:
+    """Say what work is going on once it takes long, and at its end how long it took.
 
     Args:
         what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".
@@ -44,7 +46,7 @@ def announced(what: str, say: Callable[[str], object], first: float = FIRST, eve
 
 
 class Throttled:
-    """Lets a repeated line through once in EVERY seconds of wall time, with how often it has come so far."""
+    """A filter of a repeated line: one in NEXT_LINE_S of wall time passes, with how often it has come so far."""
 
     def __init__(self, say: Callable[[str], object]):
         self._say, self._count, self._due = say, 0, 0.0
@@ -53,5 +55,5 @@ class Throttled:
         """Count the line, and pass it on if the last one that was passed on is long ago."""
         self._count += 1
         if time.monotonic() >= self._due:
-            self._due = time.monotonic() + EVERY
+            self._due = time.monotonic() + NEXT_LINE_S
             self._say(line if self._count == 1 else f"{line} ({self._count} times so far)")

@@ -25,12 +25,12 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE = 3.0  # s for the master's answer, for which rospy itself would wait for ever, and for a shutdown
-LONGEST = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
+PATIENCE_S = 3.0  # s for the master's answer, for which rospy itself would wait for ever, and for a shutdown
+SHUTDOWN_S = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
 def init_node(name: str, **options: Any) -> None:
-    """As rospy.init_node. A node that still runs LONGEST seconds after it was asked to end is ended with status 1.
+    """As rospy.init_node. A node that still runs SHUTDOWN_S seconds after it was asked to end is ended with status 1.
 
     What each of its threads was doing is then printed on stderr.
 
@@ -38,7 +38,7 @@ def init_node(name: str, **options: Any) -> None:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
     """
     before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(PATIENCE)
+    socket.setdefaulttimeout(PATIENCE_S)
     answers = rosgraph.is_master_online()
     socket.setdefaulttimeout(before)
     if not answers:
@@ -49,7 +49,7 @@ def init_node(name: str, **options: Any) -> None:
     def end(number: int, _: Any) -> None:
         ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
         ending.start()
-        ending.join(PATIENCE)
+        ending.join(PATIENCE_S)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
@@ -63,11 +63,11 @@ def init_node(name: str, **options: Any) -> None:
             print_exception(error)
 
     threading.excepthook = print_while_running
-    rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(LONGEST, exit=True))
+    rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(SHUTDOWN_S, exit=True))
 
 
 def private_parameters() -> Dict[str, Any]:
-    """The node's own parameters. Raises ApplrError where something else has its name."""
+    """Return the node's own parameters. Raises ApplrError where something else has its name."""
     found = rospy.get_param("~", {})
     if isinstance(found, dict):
         return found

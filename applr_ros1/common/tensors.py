@@ -13,12 +13,12 @@ import safetensors.numpy
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 
-MAX_HEADER = 2**20
+MAX_HEADER_BYTES = 2**20
 PICKLES = (b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 
 
 def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-    """(tensors, metadata) of safetensors bytes whose header is bounded. Nothing is executed.
+    """Return (tensors, metadata) of safetensors bytes whose header is bounded. Nothing is executed.
 
     Raises StorageError, one line that begins with `name`.
     """
@@ -27,7 +27,7 @@ def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str
     if len(data) < 10:
         raise StorageError(f"{name}: truncated ({len(data)} bytes); copy it again")
     length = int.from_bytes(data[:8], "little")
-    if length > MAX_HEADER:
+    if length > MAX_HEADER_BYTES:
         raise StorageError(f"{name}: not a safetensors file (its header would be {length} bytes); give another one")
     try:
         header = json.loads(data[8 : 8 + length].decode("utf-8")).get("__metadata__") or {}

@@ -6,7 +6,7 @@ from typing import Any, Dict
 
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
-    """The dict at "a/b" in a tree (the tree itself at ""); {} where there is none, made in the tree with `create`."""
+    """Return the dict at "a/b" in a tree (the tree itself at ""); {} where there is none, which `create` puts there."""
     here: Any = tree
     for part in filter(None, path.split("/")):
         here = here.setdefault(part, {}) if create else here.get(part)
@@ -16,7 +16,7 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
 
 
 def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
-    """A new tree with the values of both; those of `above` count, but an empty section (None) takes nothing away."""
+    """Return a new tree of both, in which values of `above` count; an empty section (None) takes nothing away."""
     made = dict(below)
     for name, value in above.items():
         here = made.get(name)

@@ -11,7 +11,7 @@ from typing import Any
 
 
 def load(module: str) -> ModuleType:
-    """A module by its name, the current folder included, or by its file. Both may import what lies beside them.
+    """Return a module by its name, the current folder included, or by its file. Both may import what lies beside them.
 
     Raises:
         Exception: whatever the module raises, and ImportError or OSError where it is not there.

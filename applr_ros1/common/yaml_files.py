@@ -14,12 +14,12 @@ MAX_VALUES, MAX_LEVELS = 100_000, 50  # of a YAML file, each alias counted as wh
 
 
 class Yaml(yaml.SafeLoader):
-    """Plain values alone, and no more of them than a person writes: aliases can stand for any number."""
+    """A loader of plain values alone, and no more of them than a person writes: aliases can stand for any number."""
 
     most = MAX_VALUES
 
     def get_single_node(self) -> Any:
-        """What yaml.load makes the value of."""
+        """Return the node of which yaml.load makes the value."""
         node = super().get_single_node()
         values, levels = _extent(node, {})
         if values > self.most or levels > MAX_LEVELS:
@@ -35,7 +35,7 @@ Yaml.add_constructor("tag:yaml.org,2002:int", _int)
 
 
 def _extent(node: Any, known: Dict[int, Tuple[float, float]]) -> Tuple[float, float]:
-    """(values, levels) of a node of YAML; infinite where it holds itself. known: those of others, by id."""
+    """Return (values, levels) of a node of YAML; infinite where it holds itself. known: those of others, by id."""
     if id(node) not in known:
         known[id(node)] = math.inf, math.inf
         parts = node.value if isinstance(node, (yaml.SequenceNode, yaml.MappingNode)) else []
@@ -45,12 +45,12 @@ def _extent(node: Any, known: Dict[int, Tuple[float, float]]) -> Tuple[float, fl
 
 
 def read_yaml(path, limit: int = MAX_YAML, loader: Any = Yaml) -> Any:
-    """The value in a YAML file."""
+    """Return the value in a YAML file."""
     return yaml_value(read_bytes(path, limit), path, loader)
 
 
 def yaml_value(text, name, loader: Any = Yaml) -> Any:
-    """The value that a YAML text holds; StorageError, one line that begins with `name`, where it is none."""
+    """Return the value that a YAML text holds; StorageError, one line that begins with `name`, where it is none."""
     try:
         return yaml.load(text, loader)
     except Exception as error:  # of constructors that expect no stranger's file

@@ -27,7 +27,8 @@ from applr_ros1.planner.costmap.static_layer import StaticMap
 
 MAX_BEAMS = 100000
 MAX_POINTS = 5_000_000
-LEVEL = 2e-6  # 1 less the cosine of the tilt up to which a sensor counts as level
+LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level
+WHOLE_SHARE = 0.9  # share of its predecessor's angle that a scan covers at least
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
@@ -35,31 +36,28 @@ COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost"
 TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # one point per point of a trajectory
 
 
-WHOLE = 0.9  # share of its predecessor's angle that a scan covers at least
-
-
 class MessageError(ApplrError):
     """A message that cannot be used; one line says why."""
 
 
-class MapMessage(OccupancyGrid):
-    """A nav_msgs/OccupancyGrid whose `data` is an array (n,) int8. As a list, four million cells would take .4 s."""
+class _WithArray:
+    """A message whose `data` is an array (n,) int8. As a list, four million cells would take .4 s."""
 
-    def deserialize(self, buff: bytes) -> MapMessage:
-        """What rospy calls."""
-        return self.deserialize_numpy(buff, np)
+    def deserialize(self, buff: bytes) -> Any:
+        """Read the message, as rospy asks for it."""
+        return self.deserialize_numpy(buff, np)  # type: ignore[attr-defined]
 
 
-class MapUpdateMessage(OccupancyGridUpdate):
-    """A map_msgs/OccupancyGridUpdate whose `data` is an array (n,) int8."""
+class MapMessage(_WithArray, OccupancyGrid):
+    """A nav_msgs/OccupancyGrid with an array."""
 
-    def deserialize(self, buff: bytes) -> MapUpdateMessage:
-        """What rospy calls."""
-        return self.deserialize_numpy(buff, np)
+
+class MapUpdateMessage(_WithArray, OccupancyGridUpdate):
+    """A map_msgs/OccupancyGridUpdate with an array."""
 
 
 def is_upright(q) -> bool:
-    """Whether a quaternion is finite, not zero, and turns about z only (move_base.cpp, isQuaternionValid)."""
+    """Return whether a quaternion is finite, not zero, and turns about z only (move_base.cpp, isQuaternionValid)."""
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not math.isfinite(length2) or length2 < 1e-6:
         return False
@@ -68,14 +66,14 @@ def is_upright(q) -> bool:
 
 
 def pose_of(message) -> Pose:
-    """(x, y, yaw) of a geometry_msgs/Transform or a geometry_msgs/Pose."""
+    """Return (x, y, yaw) of a geometry_msgs/Transform or a geometry_msgs/Pose."""
     if hasattr(message, "position"):
         return message.position.x, message.position.y, yaw_of(message.orientation)
     return message.translation.x, message.translation.y, yaw_of(message.rotation)
 
 
 def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
-    """A geometry_msgs/PoseStamped of pose (x, y, yaw) [m, m, rad] in `frame`."""
+    """Return a geometry_msgs/PoseStamped of pose (x, y, yaw) [m, m, rad] in `frame`."""
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
@@ -84,21 +82,21 @@ def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
 
 
 def twist(v: float, w: float) -> Twist:
-    """A geometry_msgs/Twist of a forward speed [m/s] and a turn rate [rad/s]."""
+    """Return a geometry_msgs/Twist of a forward speed [m/s] and a turn rate [rad/s]."""
     message = Twist()
     message.linear.x, message.angular.z = v, w
     return message
 
 
 def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp) -> DiagnosticArray:
-    """A diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
+    """Return a diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
     shown = [KeyValue(key, str(value)) for key, value in values.items()]
     return DiagnosticArray(header("", stamp), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
 # -- in --------------------------------------------------------------------------------------------------------
 def check_scan(message, turn: Optional[float], no_return: Optional[float] = None) -> np.ndarray:
-    """The ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
+    """Return the ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
 
     `turn`: the angle [rad] that its predecessor covered, None for any. Each turn of a scanner may have another number
     of beams, but one that covers much less than the one before is cut short.
@@ -114,7 +112,7 @@ def check_scan(message, turn: Optional[float], no_return: Optional[float] = None
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
         )
     covered = angle_covered(message)
-    if turn is not None and covered < WHOLE * turn:
+    if turn is not None and covered < WHOLE_SHARE * turn:
         raise MessageError(
             f"covers {covered:.3g} rad where it covered {turn:.3g}: check the scanner; it is accepted after two seconds"
         )
@@ -125,17 +123,17 @@ def check_scan(message, turn: Optional[float], no_return: Optional[float] = None
 
 
 def angle_covered(message) -> float:
-    """The angle [rad] from the first beam of a sensor_msgs/LaserScan to its last one, whichever way they run."""
+    """Return the angle [rad] from the first beam of a sensor_msgs/LaserScan to its last one, whichever way they run."""
     return abs((len(message.ranges) - 1) * message.angle_increment)
 
 
 def with_infinity(ranges: np.ndarray, no_return: Optional[float]) -> np.ndarray:
-    """The ranges (n,) float32 with +inf in place of what the driver states where nothing returns, if it does that."""
+    """Return the ranges (n,) float32 with +inf in place of the number that the driver states where nothing returns."""
     return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
 
 
 def points_of(message) -> np.ndarray:
-    """The points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud; MessageError if they cannot be read."""
+    """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud. Raises MessageError."""
     if hasattr(message, "points"):
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
@@ -159,7 +157,7 @@ def points_of(message) -> np.ndarray:
 
 
 def point_of(transform) -> Point:
-    """(x, y, z) of a geometry_msgs/Transform's translation."""
+    """Return (x, y, z) of a geometry_msgs/Transform's translation."""
     return transform.translation.x, transform.translation.y, transform.translation.z
 
 
@@ -169,33 +167,38 @@ def _rotation(transform) -> Tuple[float, float, float, float]:
 
 
 def cos_tilt(transform) -> float:
-    """The cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
+    """Return the cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
     return 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)
 
 
 def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
-    """The planner's scan of a message whose ranges have been checked.
+    """Return the planner's scan of a message whose ranges have been checked.
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
     """
     upright = cos_tilt(transform)
-    first, step = message.angle_min, message.angle_increment
-    if upright < LEVEL - 1.0:  # it hangs upside down: its beams run the other way round
-        first, ranges = -(first + (len(ranges) - 1) * step), ranges[::-1]
+    ranges, first = from_above(message, ranges, upright < -LEVEL_COS)
     stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
-    rotation = None if abs(upright) > 1.0 - LEVEL else _rotation(transform)
-    limits = message.range_min, message.range_max
+    rotation = None if abs(upright) > LEVEL_COS else _rotation(transform)
+    limits = message.angle_increment, message.range_min, message.range_max
     sweep = abs(message.time_increment) * (len(ranges) - 1)
-    return LaserScan(stamp, first, step, *limits, ranges, pose, z, rotation, origin, sweep)
+    return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep)
+
+
+def from_above(message, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
+    """Return (ranges, angle of the first [rad]) of a scan as seen from above, whether its laser hangs or not."""
+    if not hangs:
+        return ranges, message.angle_min
+    return ranges[::-1], -(message.angle_min + (len(ranges) - 1) * message.angle_increment)
 
 
 def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:
-    """The planner's cloud of a message whose points were read (points_of); transform, origin: as for laser_scan."""
+    """Return the planner's cloud of a message and its points (points_of); transform, origin: as for laser_scan."""
     return SensorCloud(message.header.stamp.to_sec(), points, point_of(transform), _rotation(transform), origin)
 
 
 def static_map(message) -> StaticMap:
-    """The planner's map of a nav_msgs/OccupancyGrid; MessageError for one that no costmap can have."""
+    """Return the planner's map of a nav_msgs/OccupancyGrid; MessageError for one that no costmap can have."""
     info, n = message.info, len(message.data)
     if info.width * info.height != n or n == 0:
         raise MessageError(f"has {n} cells for {info.width} x {info.height}")
@@ -210,7 +213,7 @@ def static_map(message) -> StaticMap:
 
 
 def update_cells(message) -> np.ndarray:
-    """The occupancies (h, w) int8 of a map_msgs/OccupancyGridUpdate; MessageError if they do not fit its size."""
+    """Return the occupancies (h, w) int8 of a map_msgs/OccupancyGridUpdate. Raises MessageError."""
     if message.width * message.height != len(message.data):
         raise MessageError(f"has {len(message.data)} cells for {message.width} x {message.height}")
     return np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
@@ -227,7 +230,7 @@ class PackedMessage:
         self.count, self.payload = count, payload
 
     def serialize(self, buff) -> None:
-        """What rospy calls: the message as generated, then the array in place of its zero length."""
+        """Write the message as generated, then the array in place of its zero length."""
         self.message.serialize(buff)
         buff.seek(-4, os.SEEK_CUR)
         buff.write(struct.pack("<I", self.count))
@@ -235,12 +238,12 @@ class PackedMessage:
 
 
 def header(frame: str, stamp) -> Header:
-    """A std_msgs/Header."""
+    """Return a std_msgs/Header."""
     return Header(frame_id=frame, stamp=stamp)
 
 
 def grid(costmap, frame: str, stamp) -> PackedMessage:
-    """The whole costmap as nav_msgs/OccupancyGrid."""
+    """Return the whole costmap as nav_msgs/OccupancyGrid."""
     message = OccupancyGrid(header=header(frame, stamp))
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
@@ -251,14 +254,14 @@ def grid(costmap, frame: str, stamp) -> PackedMessage:
 
 
 def grid_update(cells: np.ndarray, corner, frame: str, stamp) -> PackedMessage:
-    """The cells (h, w) of a costmap from the cell `corner` (x, y) on as map_msgs/OccupancyGridUpdate."""
+    """Return the cells (h, w) of a costmap from the cell `corner` (x, y) on as map_msgs/OccupancyGridUpdate."""
     message = OccupancyGridUpdate(header=header(frame, stamp))
     (message.x, message.y), (message.height, message.width) = corner, cells.shape
     return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
 
 
 def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
-    """(n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
+    """Return (n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
     name = frame.encode()
     kind = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
     rows = np.zeros(len(poses), kind)
@@ -270,14 +273,14 @@ def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
 
 
 def polygon(vertices: np.ndarray, frame: str, stamp) -> PolygonStamped:
-    """(n, 2) [m] as geometry_msgs/PolygonStamped."""
+    """Return (n, 2) [m] as geometry_msgs/PolygonStamped."""
     message = PolygonStamped(header=header(frame, stamp))
     message.polygon.points = [Point32(float(x), float(y), 0.0) for x, y in vertices]
     return message
 
 
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp) -> PointCloud2:
-    """(n, len(names)) as sensor_msgs/PointCloud2 of FLOAT32 fields."""
+    """Return (n, len(names)) as sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=header(frame, stamp), height=1, width=len(rows), is_dense=True)
     message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
     message.point_step = 4 * len(names)

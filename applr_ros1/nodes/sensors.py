@@ -26,33 +26,33 @@ from applr_ros1.policy.observation import ObservationError
 
 from . import conversions
 from .conversions import MessageError, Pose
-from .transforms import AHEAD, MAX_AHEAD, Transforms
+from .transforms import AHEAD_S, MAX_AHEAD_S, Transforms
 
-COMMANDS = 600  # that the ages of Ages are of: half a minute at 20 Hz
-WAITING = 20  # scans kept until their transform comes
-TURN_HELD = 2.0  # s without a usable scan after which the scanner may have another angle
+AGES_KEPT = 600  # that the ages of Ages are of: half a minute at 20 Hz
+SCANS_KEPT = 20  # scans kept until their transform comes
+TURN_HELD_S = 2.0  # s without a usable scan after which the scanner may have another angle
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
-ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
+ADJUSTMENT_S = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 
 
 def jumped_back(last: rospy.Time, now: rospy.Time) -> bool:
-    """Whether ROS time has jumped back since `last`: a simulated clock at all, a wall clock by more than ADJUSTMENT."""
-    return now < last and (not is_wallclock() or (last - now).to_sec() > ADJUSTMENT)
+    """Return whether ROS time has jumped back since `last`: if simulated at all, else by more than ADJUSTMENT_S."""
+    return now < last and (not is_wallclock() or (last - now).to_sec() > ADJUSTMENT_S)
 
 
 class Ages:
     """The ages [s] of scan, pose and twist at the newest commands."""
 
     def __init__(self) -> None:
-        self._known: Dict[str, Deque[float]] = defaultdict(lambda: deque(maxlen=COMMANDS))
+        self._known: Dict[str, Deque[float]] = defaultdict(lambda: deque(maxlen=AGES_KEPT))
 
     def add(self, ages: Mapping[str, float]) -> None:
-        """A command was made from what is {name: age [s]} old (Sensors.ages)."""
+        """Add the ages {name: [s]} of what a command was made from (Sensors.ages)."""
         for name, age in ages.items():
             self._known[name].append(age)
 
     def values(self) -> Dict[str, str]:
-        """{"scan_age_s": "median .., 99 % .., largest .."}, as /diagnostics shows it."""
+        """Return {"scan_age_s": "median .., 99 % .., largest .."}, as /diagnostics shows it."""
         shown = {}
         for name, ages in self._known.items():
             median, most = np.percentile(ages, (50, 99))
@@ -113,7 +113,7 @@ class Sensors:
         self._last = now
 
     def forget(self) -> None:
-        """The clock went back: everything older than it is void."""
+        """Forget what is older than a clock that went back."""
         self.transforms.buffer.clear()
         self._heard = self._last = rospy.Time(0)
         self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
@@ -122,7 +122,7 @@ class Sensors:
         self._twist = (0.0, 0.0)
 
     def resolved(self, topic: str) -> str:
-        """The full name of a source's topic."""
+        """Return the full name of a source's topic."""
         return self._topics[topic].name if topic in self._topics else rospy.resolve_name(topic)
 
     def newest(self, topic: str) -> str:
@@ -139,17 +139,17 @@ class Sensors:
             topic.trouble = ""
 
     def twist(self) -> Tuple[float, float]:
-        """(v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
+        """Return (v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
         return self._twist
 
     def ages(self, now) -> Dict[str, float]:
-        """{"scan", "pose", "twist": [s] from its stamp until now} of the newest that were used, where there is one."""
+        """Return {"scan", "pose", "twist": [s] since its stamp} of the newest that were used, where there is one."""
         scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
         stamps = dict(self._stamps, scan=scan)
         return {name: (now - stamp).to_sec() for name, stamp in stamps.items() if not stamp.is_zero()}
 
     def scan_is_ready(self) -> bool:
-        """Whether a laser scan that has not been used can be placed now."""
+        """Return whether a laser scan that has not been used can be placed now."""
         return any(topic.is_scan and topic.has(self._can_place) for topic in self._topics.values())
 
     def scan_times(self) -> Tuple[float, float]:
@@ -164,7 +164,7 @@ class Sensors:
         return self.transforms.has(self.local, message.header.frame_id, message.header.stamp)
 
     def odometry_trouble(self, now, patience: float) -> str:
-        """What is wrong if no odometry has come for `patience` [s], or ever; "" if it comes."""
+        """Return the complaint if no odometry has come for `patience` [s], or ever; "" if it comes."""
         age = (now - self._heard).to_sec()
         if age <= patience:
             return ""
@@ -172,15 +172,15 @@ class Sensors:
         return f"no usable odometry on {self._odometry.resolved_name} {since}"
 
     def pose(self, now, tolerance: float) -> Optional[Pose]:
-        """The robot's newest pose in the local frame; None if there is none within `tolerance` [s] of now."""
+        """Return the robot's newest pose in the local frame; None if there is none within `tolerance` [s] of now."""
         return self._newest_pose(self.local, self.base, now, tolerance, tolerance)
 
     def frame(self, now, tolerance: float) -> Optional[Pose]:
-        """The newest pose of the local frame in the global one; None if there is none of the last `tolerance` [s].
+        """Return the newest pose of the local frame in the global one, None if it is older than `tolerance` [s].
 
         Localisation stamps it ahead of the clock, so that it is good until the next one comes (amcl by 0.1 to 2 s).
         """
-        return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD))
+        return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S))
 
     def _newest_pose(self, target, source, now, oldest, most_ahead):
         self._follow_clock()
@@ -196,16 +196,16 @@ class Sensors:
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
-        """{topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
+        """Return {topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
         self._follow_clock()
         found = {name: topic.newest(self._use) for name, topic in self._topics.items()}
         return {name: observation for name, observation in found.items() if observation is not None}
 
     def _use(self, topic, message):
-        """The observation of a message, None while its transform is not there. MessageError where it is of no use."""
+        """Return the observation of a message, None while its transform is not there. Raises MessageError."""
         now = rospy.get_rostime()
         ahead = (message.header.stamp - now).to_sec()
-        if ahead > AHEAD:
+        if ahead > AHEAD_S:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
         frame, stamp = message.header.frame_id, message.header.stamp
         try:
@@ -219,13 +219,13 @@ class Sensors:
                 origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
         if not topic.is_scan:
             return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
-        turn = topic.turn if now - topic.used < rospy.Duration(TURN_HELD) else None
+        turn = topic.turn if now - topic.used < rospy.Duration(TURN_HELD_S) else None
         ranges = conversions.check_scan(message, turn, self._no_return)
         topic.turn = conversions.angle_covered(message)
         return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message) -> Pose:
-        """(x, y, yaw) of a geometry_msgs/PoseStamped in the global frame; MessageError if its frame is not known."""
+        """Return (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame. Raises MessageError."""
         pose, frame = conversions.pose_of(message.pose), message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return pose
@@ -239,7 +239,7 @@ class Sensors:
 
 
 class _Topic:
-    """The messages of one source's topic that wait, WAITING at most, until they can be placed."""
+    """The messages of one source's topic that wait, SCANS_KEPT at most, until they can be placed."""
 
     def __init__(self, topic: str, data_type: str, origin: str, on_news: Callable[[], None]):
         self.is_scan = data_type == "LaserScan"
@@ -251,7 +251,7 @@ class _Topic:
         self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
         self._on_news = on_news
         self._lock = threading.Lock()  # of what waits
-        self._waiting: Deque[Any] = deque(maxlen=WAITING)
+        self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         subscriber = rospy.Subscriber(
             topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
         )
@@ -279,7 +279,7 @@ class _Topic:
         return bool(self._waiting)
 
     def has(self, can_place) -> bool:
-        """Whether a message waits that is newer than the last one and can be placed."""
+        """Return whether a message waits that is newer than the last one and can be placed."""
         with self._lock:
             waiting = list(self._waiting)
         return any(message.header.stamp > self.used and can_place(message) for message in waiting)

@@ -1,4 +1,4 @@
-"""What tf knows, and how the policy's laser is mounted by it. For the nodes that place what sensors say."""
+"""The transforms of tf, and the mount of the policy's laser by them, for the nodes that place what sensors say."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import tf2_ros
 
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import reason
-from applr_ros1.nodes.conversions import cos_tilt, with_infinity
+from applr_ros1.nodes.conversions import cos_tilt, from_above, with_infinity
 from applr_ros1.policy.observation import ObservationError
 
-LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
-AHEAD = 1.0  # [s] that the stamp of a scan or of odometry may be ahead of the clock
-LATEST = 2**31 - 100  # [s]: stamps 2^31 s apart, or an end in 2106, end the process inside tf2
-MAX_AHEAD = 3.0  # [s] that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
+LEAST_LEVEL_COS = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
+AHEAD_S = 1.0  # s that the stamp of a scan or of odometry may be ahead of the clock
+LATEST_S = 2**31 - 100  # s: stamps 2^31 s apart, or an end in 2106, end the process inside tf2
+MAX_AHEAD_S = 3.0  # s that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
 
 
 def _is_possible(stamp: rospy.Time, *frames: str) -> bool:
-    """Whether tf2 takes this time and these names."""
-    return stamp.secs < LATEST and "\0" not in "".join(frames)
+    """Return whether tf2 takes this time and these names."""
+    return stamp.secs < LATEST_S and "\0" not in "".join(frames)
 
 
 class Transforms:
@@ -37,7 +37,7 @@ class Transforms:
         self._listener = self._listener or _Listener(self.buffer, on_news)
 
     def at(self, target: str, source: str, stamp: rospy.Time) -> Any:
-        """The geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest, however old."""
+        """Return the geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest of all."""
         if not source.strip("/"):
             raise ObservationError("a message has no frame_id: give it one")
         if not _is_possible(stamp, target, source):
@@ -50,13 +50,13 @@ class Transforms:
             raise ObservationError(f"transform {target} <- {source} at {when}: {reason(error)}") from None
 
     def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
-        """Whether `at` would give the transform now."""
+        """Return whether `at` would give the transform now."""
         return _is_possible(stamp, source) and self.buffer.can_transform_core(target, source.lstrip("/"), stamp)[0]
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
-        """The newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
+        """Return the newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
         found = self.at(target, source, rospy.Time(0))
-        self.check_age(found, target, rospy.get_rostime(), oldest, MAX_AHEAD, "is localisation running?")
+        self.check_age(found, target, rospy.get_rostime(), oldest, MAX_AHEAD_S, "is localisation running?")
         return found.transform
 
     def check_age(self, found: Any, target: str, now: rospy.Time, oldest: float, most_ahead: float, hint: str) -> None:
@@ -64,7 +64,7 @@ class Transforms:
         age = 0.0 if found.header.stamp.is_zero() else (now - found.header.stamp).to_sec()  # stamp 0: a static one
         if -most_ahead <= age <= oldest:
             return
-        if age < -max(AHEAD, most_ahead):
+        if age < -max(AHEAD_S, most_ahead):
             self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
         most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
         source = found.child_frame_id
@@ -79,7 +79,7 @@ class Transforms:
 
 
 class _Listener(tf2_ros.TransformListener):
-    """Fills a tf buffer and says so."""
+    """A listener that fills a tf buffer and reports it."""
 
     def __init__(self, buffer: tf2_ros.Buffer, on_news: Callable[[], None]):
         self._on_news = on_news
@@ -98,15 +98,15 @@ class _Listener(tf2_ros.TransformListener):
 
 
 def _possible(transforms: List[Any]) -> List[Any]:
-    """Those of the geometry_msgs/TransformStamped that tf2 takes."""
+    """Return those of the geometry_msgs/TransformStamped that tf2 takes."""
     found = [t for t in transforms if _is_possible(t.header.stamp, t.header.frame_id, t.child_frame_id)]
     if len(found) < len(transforms):
-        rospy.logerr_throttle(1.0, f"tf: a transform is stamped later than {LATEST} s, or a name has a zero: not used")
+        rospy.logerr_throttle(1.0, f"tf: a transform is stamped after {LATEST_S} s, or a name has a zero: not used")
     return found
 
 
 class LaserMount:
-    """How a fixed laser is mounted on the robot: as tf says, and as the robot's description says until tf knows.
+    """The mount of a fixed laser on the robot: as tf says, and as the robot's description says until tf knows.
 
     Args:
         transforms: tf.
@@ -119,7 +119,7 @@ class LaserMount:
         self._known: dict = {}  # {(robot's frame, laser's frame): (yaw, cosine of the tilt)}
 
     def beams(self, scan: Any, base: str) -> Tuple[Any, float, float]:
-        """(ranges, angle of the first [rad], step to the next [rad]) of a sensor_msgs/LaserScan, in the frame `base`.
+        """Return (ranges, angle of the first, step to the next [rad]) of a sensor_msgs/LaserScan, in the frame `base`.
 
         Angles are counter-clockwise as seen from above. ObservationError for a laser that does not scan horizontally.
         """
@@ -127,13 +127,11 @@ class LaserMount:
         if frames not in self._known:
             self._ask(*frames)
         yaw, upright = self._known.get(frames, (self._described, 1.0))
-        if abs(upright) < LEVEL:
+        if abs(upright) < LEAST_LEVEL_COS:
             raise ObservationError(f"the laser in {frames[1]} is mounted aslant: the policy needs one that scans level")
-        first, step = scan.angle_min, scan.angle_increment
         ranges = with_infinity(np.asarray(scan.ranges, np.float32), self._no_return)
-        if upright < 0.0:
-            return ranges[::-1], yaw - first - (len(ranges) - 1) * step, step
-        return ranges, yaw + first, step
+        ranges, first = from_above(scan, ranges, upright < 0.0)
+        return ranges, yaw + first, scan.angle_increment
 
     def _ask(self, base: str, laser: str) -> None:
         try:

@@ -35,19 +35,19 @@ TITLES = {  # of parameters that more than one place has; the others stand below
 
 
 def table(head, rows):
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *([str(cell).replace("|", "\\|") for cell in row] for row in rows)]
     return "\n".join("| %s |" % " | ".join(line) for line in lines)
 
 
 def rows_of(name):
-    """The rows of docs/results/NAME.csv as dictionaries."""
+    """Return the rows of docs/results/NAME.csv as dictionaries."""
     with open(ROOT / "docs" / "results" / (name + ".csv"), encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def commands(*modules):
-    """What `python -m MODULE --help` prints, for each."""
+    """Return what `python -m MODULE --help` prints, for each."""
     os.environ["COLUMNS"] = "110"
     parts = []
     for module in modules:
@@ -64,7 +64,7 @@ def commands(*modules):
 
 
 def comparison(prefix):
-    """The summary of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv: a row for each method."""
+    """Return the summary of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv: a row for each method."""
     rates, faster = ({row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster"))
     rows = []
     for row in rows_of(prefix + "_time"):
@@ -79,7 +79,7 @@ def comparison(prefix):
 
 
 def faults():
-    """The table of faults, in its groups."""
+    """Return the table of faults, in its groups."""
     rows, parts = rows_of("faults"), []
     for group in dict.fromkeys(row["group"] for row in rows):
         cells = [list(row.values())[1:] for row in rows if row["group"] == group]
@@ -88,7 +88,7 @@ def faults():
 
 
 def launch_arguments():
-    """The arguments of each launch file."""
+    """Return the arguments of each launch file."""
     parts = []
     for file in sorted((ROOT / "applr_ros1" / "launch").glob("*.launch")):
         arguments = [arg for arg in xml.parse(file).getroot().findall("arg") if arg.get("doc")]
@@ -98,14 +98,14 @@ def launch_arguments():
 
 
 def methods():
-    """The methods with a name."""
+    """Return the methods with a name."""
     from applr_ros1.policy.methods.registry import METHODS
 
     return table(["name", "method"], [["`%s`" % name, text] for name, (_, text) in METHODS.items()])
 
 
 def parameters():
-    """The parameters of move_base: a list for every dynamic_reconfigure server, then what is read only at start-up."""
+    """Return the parameters of move_base: a list for every dynamic_reconfigure server, then those read at start-up."""
     parts = []
     for title, declared in (
         ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
@@ -120,7 +120,7 @@ def parameters():
 
 
 def _parameter(p):
-    """One parameter as an item of a list."""
+    """Return one parameter as an item of a list."""
     older = "".join(", older name `%s`" % name for name in p.aliases)
     ends = ["any" if abs(end) >= 2**31 - 1 else "%g" % end for end in (p.min, p.max) if p.type in ("int", "double")]
     kind = ", ".join([p.type, " to ".join(ends)] if ends else [p.type]) + (" " + p.unit if p.unit else "")
@@ -133,7 +133,7 @@ def _parameter(p):
 
 
 def robot_sections():
-    """The sections of robot.yaml and their fields, from the classes that read them."""
+    """Return the sections of robot.yaml and their fields, from the classes that read them."""
     from applr_ros1.robots.robot import RobotFile
 
     kinds = {name: field.annotation for name, field in RobotFile.model_fields.items()}
@@ -143,7 +143,7 @@ def robot_sections():
 
 
 def _section(name, kind):
-    """One section: the class's docstring, and a row for each field."""
+    """Return one section: the class's docstring, and a row for each field."""
     rows = []
     for field, declared in kind.model_json_schema()["properties"].items():
         taken = declared.get("anyOf", [declared])[0]  # the other one is null
@@ -157,7 +157,7 @@ def _section(name, kind):
 
 
 def jackal_space():
-    """The Jackal's parameter space, with the declared meaning of each parameter."""
+    """Return the Jackal's parameter space, with the declared meaning of each parameter."""
     from applr_ros1.policy.parameter_space import SPACE
     from applr_ros1.robots import JACKAL
 

@@ -1,4 +1,4 @@
-"""Publishes what RViz and others look at: costmaps with their updates, footprints, plans and the cost cloud.
+"""The topics that RViz and others show: costmaps with their updates, footprints, plans and the cost cloud.
 
 Called by the move_base node after each cycle, in the planner's thread, where only what the next cycle would change is
 copied; a thread of its own makes the messages and sends them. A message without subscribers is not made.
@@ -23,12 +23,12 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import union
 from applr_ros1.planner.parameters.layers import COSTMAPS
 
-TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
-BEHIND = 20  # messages that wait to be made, from which on no more are ordered
+TRAJECTORIES_HZ = 5.0  # Hz of trajectory_cloud where C++ has none
+MAX_ORDERS = 20  # messages that wait to be made, from which on no more are ordered
 
 
 class DisplayThread:
-    """Makes and sends messages, in order, beside the planner."""
+    """A thread that makes and sends messages, in order, beside the planner."""
 
     def __init__(self) -> None:
         self._orders: "queue.Queue[Callable[[], Any]]" = queue.Queue()
@@ -41,7 +41,7 @@ class DisplayThread:
     @property
     def is_behind(self) -> bool:
         """Whether so much waits that what can be left out is."""
-        return self._orders.qsize() >= BEHIND
+        return self._orders.qsize() >= MAX_ORDERS
 
     def _run(self) -> None:
         while True:
@@ -54,7 +54,7 @@ class DisplayThread:
 
 
 class _NewSubscriber(rospy.SubscribeListener):
-    """Sends a whole map to whoever subscribes, as it is between two cycles."""
+    """A listener that sends a whole map, as it is between two cycles, to who subscribes."""
 
     def __init__(self, post, send):
         super().__init__()
@@ -83,7 +83,7 @@ class CostmapDisplay:
         self._window = None  # union of the update windows since the last publication
 
     def updated(self, stamp, pose) -> None:
-        """After an update of the map for the robot's pose: publish what is due."""
+        """Publish what is due after an update of the map for the robot's pose."""
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
@@ -133,11 +133,11 @@ class PlanDisplay:
         self._sent = float("-inf")  # when the sampled trajectories were sent last [s]
 
     def planned(self, plan, stamp) -> None:
-        """The global planner ran: (n, 3), empty where it found nothing."""
+        """Publish the plan (n, 3) of the global planner, empty where it found nothing."""
         self._send(self._plan, plan, stamp, self._global_frame)
 
     def controlled(self, local_planner, costmap, stamp) -> None:
-        """The local planner ran. An empty path is not sent: the old one stays on display, as in C++."""
+        """Publish the local planner's paths and clouds. An empty path is not sent: the old one stays, as in C++."""
         if self._thread.is_behind:
             return
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
@@ -150,8 +150,8 @@ class PlanDisplay:
         self._show_trajectories(local_planner, costmap, stamp)
 
     def _show_trajectories(self, local_planner, costmap, stamp) -> None:
-        """In each cycle where C++ does (DWAPlannerROS with publish_traj_pc), else at TRAJECTORIES_RATE."""
-        period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_RATE - 1e-3
+        """Publish them in each cycle where C++ does (DWAPlannerROS with publish_traj_pc), else at TRAJECTORIES_HZ."""
+        period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_HZ - 1e-3
         wanted = self._trajectories.get_num_connections() and self._static.get("publish_traj_pc", True)
         if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
             return

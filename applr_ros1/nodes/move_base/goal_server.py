@@ -19,9 +19,9 @@ TOO_OLD = (
     "This goal handle was canceled by the action server because its timestamp is before the timestamp of "
     "the last cancel request"
 )
-KEEP = 5.0  # seconds for which an ended goal stays in the status list
-MOST = 200  # ended goals in the status list
-STATUS_PERIOD = 0.175  # s after which a cycle repeats the status: 5 Hz, as actionlib does, in cycles of 0.05 s
+ENDED_KEPT_S = 5.0  # seconds for which an ended goal stays in the status list
+MAX_ENDED = 200  # ended goals in the status list
+STATUS_PERIOD_S = 0.175  # s after which a cycle repeats the status: 5 Hz, as actionlib does, in cycles of 0.05 s
 ENDED = {"succeeded": GoalStatus.SUCCEEDED, "aborted": GoalStatus.ABORTED, "preempted": GoalStatus.PREEMPTED}
 
 
@@ -41,7 +41,7 @@ class GoalServer:
 
     # -- in ----------------------------------------------------------------------------------------------------
     def receive_goal(self, message, stamp) -> None:
-        """A MoveBaseActionGoal that came at `stamp` (rospy.Time)."""
+        """Take a MoveBaseActionGoal that came at `stamp` (rospy.Time)."""
         now = stamp.to_sec()
         goal_id = GoalID(message.goal_id.stamp, message.goal_id.id)
         if not goal_id.id:
@@ -69,7 +69,7 @@ class GoalServer:
         self._waiting = status, message
 
     def receive_cancel(self, message, stamp) -> None:
-        """A GoalID: that goal, all goals up to its stamp, or all where both are empty."""
+        """Cancel that GoalID's goal, all goals up to its stamp, or all where both are empty."""
         until = message.stamp.to_sec()
         everything = not message.id and until == 0.0
         for status in list(self._tracked.values()):
@@ -95,7 +95,7 @@ class GoalServer:
         return self._current is not None
 
     def take(self, stamp):
-        """The goal that waits, now accepted (its predecessor ends as preempted), or None."""
+        """Return the goal that waits, now accepted (its predecessor ends as preempted), or None."""
         if self._waiting is None:
             return None
         status, message = self._waiting
@@ -125,12 +125,12 @@ class GoalServer:
     def publish_status(self, stamp) -> None:
         """Publish the status list if there is news or its time has come; forget what ended long ago."""
         now = stamp.to_sec()
-        if not self._news and 0.0 <= now - self._published < STATUS_PERIOD:
+        if not self._news and 0.0 <= now - self._published < STATUS_PERIOD_S:
             return
         self._news, self._published = False, now
         while self._ended:
             oldest, when = next(iter(self._ended.items()))
-            if 0.0 <= now - when <= KEEP and len(self._ended) <= MOST:
+            if 0.0 <= now - when <= ENDED_KEPT_S and len(self._ended) <= MAX_ENDED:
                 break
             del self._ended[oldest]
             self._tracked.pop(oldest, None)
@@ -139,7 +139,7 @@ class GoalServer:
         self._status.publish(message)
 
     def forget_times(self) -> None:
-        """The clock went back: what was remembered by time no longer counts."""
+        """Forget what was remembered by the time of a clock that went back."""
         self._last_cancel = 0.0
         for goal_id in self._ended:
             self._tracked.pop(goal_id, None)

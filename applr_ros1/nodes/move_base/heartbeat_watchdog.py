@@ -10,7 +10,7 @@ from typing import Any, Dict, Optional
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import Space
 
-PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
+LOST_PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
 
 
 class HeartbeatWatchdog:
@@ -21,15 +21,15 @@ class HeartbeatWatchdog:
     """
 
     def __init__(self, period: float):
-        self.patience = PERIODS * period
+        self.patience = LOST_PERIODS * period
         self._last: Optional[float] = None
 
     def heartbeat(self, now: float) -> None:
-        """A heartbeat of the applr node arrived at `now` [s]."""
+        """Take a heartbeat of the applr node that arrived at `now` [s]."""
         self._last = now
 
     def is_lost(self, now: float) -> bool:
-        """True once, PERIODS periods after the last heartbeat."""
+        """Return True once, LOST_PERIODS periods after the last heartbeat."""
         if self._last is None:
             return False
         if now < self._last:  # the clock went back
@@ -41,7 +41,7 @@ class HeartbeatWatchdog:
 
 
 def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0) -> Dict[str, Dict[str, Any]]:
-    """{server: {name: value}} that give the parameters of a space the values with which the planner started.
+    """Return {server: {name: value}} that give the parameters of a space the values with which the planner started.
 
     max_speed: the largest forward speed [m/s] among them; 0 for any.
     """

@@ -13,6 +13,7 @@ import math
 import sys
 import time
 import traceback
+from contextlib import contextmanager
 from functools import partial
 
 import rospy
@@ -43,9 +44,9 @@ from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
 from .reconfigure_server import ParameterMirror, ReconfigureServer
-from .robot_parameters import OWN, with_robot
+from .robot_parameters import NAMING, with_robot
 
-PLANNING_COST = 0.015  # s, the room that a plan on request wants before the next cycle
+PLANNING_S = 0.015  # s, the room that a plan on request wants before the next cycle
 WENT_BACK = "Aborting because the clock jumped back."
 
 
@@ -123,8 +124,8 @@ class MoveBaseNode:
         for topic, kind, work in subscribe:
             rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
-        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_COST))
-        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_COST))
+        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_S))
+        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_S))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
         self.goals.publish_status(rospy.Time.now())
         rospy.loginfo(
@@ -162,7 +163,7 @@ class MoveBaseNode:
         self._report(stamp)
 
     def _locate(self, stamp):
-        """(pose in the local frame, pose of the local frame in the global one); (None, None) if one is not known.
+        """Return (pose in the local frame, pose of that frame in the global one); (None, None) if one is not known.
 
         The second is None where the frames are one.
         """
@@ -228,7 +229,7 @@ class MoveBaseNode:
                 self._maps[name].updated(stamp, place)
 
     def _back_to_start_up(self) -> None:
-        """The policy is lost: the parameters that it sets get their start-up values."""
+        """Give the parameters that a lost policy has set their start-up values."""
         max_speed = self.move_base.parameters["applr"]["max_speed"]
         for server, values in start_up_requests(self.move_base, self._space, max_speed).items():
             self.servers[server].change(values)
@@ -261,7 +262,7 @@ class MoveBaseNode:
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work, cost=0.0):
-        """A service callback that has `work` done in the planner's thread."""
+        """Return a service callback that has `work` done in the planner's thread."""
 
         def call(request):
             try:
@@ -278,34 +279,23 @@ class MoveBaseNode:
         self._goal_relay.publish(goal)
 
     def _take_footprint(self, name, message) -> None:
-        try:
+        with _refusals_of(f"{name}/footprint"):
             self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
-        except ValueError as problem:
-            rospy.logerr("%s/footprint: %s: not used", name, problem)
 
     def _take_map(self, topic, message) -> None:
-        """In the subscriber's thread; the planner's gets the finished map."""
-        try:
+        """Read a map in the subscriber's thread; the planner's gets the finished one."""
+        with _refusals_of(topic):
             given = conversions.static_map(message)
-        except ApplrError as problem:
-            rospy.logerr("%s: %s: not used", topic, problem)
-        else:
             self.thread.post(lambda: self._show_map(topic, given, message.info))
 
     def _show_map(self, topic, given, info) -> None:
-        try:
+        with _refusals_of(topic):
             self.move_base.set_map(given, topic)
-        except ApplrError as problem:
-            rospy.logerr("%s: %s: not used", topic, problem)
-        else:
             rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
 
     def _take_map_update(self, topic, message) -> None:
-        try:
-            cells = conversions.update_cells(message)
-            self.move_base.update_map(topic, message.x, message.y, cells)
-        except ApplrError as problem:
-            rospy.logerr("%s_updates: %s: not used", topic, problem)
+        with _refusals_of(topic + "_updates"):
+            self.move_base.update_map(topic, message.x, message.y, conversions.update_cells(message))
 
     def _make_plan(self, request):
         if self.goals.active or self.move_base.goal is not None:
@@ -352,7 +342,7 @@ class MoveBaseNode:
             self._send(0.0, 0.0)
 
     def _cycle_failed(self, error) -> None:
-        """A defect of ours: stop, give the goal up, say it all, and be there for the next one."""
+        """Stop after a defect of ours, give the goal up, say it all, and be there for the next one."""
         if rospy.is_shutdown():
             return
         self._send(0.0, 0.0)
@@ -367,8 +357,17 @@ class MoveBaseNode:
         time.sleep(0.1)  # publishing is done by another thread
 
 
+@contextmanager
+def _refusals_of(topic):
+    """Log in one line that what came on a topic cannot be used."""
+    try:
+        yield
+    except ValueError as problem:
+        rospy.logerr("%s: %s: not used", topic, problem)
+
+
 class _OwnFootprints(logging.Filter):
-    """Drops rospy's warning that ~*_costmap/footprint is published as one type and read as another.
+    """A filter that drops rospy's warning that ~*_costmap/footprint is published as one type and read as another.
 
     C++ move_base has both under one name, and so must this one.
     """
@@ -395,7 +394,7 @@ def main() -> int:
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:
-        rospy.set_param("~", dict(tree, **{name: given[name] for name in OWN if name in given}))
+        rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
     node = MoveBaseNode(tree, robot)
     sys.setswitchinterval(1e-3)  # s after which a thread that computes gives way to the planner's
     gc.collect()

@@ -20,12 +20,12 @@ from rospy.rostime import get_rostime_cond, is_wallclock
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.sensors import jumped_back
 
-STALLED = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
-LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles
-EARLY = 0.2  # of a period by which a new scan may start a cycle before it is due
-WAIT = 0.5  # of a period for which a cycle that is due waits for a scan that is expected by then
-LATE = 0.2  # of a period for which a scan may be late before it is expected no more
-TICK = 1e-3  # s, less than any difference of times that counts
+STALLED_S = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
+LONGEST_DELAY_S = 0.2  # s for which a long request gives way to control cycles
+EARLY_SHARE = 0.2  # of a period by which a new scan may start a cycle before it is due
+WAIT_SHARE = 0.5  # of a period for which a cycle that is due waits for a scan that is expected by then
+LATE_SHARE = 0.2  # of a period for which a scan may be late before it is expected no more
+TICK_S = 1e-3  # s, less than any difference of times that counts
 
 
 class _Request:
@@ -49,7 +49,7 @@ class PlannerThread:
         cycle: One control cycle. now: rospy.Time; turn: the same, or when it is due where a scan starts it earlier.
         frequency: Returns the control frequency [Hz]; asked before every cycle.
         went_back: Called before the first cycle after the clock jumped back.
-        stalled: Called once each time that a simulated clock stands still for STALLED seconds of wall time.
+        stalled: Called once each time that a simulated clock stands still for STALLED_S seconds of wall time.
         failed: Called with the exception that a cycle raised; the next cycle comes all the same.
         scan_is_ready: Returns whether a new scan can be placed; asked again after each call of wake().
         scan_times: Returns the ROS times [s] at which the newest scan came and at which the next one is expected; 0 for
@@ -77,7 +77,7 @@ class PlannerThread:
         self.missed = 0  # cycles left out because an earlier one took too long
 
     def wake(self) -> None:
-        """A scan may have become ready."""
+        """Look again whether a scan has become ready."""
         with self._wake:
             self._news = True
             self._wake.notify_all()
@@ -128,7 +128,7 @@ class PlannerThread:
                     self._went_back()
             if now != last:
                 last_change, reported = time.monotonic(), False
-            elif not is_wallclock() and not reported and time.monotonic() - last_change > STALLED:
+            elif not is_wallclock() and not reported and time.monotonic() - last_change > STALLED_S:
                 reported = True
                 self._stalled()
             last = now
@@ -150,16 +150,16 @@ class PlannerThread:
             self._serve_overdue()
 
     def _left(self, due: float, now: float, period: float) -> float:
-        """The time [s] for which the next cycle still waits, at most.
+        """Return the time [s] for which the next cycle still waits, at most.
 
         It starts with the scan that comes nearest to `due` [s]. Where scans come more seldom than cycles, it waits for
-        the one that is expected within WAIT.
+        the one that is expected within WAIT_SHARE.
         """
         came, expected = self._scan_times()
         ready = self._scan_is_ready()
-        if expected - due < due - came - TICK if ready else expected <= due + WAIT * period:
-            return max(due, expected + LATE * period) - now
-        return due - now - (EARLY * period + TICK if ready else 0.0)
+        if expected - due < due - came - TICK_S if ready else expected <= due + WAIT_SHARE * period:
+            return max(due, expected + LATE_SHARE * period) - now
+        return due - now - (EARLY_SHARE * period + TICK_S if ready else 0.0)
 
     def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
         """When the cycle after the one that begins now is due: a period after this one was.
@@ -209,7 +209,7 @@ class PlannerThread:
         if not self._requests:
             return False
         request = self._requests[0]
-        if request.cost > left and time.monotonic() - request.since < LONGEST_DELAY:
+        if request.cost > left and time.monotonic() - request.since < LONGEST_DELAY_S:
             return False
         self._requests.popleft()
         if not self._begin(request):
@@ -227,7 +227,7 @@ class PlannerThread:
 
     def _serve_overdue(self) -> None:
         """Do one request that has waited for too long: cycles that are longer than their period leave no other time."""
-        if self._requests and time.monotonic() - self._requests[0].since > LONGEST_DELAY:
+        if self._requests and time.monotonic() - self._requests[0].since > LONGEST_DELAY_S:
             self._serve(0.0)
 
     def _sleep(self, seconds: float, since: Optional[rospy.Time] = None) -> None:

@@ -12,11 +12,11 @@ from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import Robot, load
 
-OWN = ("robot", "map", "tf_prefix")
+NAMING = ("robot", "map", "tf_prefix")
 
 
 def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
-    """The parameter tree of move_base, and the robot.
+    """Return the parameter tree of move_base, and the robot.
 
     Args:
         given: the private parameters. `robot` is the name or the folder of a description; `map` chooses its files for a
@@ -30,7 +30,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
         RobotError: Its folder has errors; a line for each.
         ApplrError: There is no such robot, or it has no files for a map.
     """
-    tree = {name: value for name, value in given.items() if name not in OWN}
+    tree = {name: value for name, value in given.items() if name not in NAMING}
     if not given.get("robot"):
         return tree, None
     with_map, prefix = given.get("map", False), frame_prefix(str(given.get("tf_prefix", "")))

@@ -60,7 +60,7 @@ MEANS = {  # name in summary.json: column of runs.csv
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the command line."""
     made = argparse.ArgumentParser(
         prog="./applr barn",
         description="Runs the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def numbers(text: str) -> List[int]:
-    """The worlds of a list such as 0-4,300. Raises ApplrError."""
+    """Return the worlds of a list such as 0-4,300. Raises ApplrError."""
     found: List[int] = []
     for part in text.split(","):
         match = re.match(r"^(\d{1,3})(?:-(\d{1,3}))?$", part.strip(), re.ASCII)
@@ -120,7 +120,7 @@ class Overlay:
             raise ApplrError(f"{helper} has no launch/{CONTROLLER_LAUNCH}: give --controller LAUNCH")
 
     def route(self, number: int) -> float:
-        """Length [m] of the Challenge's reference path in a world, from which its optimal time follows."""
+        """Return the length [m] of the Challenge's reference path in a world, from which its optimal time follows."""
         static = number < STATIC_WORLDS
         name = f"BARN/world_{number}.world" if static else f"DynaBARN/world_{number - STATIC_WORLDS}.world"
         path = self.package / "worlds" / name
@@ -152,12 +152,12 @@ class Run:
 
 
 def score(success: bool, seconds: float, optimal: float, least: float) -> float:
-    """The Challenge's score of a run: success x OT / clip(AT, `least` OT, 8 OT), 0 to 1 / `least`; times in seconds."""
+    """Return the Challenge's score of a run: success x OT / clip(AT, `least` OT, 8 OT), 0 to 1 / `least`; times [s]."""
     return float(success) * optimal / float(np.clip(seconds, least * optimal, 8.0 * optimal))
 
 
 def run_of(line: str, trial: int, route: float) -> Run:
-    """From the line that run.py appends to its file: world, success, collided, timeout, seconds, metric."""
+    """Return the Run of the line that run.py writes: world, success, collided, timeout, seconds, metric."""
     words = line.split()
     try:
         world, success, collided, timeout = (int(word) for word in words[:4])
@@ -199,7 +199,7 @@ class Evaluation:
         self._stopped = False
 
     def _check_settings(self) -> None:
-        """What would mix two evaluations in one folder is refused."""
+        """Refuse what would mix two evaluations in one folder."""
         options = self.options
         settings = {
             "checkout": str(self.overlay.checkout),
@@ -217,7 +217,7 @@ class Evaluation:
         write_json(path, settings)
 
     def done(self) -> Dict[Job, Run]:
-        """The runs of this command that have been driven, by their files."""
+        """Return the runs of this command that have been driven, by their files."""
         found = {job: self._run_of(job) for job in self.jobs}
         return {job: run for job, run in found.items() if run is not None}
 
@@ -238,7 +238,7 @@ class Evaluation:
                 self._stopped = True
 
     def _drive(self, job: Job) -> str:
-        """One run in a thread of the pool, again where its runner fails; returns its result in words."""
+        """Drive one run in a thread of the pool, again where its runner fails; returns its result in words."""
         for _ in range(ATTEMPTS):
             if self._stopped:
                 return "stopped"
@@ -253,7 +253,7 @@ class Evaluation:
         return self.out / "logs" / f"world_{job[0]}_trial_{job[1]}.{ending}"
 
     def _run_of(self, job: Job) -> Optional[Run]:
-        """The run that the runner's line in the job's file states; None without a whole one."""
+        """Return the run that the runner's line in the job's file states; None without a whole one."""
         try:
             lines = self._file(job, "out").read_text(encoding="utf-8", errors="replace").splitlines()
             run = run_of(lines[-1], job[1], self.routes[job[0]])
@@ -341,7 +341,7 @@ def _signal(run: str, number: int) -> bool:
 
 
 def main() -> None:
-    """All runs are driven, whatever their outcome, or ApplrError says how many could not be."""
+    """Drive all runs, whatever their outcome. Raises ApplrError that says how many could not be driven."""
     evaluation = Evaluation(parser().parse_args())
     try:
         evaluation.run()

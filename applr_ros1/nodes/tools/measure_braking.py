@@ -1,4 +1,4 @@
-"""Measures how a base brakes and turns, and prints the line `monitor:` of robot.yaml for the collision monitor.
+"""The command that measures how a base brakes and turns, and prints the line `monitor:` of robot.yaml.
 
 `rosrun applr_ros1 measure_braking.py` starts it. It drives the robot itself: --help says how.
 """
@@ -24,11 +24,11 @@ from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
 from applr_ros1.robots.measured import STANDING, STILL, Reading, Stop, deceleration, stop_of
 
-RATE = 20.0  # Hz of commands
-DRIVING = 1.2  # s of each run before it brakes
+RATE_HZ = 20.0  # Hz of commands
+DRIVING_S = 1.2  # s of each run before it brakes
 SHARES = 0.25, 0.5, 1.0  # of the largest speed, one run each; turns go up to half the largest turn rate
-BACK = 0.5  # m/s at most, on the way back
-LEAST_WAY, ROOM = 2.0, 0.5  # m of free way that is asked for; m of it that are never used
+BACK_MPS = 0.5  # m/s at most, on the way back
+LEAST_WAY_M, ROOM_M = 2.0, 0.5  # m of free way that is asked for; m of it that are never used
 
 
 class Base:
@@ -48,7 +48,7 @@ class Base:
         rospy.on_shutdown(lambda: self._out.publish(Twist()))
         for _ in range(300):
             if self.samples and self._out.get_num_connections():
-                self.start, self._rate = self.samples[-1], rospy.Rate(RATE)
+                self.start, self._rate = self.samples[-1], rospy.Rate(RATE_HZ)
                 return
             time.sleep(0.1)
         missing = f"nobody takes commands from {rospy.resolve_name(command)}"
@@ -62,7 +62,7 @@ class Base:
         )
 
     def ahead(self) -> float:
-        """How far it is ahead of where it stood at first [m]."""
+        """Return the way [m] ahead of where it stood at first."""
         now, start = self.samples[-1], self.start
         return (now.x - start.x) * math.cos(start.yaw) + (now.y - start.y) * math.sin(start.yaw)
 
@@ -80,14 +80,14 @@ class Base:
             self._rate.sleep()
 
     def stands(self) -> bool:
-        """Whether it has not moved for STANDING seconds."""
+        """Return whether it has not moved for STANDING seconds."""
         recent = [s for s in self.samples if s.time > self.samples[-1].time - STANDING]
         return all(abs(s.v) < STILL[0] and abs(s.w) < STILL[1] for s in recent)
 
     def run(self, v: float, w: float) -> Stop:
         """Drives or turns, brakes, stands. Prints a line."""
-        first, over = len(self.samples), rospy.get_time() + DRIVING
-        farthest = self.free - ROOM - v * v / 2.0
+        first, over = len(self.samples), rospy.get_time() + DRIVING_S
+        farthest = self.free - ROOM_M - v * v / 2.0
         self.drive(v, w, lambda: rospy.get_time() > over or self.ahead() > farthest)
         braked = rospy.get_time()
         self.drive(0.0, 0.0, lambda: rospy.get_time() > braked + STANDING and self.stands(), 6.0)
@@ -99,12 +99,12 @@ class Base:
 
 
 def fastest(free: float) -> float:
-    """The speed [m/s] from which a run on `free` metres still ends if the base brakes with 1 m/s^2."""
-    return math.sqrt(DRIVING**2 + 2.0 * (free - ROOM)) - DRIVING
+    """Return the speed [m/s] from which a run on `free` metres still ends if the base brakes with 1 m/s^2."""
+    return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
 
 
 def main() -> None:
-    """The command. Raises ApplrError, one line, without a word that the way is free."""
+    """Run the command. Raises ApplrError, one line, without a word that the way is free."""
     parser = argparse.ArgumentParser(
         prog="measure_braking.py",
         description="Drive the robot forwards at several speeds, brake, drive back, turn in place and stop; then print "
@@ -120,9 +120,9 @@ def main() -> None:
     options = parser.parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
         raise ApplrError("the robot would drive: give --yes when its way is free and the emergency stop is at hand")
-    if not options.free >= LEAST_WAY or options.repeats < 1:
+    if not options.free >= LEAST_WAY_M or options.repeats < 1:
         wrong = f"--free {options.free:g} --repeats {options.repeats}"
-        raise ApplrError(f"{wrong}: give {LEAST_WAY:g} m or more, and a run or more")
+        raise ApplrError(f"{wrong}: give {LEAST_WAY_M:g} m or more, and a run or more")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
@@ -130,7 +130,7 @@ def main() -> None:
     straight, turns = [], []
     for speed in [share * top for share in SHARES for _ in range(options.repeats)]:
         straight.append(base.run(speed, 0.0))
-        base.drive(-min(BACK, speed), 0.0, lambda: base.ahead() < 0.2)
+        base.drive(-min(BACK_MPS, speed), 0.0, lambda: base.ahead() < 0.2)
         base.drive(0.0, 0.0, base.stands, 6.0)
     for share in [sign * 0.5 * share for share in SHARES[1:] for _ in range(options.repeats) for sign in (1.0, -1.0)]:
         turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
@@ -138,7 +138,7 @@ def main() -> None:
     brake, turn_brake = deceleration(straight, reaction), deceleration(turns, reaction)
     print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2 from {reaction:.3f} s after the command on")
     print(f"turn rate over the commanded one: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
-    total = reaction + 1.0 / RATE + 1.0 / robot.laser.rate  # a command and a scan may be so old
+    total = reaction + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # a command and a scan may be so old
     print(
         f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
         f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "
