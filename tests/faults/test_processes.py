@@ -7,6 +7,7 @@ import pytest
 import rospy
 from dynamic_reconfigure.client import Client
 
+from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.move_base_stack import PLANNER, SUCCEEDED, finish
 from tests.support.ros_harness import LONGEST, slowness, wait_for
@@ -20,8 +21,6 @@ STANDS = 1.5  # [s] from a fault to standstill: from 2 m/s wheels need 1.05 s wi
 @pytest.fixture
 def client(stack):
     """The applr node's own client: the eight parameters as the servers have them."""
-    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-
     client = ReconfigureClient()
     wait_for(lambda: not client.connect(), "servers")
     yield client
@@ -50,8 +49,6 @@ def test_the_planner_freezes(stack, client, measured):
 
 @pytest.mark.fault("4", "14")
 def test_the_planner_is_killed_and_comes_back(stack, measured):
-    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, STANDS), "s")
     stack.start("move_base")

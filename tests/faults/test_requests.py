@@ -7,7 +7,11 @@ import time
 import pytest
 import rospy
 from geometry_msgs.msg import Twist
+from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
+from nav_msgs.srv import GetPlan
+from std_srvs.srv import Empty
 
+from applr_ros1.nodes.conversions import twist
 from tests.support.move_base_stack import ABORTED, PREEMPTED, SUCCEEDED, collect, finish, goal
 from tests.support.ros_harness import LONGEST, slowness, wait_for
 
@@ -17,8 +21,6 @@ RECALLED = 8
 
 @pytest.mark.fault("15")
 def test_a_hundred_goals_in_a_second(stack, measured):
-    from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
-
     stack.back_to_the_start()
     publisher = rospy.Publisher("/move_base/goal", MoveBaseActionGoal, queue_size=200)
     subscriber, got = collect("/move_base/result", MoveBaseActionResult)
@@ -82,9 +84,6 @@ def test_make_plan_and_clear_costmaps_all_the_time(stack, measured):
 
 def _longest_gap_under_calls(stack, seconds):
     """The longest time between two commands [s] while two threads call the services for so long; all answers right."""
-    from nav_msgs.srv import GetPlan
-    from std_srvs.srv import Empty
-
     del stack.relay.planned[:-1]
     calls, wrong, over = [0, 0], [], time.monotonic() + seconds
 
@@ -124,11 +123,8 @@ def mad(stack):
 
     def publish():
         while not over.wait(0.04):
-            message = Twist()
-            message.linear.x = command[0]
             y, yaw = stack.relay.aside
-            message.angular.z = -(y + 2.0 * yaw) * max(1.0, abs(command[0]) / 2.0)
-            publisher.publish(message)
+            publisher.publish(twist(command[0], -(y + 2.0 * yaw) * max(1.0, abs(command[0]) / 2.0)))
 
     thread = threading.Thread(target=publish)
     thread.start()

@@ -7,7 +7,17 @@ import time
 
 import numpy as np
 import pytest
+import rosgraph
+import rosnode
+import rospy
+from applr_ros1.msg import Movers, Parameters
+from applr_ros1.srv import SetMethod
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool
 
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
@@ -24,28 +34,18 @@ LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/
 
 
 @pytest.fixture(scope="module")
-def ros():
-    return session()
-
-
-@pytest.fixture(scope="module")
-def robot(ros):
+def robot():
+    session()
     made = Standing()
     yield made
     made.close()
 
 
 @pytest.fixture
-def stack(ros, robot, tmp_path):
+def stack(robot, tmp_path):
     """start(method, fake=[...], **private parameters) → (applr Child, stand-in Child, client on the stand-in)."""
-    import rosgraph
-    import rosnode
-    import rospy
-
-    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-
+    ros, started, clients = session(), [], []
     robot.reset()
-    started = []
 
     def start_fake(*args):
         fake = ros.python("tests/support/fake_move_base.py", *args)
@@ -69,7 +69,6 @@ def stack(ros, robot, tmp_path):
         wait_for(lambda: not client.connect(), "servers")
         return node, move_base, client
 
-    clients = []
     start.fake = start_fake
     yield start
     robot.goal = None
@@ -215,25 +214,13 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
     assert client.theta()[0] == 0.9
 
 
-def test_wrong_parameters_end_the_node_in_one_line(robot, stack):
-    node, _, _ = stack(fake=None, ready=False, max_speed=0.05)
-    wait_for(lambda: not node.alive(), "end")
-    assert node.process.returncode == 1
-    assert "max_speed is 0.05: give at least 0.2 m/s" in node.text
-    assert len(node.text.splitlines()) == 1
-
-
 # -- run-time services, cap, and what diagnostics say --------------------------------------------------------------
 def service(name, kind, *arguments):
-    import rospy
-
     rospy.wait_for_service("/applr/" + name, LONGEST)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
 
 
 def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
-    from std_srvs.srv import SetBool
-
     node, _, client = stack("random")
     says(robot, "idle: no goal")
     robot.goal = "one"
@@ -255,10 +242,6 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
 
 
 def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
-    import rospy
-    from applr_ros1.msg import Parameters
-    from std_srvs.srv import SetBool
-
     node, _, client = stack("random", max_speed=1.6)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
@@ -291,11 +274,6 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
 
 
 def test_method_and_file_change_while_driving(robot, stack, tmp_path):
-    from tests.support.ros_harness import use_generated
-
-    use_generated()
-    from applr_ros1.srv import SetMethod
-
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
     _, _, client = stack("random", max_speed=1.9)
     robot.goal = "one"
@@ -361,8 +339,6 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
 
 
 def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
-    import rospy
-
     rospy.set_param("/use_sim_time", True)
     robot.clock = 100.0
     node, _, _ = stack("dwa")
@@ -375,11 +351,6 @@ def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
 
 def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
     """A policy's sets count per cell; rescaled for a planner whose cost_cloud shows that it counts per metre."""
-    import rospy
-    from sensor_msgs.msg import PointCloud2
-
-    from applr_ros1.nodes import conversions
-
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
     robot.goal = "one"
@@ -414,8 +385,6 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
 
 # -- other robots, and methods of a person's own ----------------------------------------------------------------------
 def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(robot, stack):
-    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-
     husky = load("husky")
     space = space_of(husky)
     node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
@@ -433,10 +402,6 @@ def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(
 
 
 def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
-    import rospy
-    from applr_ros1.msg import Movers
-    from std_msgs.msg import Header
-
     (tmp_path / "teller.py").write_text(
         "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
         "        told = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"

@@ -3,8 +3,17 @@
 import copy
 import json
 
+import actionlib
 import pytest
+import rospy
+import rosservice
+import rostopic
+from applr_ros1.msg import Decision
 from dynamic_reconfigure.encoding import decode_config
+from dynamic_reconfigure.msg import Config
+from move_base_msgs.msg import MoveBaseAction
+from nav_msgs.msg import Path as PathMessage
+from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
@@ -21,27 +30,19 @@ OTHER = "/move_base/TrajectoryPlannerROS"
 
 
 @pytest.fixture(scope="module")
-def master():
-    return ros_harness.session()
-
-
-@pytest.fixture(scope="module")
-def node(master):
+def node():
     parameters = copy.deepcopy(tree())
     parameters["DWAPlannerROS"].update(
         publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
     )
     jackal = FakeJackal(POSTS)
-    child = start(master, parameters)
+    child = start(ros_harness.session(), parameters)
     yield child
     jackal.close()
     assert child.end() == 0, child.text
 
 
 def test_topics_and_services_are_those_of_the_cpp_node(node):
-    import rosservice
-    import rostopic
-
     published, subscribed = rostopic.get_topic_list()
     ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
     assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE["publishes"]
@@ -52,17 +53,9 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
         assert rosservice.get_service_type(name) == kind
 
 
-def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
+def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(node):
     """The Husky's best single set. The layers of these parameter files have other names than the Husky's."""
-    import actionlib
-    import rospy
-    from applr_ros1.msg import Decision
-    from dynamic_reconfigure.msg import Config
-    from move_base_msgs.msg import MoveBaseAction
-    from nav_msgs.msg import Path as PathMessage
-    from sensor_msgs.msg import PointCloud2
-
-    space = space_of(load("husky"))
+    master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))

@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from applr_ros1.common.angles import yaw_of
+from applr_ros1.nodes.conversions import twist
 from tests.support.gazebo_client import GazeboSimulation, Training, goal, model_state
 from tests.support.ros_harness import LONGEST, ROOT, session, wait_for
 
@@ -65,17 +66,14 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     simulation = GazeboSimulation(START)
     publisher = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
     wait_for(publisher.get_num_connections, "connection")
-    command = Twist()
-    command.linear.x = 0.5
 
-    def speed():
-        publisher.publish(command)
+    def speed(v):
+        publisher.publish(twist(v, 0.0))
         time.sleep(0.05)
         return simulation.state().twist.linear.y
 
-    wait_for(lambda: speed() == pytest.approx(0.5, abs=0.1), "the speed to +y, where it heads, in the world's axes")
-    command.linear.x = 0.0
-    wait_for(lambda: abs(speed()) < 0.02, "standstill")
+    wait_for(lambda: speed(0.5) == pytest.approx(0.5, abs=0.1), "the speed to +y, where it heads, in the world's axes")
+    wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
     before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
@@ -94,9 +92,7 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
     set_state, simulation = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState), GazeboSimulation(START)
 
     def send(v, w):
-        command = Twist()
-        command.linear.x, command.angular.z = v, w
-        publisher.publish(command)
+        publisher.publish(twist(v, w))
         time.sleep(0.05)
         return simulation.state()
 

@@ -5,21 +5,21 @@ import math
 import threading
 import time
 
+import actionlib
 import pytest
+import rospy
+from move_base_msgs.msg import MoveBaseAction
+from nav_msgs.msg import OccupancyGrid, Path
+from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import compose
 from tests.support import ros_harness
-from tests.support.fake_jackal import FakeJackal, _transform
+from tests.support.fake_jackal import FakeJackal, transform
 from tests.support.jackal import JACKAL
 from tests.support.map_scenes import wall_with_a_door
 from tests.support.move_base_stack import ABORTED, SUCCEEDED, collect, finish, goal, start
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture(scope="module")
-def master():
-    return ros_harness.session()
 
 
 class Localisation:
@@ -35,9 +35,6 @@ class Localisation:
         self._thread.start()
 
     def _run(self):
-        import rospy
-        from tf2_msgs.msg import TFMessage
-
         tf, then = rospy.Publisher("/tf", TFMessage, queue_size=5), time.monotonic()
         while not self._over.wait(0.05):
             passed, then = time.monotonic() - then, time.monotonic()
@@ -45,8 +42,8 @@ class Localisation:
                 x, y, yaw = self.pose
                 self.pose = x + 0.04 * passed, y - 0.02 * passed, yaw + 0.01 * passed
             now, ahead = self._jackal.now(), rospy.Duration(1.0)
-            door = _transform("map", "door", (2.1, 1.5, math.pi / 2), now)
-            tf.publish(TFMessage([_transform("map", "odom", self.pose, now + ahead), door]))
+            door = transform("map", "door", (2.1, 1.5, math.pi / 2), now)
+            tf.publish(TFMessage([transform("map", "odom", self.pose, now + ahead), door]))
         tf.unregister()
 
     def close(self):
@@ -56,9 +53,6 @@ class Localisation:
 
 def served(given):
     """A latched publisher of a StaticMap on /map, as map_server has it."""
-    import rospy
-    from nav_msgs.msg import OccupancyGrid
-
     message = OccupancyGrid()
     message.header.frame_id = given.frame
     message.info.resolution = given.resolution
@@ -71,18 +65,13 @@ def served(given):
 
 
 @pytest.mark.slow
-def test_a_goal_in_the_map_is_reached_while_localisation_drifts(master):
-    import actionlib
-    import rospy
-    from move_base_msgs.msg import MoveBaseAction
-    from nav_msgs.msg import OccupancyGrid, Path
-
+def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     tree = copy.deepcopy(JACKAL)
     world = tree["global_costmap"]
     world.update(global_frame="map", plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]])
     jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that the map does not know
     localisation = Localisation(jackal)
-    node = start(master, tree)
+    node = start(ros_harness.session(), tree)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
     client.send_goal(goal(4.0, 1.0, frame="map"))

@@ -4,6 +4,15 @@ import math
 
 import numpy as np
 import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+from geometry_msgs.msg import Point32, Polygon, PolygonStamped, PoseStamped
+from map_msgs.msg import OccupancyGridUpdate
+from move_base_msgs.msg import MoveBaseActionFeedback
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import Path as PathMessage
+from nav_msgs.srv import GetPlan
+from sensor_msgs.msg import PointCloud2
 
 from tests.support import HANGS
 from tests.support.move_base_stack import PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
@@ -15,10 +24,6 @@ pytest_plugins = ("tests.support.move_base_stack",)
 
 # -- goals ---------------------------------------------------------------------------------------------------------
 def test_goal_is_reached_through_the_action(idle):
-    from geometry_msgs.msg import PoseStamped
-    from move_base_msgs.msg import MoveBaseActionFeedback
-    from nav_msgs.msg import Path as PathMessage
-
     subscribers, got = zip(
         *[
             collect(topic, kind)
@@ -64,10 +69,6 @@ def test_preempt(idle):
 
 
 def test_simple_goal_topic(idle):
-    import rospy
-    from actionlib_msgs.msg import GoalStatusArray
-    from geometry_msgs.msg import PoseStamped
-
     publisher = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
     subscriber, got = collect("/move_base/status", GoalStatusArray)
     wait_for(lambda: publisher.get_num_connections(), "connection")
@@ -81,9 +82,6 @@ def test_simple_goal_topic(idle):
 
 # -- services ------------------------------------------------------------------------------------------------------
 def test_make_plan_and_its_refusal_while_driving(idle):
-    import rospy
-    from nav_msgs.srv import GetPlan
-
     make = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
     navfn = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
     here, there = goal(0.0).target_pose, goal(2.0).target_pose
@@ -106,12 +104,6 @@ def test_make_plan_and_its_refusal_while_driving(idle):
 
 # -- maps ----------------------------------------------------------------------------------------------------------
 def test_costmaps_footprints_and_cloud(idle):
-    import rospy
-    from geometry_msgs.msg import Point32, Polygon, PolygonStamped
-    from map_msgs.msg import OccupancyGridUpdate
-    from nav_msgs.msg import OccupancyGrid
-    from sensor_msgs.msg import PointCloud2
-
     subscribers, (world, local, updates, outline, cloud) = zip(
         *[
             collect(topic, kind)
@@ -161,8 +153,6 @@ def test_costmaps_footprints_and_cloud(idle):
 
 # -- start and end -------------------------------------------------------------------------------------------------
 def test_bad_parameters_are_named_and_nothing_starts(stack, master):
-    import rospy
-
     rospy.set_param("/bad_one", {"TrajectoryPlannerROS": {"sim_granularity": 0.0, "pdist_scala": 1.0}, "colour": "red"})
     child = master.node("move_base", "__name:=bad_one")
     child.process.wait(HANGS)

@@ -5,8 +5,16 @@ import math
 import time
 
 import pytest
+import rospy
+import rosservice
+from dynamic_reconfigure import DynamicReconfigureCallbackException
+from dynamic_reconfigure.client import Client
 
+from applr_ros1.nodes.move_base import heartbeat_watchdog
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import SPACE
 from tests.support import DATA
+from tests.support.jackal import JACKAL
 from tests.support.move_base_stack import PLANNER, node_api
 from tests.support.ros_harness import LONGEST, wait_for
 
@@ -30,16 +38,12 @@ def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
 
 
 def test_services_are_those_of_the_cpp_node(stack):
-    import rosservice
-
     ours = {name: rosservice.get_service_type(name) for name in rosservice.get_service_list(node="/move_base")}
     assert {name: kind for name, kind in ours.items() if "logger" not in name} == SURFACE["services"]
 
 
 def test_a_server_describes_the_cpp_parameters(stack):
     """The other servers' tables are compared in tests/planner/parameters."""
-    from dynamic_reconfigure.client import Client
-
     server = PLANNER
     client = Client(server, timeout=LONGEST)
     got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=LONGEST)}
@@ -54,8 +58,6 @@ def test_a_server_describes_the_cpp_parameters(stack):
 
 
 def test_parameters_are_on_the_server(stack):
-    import rospy
-
     for server, parameters in SURFACE["dynamic_reconfigure"].items():
         for name, value in ((server + "/" + p["name"], p["jackal"]) for p in parameters):
             wait_for(lambda name=name, value=value: rospy.get_param(name, None) == value, name)
@@ -70,10 +72,6 @@ def test_parameters_are_on_the_server(stack):
     ],
 )
 def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value, beyond, bound, other):
-    import rospy
-    from dynamic_reconfigure import DynamicReconfigureCallbackException
-    from dynamic_reconfigure.client import Client
-
     client = Client(server, timeout=LONGEST)
     before = client.get_configuration(timeout=LONGEST)
     try:
@@ -95,8 +93,6 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
 
 def test_watch_over_the_policy():
     """The watch by itself; with a running stack it is seen in tests/faults/test_processes.py."""
-    from applr_ros1.nodes.move_base import heartbeat_watchdog
-
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # never heard: left alone
     watch.heartbeat(100.0)
@@ -106,29 +102,7 @@ def test_watch_over_the_policy():
     watch.heartbeat(300.0)
     assert not watch.is_lost(10.0)
     assert watch.is_lost(15.1)
-    from applr_ros1.planner.move_base import MoveBase
-    from applr_ros1.policy.parameter_space import SPACE
-    from tests.support.jackal import JACKAL
-
     jackal = MoveBase(JACKAL)
     capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
-    requests = heartbeat_watchdog.start_up_requests(jackal, SPACE)
-    assert requests == {
-        "TrajectoryPlannerROS": {
-            "max_vel_x": 0.5,
-            "max_vel_theta": 1.57,
-            "min_vel_theta": -1.57,
-            "vx_samples": 6,
-            "vtheta_samples": 20,
-            "occdist_scale": 0.1,
-            "path_distance_bias": 0.75,
-            "goal_distance_bias": 1.0,
-            "sim_time": 2.0,
-            "min_in_place_vel_theta": 0.314,
-        },
-        "local_costmap": {"footprint_padding": 0.1},
-        "global_costmap": {"footprint_padding": 0.1},
-        "local_costmap/inflater_layer": {"inflation_radius": 0.3},
-        "global_costmap/inflater_layer": {"inflation_radius": 0.3},
-    }
+    assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.requests(SPACE.theta0)

@@ -6,6 +6,16 @@ tests/launch/test_launch_arguments.py loads two stacks in namespaces without sta
 import math
 
 import pytest
+import rosbag
+import rosgraph
+import rospy
+from applr_ros1.msg import Parameters
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from tests.support import ROOT
 from tests.support.ros_harness import session, wait_for
@@ -31,8 +41,6 @@ LAUNCH = """<launch>
 
 def names_of(node):
     """Topics and services of a node, from the master."""
-    import rosgraph
-
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
     return {name for group in (publishers, subscribers, services) for name, nodes in group if node in nodes}
 
@@ -41,11 +49,6 @@ class Watched:
     """The two robots' frames, places in the world and scans, as they come."""
 
     def __init__(self):
-        import rospy
-        from nav_msgs.msg import Odometry
-        from sensor_msgs.msg import LaserScan
-        from tf2_msgs.msg import TFMessage
-
         self.frames, self.places, self.scans, self.decided = set(), {}, {}, []
         for topic in ("/tf", "/tf_static"):
             rospy.Subscriber(topic, TFMessage, self.keep_frames)
@@ -71,11 +74,6 @@ class Watched:
 
 @pytest.mark.slow
 def test_a_stack_in_a_namespace_beside_another_robot(tmp_path):
-    import rosbag
-    import rosgraph
-    import rospy
-    from std_srvs.srv import SetBool
-
     master, bag, file = session(), tmp_path / "a.bag", tmp_path / "robot1.launch"
     stack = ROOT / "applr_ros1" / "launch" / "jackal_applr.launch"
     start = {name: "%g %g %g" % place for name, place in STARTS.items()}
@@ -115,12 +113,6 @@ def test_a_stack_in_a_namespace_beside_another_robot(tmp_path):
 
 def replayed(master, bag, start):
     """replay.launch shows what was live: latched messages also from before its start, parameters, one clock."""
-    import rospy
-    from applr_ros1.msg import Parameters
-    from rosgraph_msgs.msg import Clock
-    from tf2_msgs.msg import TFMessage
-    from visualization_msgs.msg import MarkerArray
-
     shown, clock = {}, []
     for topic, kind in (
         ("/tf_static", TFMessage),

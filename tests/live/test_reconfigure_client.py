@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rospy
+from dynamic_reconfigure.msg import Config
 
 from applr_ros1.nodes.applr import reconfigure_client
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
@@ -40,8 +42,6 @@ def connected(fake):
 
 @pytest.fixture
 def client(connected, monkeypatch):
-    import rospy
-
     monkeypatch.setattr(reconfigure_client, "ANNOUNCED", 5.0)
     if rospy.has_param("/fake"):
         rospy.delete_param("/fake")
@@ -78,9 +78,6 @@ def test_values_are_read_back(client):
 @pytest.fixture
 def calls(client):
     """Counts the calls of each server since the last look: every one is answered on parameter_updates."""
-    import rospy
-    from dynamic_reconfigure.msg import Config
-
     seen = Counter()
 
     def listen(name):
@@ -135,8 +132,6 @@ def test_what_a_server_says_that_is_no_number_is_not_known_and_set_anew(client, 
 
 
 def test_an_answer_counts_when_the_server_has_published_the_values(client):
-    import rospy
-
     rospy.set_param("/fake/late", [PLANNER])
     assert applied(client, SPACE.high)
     assert np.array_equal(client.theta(), SPACE.high)
@@ -149,8 +144,6 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
 
 
 def test_a_refused_set_is_given_up_where_one_server_alone_was_called(client):
-    import rospy
-
     theta, reports = THETA_0.copy(), []
     theta[0] = 1.5
     rospy.set_param("/fake/refuse", [PLANNER])
@@ -207,8 +200,6 @@ def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake)
 @pytest.mark.fault("5")
 @pytest.mark.parametrize(("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1]), ("lie", PLANNER)])
 def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
-    import rospy
-
     rospy.set_param("/fake/" + fault, [server])
     report = client.apply(SPACE.high, LONGEST)
     assert not report.ok
@@ -224,8 +215,6 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
 
 def test_a_node_without_servers_is_a_move_base_that_starts(connected):
     """This test's own node has none; nobody is called /nobody."""
-    import rospy
-
     for namespace, starting in ((rospy.get_name(), True), ("/nobody", False), ("/move_base", False)):
         client = connected if namespace == connected.namespace else ReconfigureClient(namespace)
         client.connect()

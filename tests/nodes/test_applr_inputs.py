@@ -8,13 +8,15 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from applr_ros1.msg import Movers
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import transforms as module
 from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.policy.observation import ObservationError
+from tests.support.fake_jackal import transform
+from tests.support.refusals import refused
 
 
 def stamped(message, now, frame):
@@ -81,12 +83,10 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(5.0)
     beside.now += 0.02
     beside.goal("two", -3.0)
-    with pytest.raises(ObservationError, match="no global plan for this goal"):
-        beside.snapshot()
+    refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.now += 0.02
     beside.plan(5.0)  # was under way
-    with pytest.raises(ObservationError, match="no global plan for this goal"):
-        beside.snapshot()
+    refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.plan(-2.8)  # to the first free place near the goal
     assert beside.snapshot().plan[-1, 0] == pytest.approx(-2.8)
 
@@ -94,23 +94,17 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
 def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0, "map")
-    transform = TransformStamped(child_frame_id="base_link")
-    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
-    transform.transform.translation.y = 0.5
-    transform.header.stamp = beside.time
-    beside.inputs._transforms.buffer.set_transform(transform, "test")
+    placed = transform("map", "base_link", (0.0, 0.5, 0.0), beside.time)
+    beside.inputs._transforms.buffer.set_transform(placed, "test")
     beside.now += 0.9
     assert beside.snapshot().pose == (0.0, 0.5, 0.0)
     beside.now += 0.2
-    with pytest.raises(ObservationError, match=r"map <- base_link is 1.10 s old"):
-        beside.snapshot()
+    refused(lambda: beside.snapshot(), r"map <- base_link is 1.10 s old", kind=ObservationError)
 
 
 def test_a_static_transform_has_no_age(beside):
     transforms = beside.inputs._transforms
-    transform = TransformStamped(child_frame_id="base_link")
-    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
-    transforms.buffer.set_transform_static(transform, "test")
+    transforms.buffer.set_transform_static(transform("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0)), "test")
     assert transforms.newest("map", "base_link", 1.0).rotation.w == 1.0
 
 
@@ -118,10 +112,8 @@ def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
     """The odometry's frame lies a quarter of a turn to the left in the map, half a metre along y."""
     beside.goal("one", 5.0)
     for child, parent in (("odom", "map"), ("base_link", "odom")):
-        transform = TransformStamped(child_frame_id=child)
-        transform.header.frame_id, transform.transform.translation.y = parent, 0.5
-        transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5
-        beside.inputs._transforms.buffer.set_transform_static(transform, "test")
+        placed = transform(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
+        beside.inputs._transforms.buffer.set_transform_static(placed, "test")
     told = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
     beside.inputs._on_movers(stamped(told, beside.time, "odom"))
     for frame, moving in (

@@ -17,6 +17,7 @@ import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools import barn
 from tests.support import HANGS, ROOT
+from tests.support.refusals import refused
 from tests.support.worlds_sdf import as_barn, moving, sdf
 from worlds import dynabarn
 from worlds.barn import fields
@@ -112,9 +113,7 @@ def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
 )
 def test_mistakes_are_one_line(checkout, tmp_path, arguments, words):
     options = barn.parser().parse_args([str(checkout), "--out", str(tmp_path / "results"), *arguments])
-    with pytest.raises(ApplrError, match=words) as refused:
-        barn.Evaluation(options)
-    assert "\n" not in str(refused.value)
+    refused(lambda: barn.Evaluation(options), words)
 
 
 def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
@@ -124,8 +123,7 @@ def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
     monkeypatch.setenv("APPLR_METHOD", "mine.safetensors")
     assert barn.Evaluation(options).method == "applr:%s" % (tmp_path / "mine.safetensors")
     monkeypatch.setenv("APPLR_METHOD", "dwa")
-    with pytest.raises(ApplrError, match="holds runs with APPLR_METHOD .*mine.safetensors, not dwa: give anothe"):
-        barn.Evaluation(options)
+    refused(lambda: barn.Evaluation(options), "holds runs with APPLR_METHOD .*mine.safetensors, not dwa: give anothe")
 
 
 def test_scores_of_the_challenge():

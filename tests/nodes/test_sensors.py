@@ -4,13 +4,14 @@ from types import SimpleNamespace
 
 import pytest
 import rospy
-from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
 from applr_ros1.nodes import transforms
 from applr_ros1.policy.observation import ObservationError
+from tests.support.fake_jackal import transform
+from tests.support.refusals import refused
 
 LISTENER = transforms._Listener
 
@@ -41,10 +42,8 @@ def robot(monkeypatch):
         callbacks["scan"](message)
 
     def tf(t):
-        transform = TransformStamped(child_frame_id="base")
-        transform.header.stamp, transform.header.frame_id = rospy.Time.from_sec(t), "odom"
-        transform.transform.translation.x, transform.transform.rotation.w = t - 100.0, 1.0
-        made.transforms.buffer.set_transform(transform, "test")
+        placed = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
+        made.transforms.buffer.set_transform(placed, "test")
 
     def odometry(t):
         message = Odometry()
@@ -161,10 +160,8 @@ def test_no_stamp_or_name_ends_the_process_inside_tf2(robot, secs, frame):
     listener.check_for_reset = listener.unregister = lambda: None
     robot.tf(101.0)
     for callback in (listener.callback, listener.static_callback):
-        odd = TransformStamped(child_frame_id=frame)
-        odd.header.stamp, odd.header.frame_id, odd.transform.rotation.w = rospy.Time(secs), "odom", 1.0
+        odd = transform("odom", frame, (0.0, 0.0, 0.0), rospy.Time(secs))
         callback(SimpleNamespace(transforms=[odd], _connection_header={}))
     assert not known.has("odom", frame, rospy.Time(secs))
-    with pytest.raises(ObservationError, match="no such name or time"):
-        known.at("odom", frame, rospy.Time(secs))
+    refused(lambda: known.at("odom", frame, rospy.Time(secs)), "no such name or time", kind=ObservationError)
     assert known.has("odom", "base", rospy.Time(101))

@@ -11,9 +11,9 @@ import time
 
 import pytest
 
-from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots import RobotError, load
+from applr_ros1.robots import load
 from tests.support import HANGS, ros_harness
+from tests.support.refusals import refused
 
 pytest.importorskip("rospy")
 
@@ -65,40 +65,43 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
     assert "./applr packages" in text
 
 
-@pytest.mark.parametrize(
-    "module", ["applr_ros1.nodes.applr.main", "applr_ros1.nodes.monitor.node", "sim_bridge.ros_bridge"]
-)
-def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp_path, monkeypatch):
-    shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
-    with open(tmp_path / "mine" / "planner.yaml", "a") as file:
-        file.write("\ncontroller_frequency: 0\n")
-    node = importlib.import_module(module)
-    given = {"robot": str(tmp_path / "mine")}
-    monkeypatch.setattr(node, "init_node", lambda name: None)
-    monkeypatch.setattr(
-        node.rospy, "get_param", lambda name, default: given if name == "~" else given.get(name[1:], default)
-    )
-    with pytest.raises(RobotError, match="controller_frequency"):
-        node.main()
+APPLR, MONITOR, BRIDGE = "applr_ros1.nodes.applr.main", "applr_ros1.nodes.monitor.node", "sim_bridge.ros_bridge"
+BASE, MOVERS = "applr_ros1.nodes.move_base.node", "applr_ros1.nodes.movers.node"
+BODIES = {"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]]
 
 
 @pytest.mark.parametrize(
     ("module", "given", "line"),
     [
-        *[(name, 5, "the parameter /node is 5: remove it") for name in ("monitor", "movers", "move_base")],
-        *[("monitor", {"body": body}, "outline of the body") for body in ({"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]])],
-        *[("monitor", {"more_scans": more}, "give a list of topics") for more in (5, "rear", [5], [""], ["a b"], True)],
+        *[(module, "a robot with errors", "controller_frequency") for module in (APPLR, MONITOR, BRIDGE)],
+        *[(module, 5, "the parameter /node is 5: remove it") for module in (MONITOR, MOVERS, BASE)],
+        *[(MONITOR, {"body": body}, "outline of the body") for body in BODIES],
+        *[(MONITOR, {"more_scans": more}, "give a list of topics") for more in (5, "rear", [5], [""], ["a b"], True)],
+        (MONITOR, {"more_scans": ["front/scan"]}, "more_scans has front/scan, the first laser's topic"),
+        (MONITOR, {"margins": 1}, "no such parameter: margins"),
+        (MONITOR, {"deceleration": 0}, "deceleration is 0"),
+        (APPLR, {"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
+        (BRIDGE, {"world": "nowhere.world"}, "nowhere.world"),
+        (BRIDGE, {"world": "physical_course", "gui": True, "simulator": "kinematic"}, "gui"),
+        (BRIDGE, {"randomisation": 5}, "randomisation is 5: give a dictionary"),
     ],
 )
-def test_parameters_of_another_kind_are_one_line(module, given, line, monkeypatch):
-    node = importlib.import_module(f"applr_ros1.nodes.{module}.node")
+def test_parameters_that_are_of_no_use_are_one_line(module, given, line, tmp_path, monkeypatch):
+    if given == "a robot with errors":
+        shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
+        with open(tmp_path / "mine" / "planner.yaml", "a") as file:
+            file.write("\ncontroller_frequency: 0\n")
+        given = {"robot": str(tmp_path / "mine")}
+    node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
-    monkeypatch.setattr("rospy.get_param", lambda name, default: given)
+    monkeypatch.setattr(
+        "rospy.get_param", lambda name, *default: given if name == "~" else given.get(name[1:], *default)
+    )
     monkeypatch.setattr("rospy.get_name", lambda: "/node")
+    monkeypatch.setattr("rospy.resolve_name", lambda name: "/" + name)
     for name in ("Publisher", "Subscriber"):
         monkeypatch.setattr("rospy." + name, lambda *_, **__: pytest.fail("the node goes on"))
-    with pytest.raises(ApplrError, match=line):
-        node.main()
+    refused(node.main, line)
 
 
 def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_path, monkeypatch):
@@ -161,43 +164,30 @@ def test_ctrl_c_during_the_import(delay):
     assert len(text.splitlines()) <= 1, text
 
 
-HANGING_NODE = """
-import threading, rospy
-from applr_ros1.common import ros_node
-ros_node.LONGEST = 0.5
-ros_node.init_node("hangs")
-rospy.on_shutdown(lambda: threading.Event().wait())
-print("ready", flush=True)
-rospy.spin()
-"""
-
-
-def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
-    with ros_harness.RosMaster() as master:
-        child = master.python("-c", HANGING_NODE)
-        child.until("ready")
-        os.kill(child.pid, signal.SIGINT)
-        assert child.process.wait(HANGS) == 1
-        assert 'File "<string>", line 6 in <lambda>' in child.text
-
-
-LOCKING_NODE = """
+NODE = """
 import threading, time, rospy
 from applr_ros1.common import ros_node
-ros_node.LONGEST = 60.0
-ros_node.init_node("locks")
+ros_node.SHUTDOWN_S = %g
+ros_node.init_node("node")
 lock = threading.Lock()
-rospy.on_shutdown(lock.acquire)
+rospy.on_shutdown(lambda: %s)
 with lock:
     print("ready", flush=True)
     while not rospy.core.is_shutdown_requested():
         time.sleep(0.01)
 """
+WAITS = 'File "<string>", line 7 in <lambda>'
 
 
-def test_a_lock_that_the_main_thread_holds_does_not_keep_a_node_from_ending():
+@pytest.mark.parametrize(
+    ("longest", "work", "status", "told"),
+    [(0.5, "threading.Event().wait()", 1, WAITS), (60.0, "lock.acquire()", 0, "")],
+    ids=["work that hangs ends the node, which says where", "a lock that the main thread holds is waited for"],
+)
+def test_a_node_ends_whatever_its_shutdown_does(longest, work, status, told):
     with ros_harness.RosMaster() as master:
-        child = master.python("-c", LOCKING_NODE)
+        child = master.python("-c", NODE % (longest, work))
         child.until("ready")
         os.kill(child.pid, signal.SIGINT)
-        assert child.process.wait(HANGS) == 0, child.text
+        assert child.process.wait(HANGS) == status, child.text
+        assert told in child.text

@@ -3,15 +3,14 @@
 import json
 
 import numpy as np
-import pytest
 
 import worlds
 from applr_ros1 import robots
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import factor_of, multipliers_of
 from applr_ros1.policy.parameter_space import SPACE, send
+from tests.support.refusals import refused
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 
 
@@ -94,8 +93,7 @@ def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_
     path.write_text(json.dumps({"max_vel_x": 0.7}))
     assert not methods.make(str(path)).per_cell
     path.write_text(json.dumps({"meter_scoring": True, "parameters": {}}))
-    with pytest.raises(ApplrError, match="meter_scoring is True: sets count per cell"):
-        methods.make(str(path))
+    refused(lambda: methods.make(str(path)), "meter_scoring is True: sets count per cell")
     learned = {"applr", "static", "appld", "period:2:applr"}
     names = learned | {"dwa", "random"}
     assert {name for name in names if methods.make(name).per_cell} == learned

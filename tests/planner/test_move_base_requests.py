@@ -9,6 +9,7 @@ from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.policy.parameter_space import SPACE, send
+from tests.support.refusals import refused
 from tests.support.toy_robot import ToyRobot, quick, run, start
 
 PLANNER = "TrajectoryPlannerROS"
@@ -58,10 +59,8 @@ def test_reset_may_keep_what_was_reconfigured():
 def test_reconfigure_refuses_whole_requests(server, values):
     made = MoveBase(quick())
     before = made.configuration(server)
-    with pytest.raises(ParameterError) as refused:
-        made.reconfigure(server, values)
+    refused(lambda: made.reconfigure(server, values), kind=ParameterError)
     assert made.configuration(server) == before
-    assert "\n" not in str(refused.value)
 
 
 LOCAL, GLOBAL = "local_costmap", "global_costmap"

@@ -56,8 +56,7 @@ def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=11, max_size=11))
 def test_any_action_gives_legal_parameters_or_is_refused(values):
     if not np.all(np.isfinite(values)):
-        with pytest.raises(ApplrError, match="not finite"):
-            SPACE.to_theta(values)
+        refused(lambda: SPACE.to_theta(values), "not finite")
         return
     theta = SPACE.to_theta(values)
     assert np.all(theta >= SPACE.low)

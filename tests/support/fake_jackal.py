@@ -11,10 +11,13 @@ import time
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from applr_ros1.msg import Decision, Parameters
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped, Twist
 from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Time
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import compose
@@ -41,7 +44,7 @@ class FakeJackal:
         self._tf, self._odometry = self._publisher("/tf", TFMessage), self._publisher("/odometry/filtered", Odometry)
         self._scan, self._clock = self._publisher("/front/scan", LaserScan), self._publisher("/clock", Clock)
         mounted = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        mounted.publish(TFMessage([_transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())]))
+        mounted.publish(TFMessage([transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())]))
         self._ends += [mounted, rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)]
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -97,12 +100,12 @@ class FakeJackal:
         self._scan.publish(self.bend(scan))
 
     def _publish_pose(self, stamp):
-        transform = _transform("odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp)
+        placed = transform("odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp)
         if self.transforms:
-            self._tf.publish(TFMessage([transform]))
+            self._tf.publish(TFMessage([placed]))
         odometry = Odometry(child_frame_id="base_link")
-        odometry.header = transform.header
-        odometry.pose.pose.orientation = transform.transform.rotation
+        odometry.header = placed.header
+        odometry.pose.pose.orientation = placed.transform.rotation
         odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.robot.pose[:2]
         odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = self.robot.twist
         self._odometry.publish(odometry)
@@ -112,10 +115,6 @@ class Standing(FakeJackal):
     """A Jackal that stands, with a move_base's plan, perhaps a goal, and what it hears of the applr node."""
 
     def __init__(self):
-        from applr_ros1.msg import Decision, Parameters
-        from diagnostic_msgs.msg import DiagnosticArray
-        from std_msgs.msg import Time
-
         self.reset()
         super().__init__(pose=self.pose)
         self.robot.twist, self.transforms = self.twist, False
@@ -176,7 +175,8 @@ def decided(message):
     return dict(sets, stamp=str(message.header.stamp), refused=message.refused)
 
 
-def _transform(parent, child, pose, stamp):
+def transform(parent, child, pose, stamp):
+    """The geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
     t = TransformStamped(child_frame_id=child)
     t.header.frame_id, t.header.stamp = parent, stamp
     t.transform.translation.x, t.transform.translation.y = pose[:2]

@@ -5,9 +5,15 @@ import time
 import xmlrpc.client
 from types import SimpleNamespace
 
+import actionlib
 import pytest
+import rospy
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from std_srvs.srv import Empty
 
 from tests.support import ros_harness
+from tests.support.fake_jackal import FakeJackal
+from tests.support.jackal import JACKAL
 from tests.support.ros_harness import wait_for
 
 PENDING, ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = range(5)
@@ -17,10 +23,6 @@ PLANNER = "/move_base/TrajectoryPlannerROS"
 
 def start(master, parameters=None, sim_time=False, name="move_base"):
     """The node as a child, ready."""
-    import rospy
-
-    from tests.support.jackal import JACKAL
-
     rospy.set_param("/" + name, parameters or JACKAL)
     rospy.set_param("/use_sim_time", sim_time)
     child = master.node("move_base", "odom:=odometry/filtered")
@@ -36,12 +38,6 @@ def master():
 
 @pytest.fixture(scope="module")
 def stack(master):
-    import actionlib
-    import rospy
-    from move_base_msgs.msg import MoveBaseAction
-
-    from tests.support.fake_jackal import FakeJackal
-
     jackal = FakeJackal(POSTS)
     node = start(master)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -54,9 +50,6 @@ def stack(master):
 @pytest.fixture
 def idle(stack):
     """The stack at its start: robot at the origin, nothing to do, everything switched on."""
-    import rospy
-    from std_srvs.srv import Empty
-
     jackal = stack.jackal
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
@@ -73,8 +66,6 @@ def idle(stack):
 
 
 def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
-    from move_base_msgs.msg import MoveBaseGoal
-
     made = MoveBaseGoal()
     made.target_pose.header.frame_id = frame
     made.target_pose.pose.position.x, made.target_pose.pose.position.y = x, y
@@ -85,8 +76,6 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
 
 def collect(topic, kind):
     """(subscriber, list of the messages that come from now on) of a topic that somebody publishes."""
-    import rospy
-
     got = []
     subscriber = rospy.Subscriber(topic, kind, got.append)
     wait_for(subscriber.get_num_connections, topic)
@@ -106,7 +95,5 @@ def connected(master, topic, node):
 
 
 def finish(client):
-    import rospy
-
     assert client.wait_for_result(rospy.Duration(ros_harness.LONGEST)), "no result"
     return client.get_state(), client.get_goal_status_text()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap import footprint as footprints
 from tests.support.plain_maps import corners_of, line_cells, plain_cost, plain_fill
+from tests.support.refusals import refused
 
 JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
 coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
@@ -45,10 +45,7 @@ def test_parse_reads_values_as_the_cpp_node_does():
     ],
 )
 def test_parse_refuses_in_one_line(text):
-    with pytest.raises(ApplrError) as refusal:
-        footprints.parse(text)
-    assert "footprint" in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+    refused(lambda: footprints.parse(text), "footprint")
 
 
 def test_radii_of_few_points_and_of_a_zero_length_edge():
