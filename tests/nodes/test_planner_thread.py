@@ -233,7 +233,7 @@ def test_changes_are_published_in_the_order_in_which_they_come_into_force(runnin
         configuration=lambda name: {"publish_frequency": -1.0},
         reconfigure=reconfigure,
     )
-    mirror = SimpleNamespace(write=lambda namespace, values: time.sleep(0.001))
+    mirror = SimpleNamespace(post=lambda work: time.sleep(0.001))
     server = reconfigure_server.ReconfigureServer("local_costmap", move_base, mirror, running.planner)
     published.clear()
 

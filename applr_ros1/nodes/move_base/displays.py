@@ -6,10 +6,7 @@ copied; a thread of its own makes the messages and sends them. A message without
 
 from __future__ import annotations
 
-import queue
-import threading
 from types import SimpleNamespace
-from typing import Any, Callable
 
 import rospy
 from geometry_msgs.msg import PolygonStamped
@@ -27,32 +24,6 @@ TRAJECTORIES_HZ = 5.0  # Hz of trajectory_cloud where C++ has none
 MAX_ORDERS = 20  # messages that wait to be made, from which on no more are ordered
 
 
-class DisplayThread:
-    """A thread that makes and sends messages, in order, beside the planner."""
-
-    def __init__(self) -> None:
-        self._orders: "queue.Queue[Callable[[], Any]]" = queue.Queue()
-        threading.Thread(target=self._run, name="displays", daemon=True).start()
-
-    def post(self, work: Callable[[], Any]) -> None:
-        """Have a message made and sent; an error is logged."""
-        self._orders.put(work)
-
-    @property
-    def is_behind(self) -> bool:
-        """Whether so much waits that what can be left out is."""
-        return self._orders.qsize() >= MAX_ORDERS
-
-    def _run(self) -> None:
-        while True:
-            work = self._orders.get()
-            try:
-                work()
-            except Exception as error:  # at a shutdown publish() raises
-                if not rospy.core.is_shutdown_requested():
-                    rospy.logerr_throttle(1.0, f"a display was not sent: {type(error).__name__}: {error}")
-
-
 class _NewSubscriber(rospy.SubscribeListener):
     """A listener that sends a whole map, as it is between two cycles, to who subscribes."""
 
@@ -67,7 +38,7 @@ class _NewSubscriber(rospy.SubscribeListener):
 class CostmapDisplay:
     """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
 
-    name: of the costmap of the MoveBase. post(work): has work done in the planner's thread. thread: a DisplayThread.
+    name: of the costmap of the MoveBase. post(work): has work done in the planner's thread. thread: a BackgroundThread.
     """
 
     def __init__(self, name, move_base, post, thread):
@@ -87,7 +58,7 @@ class CostmapDisplay:
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
-        if self._thread.is_behind:
+        if self._thread.waiting >= MAX_ORDERS:
             return
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
@@ -138,7 +109,7 @@ class PlanDisplay:
 
     def controlled(self, local_planner, costmap, stamp) -> None:
         """Publish the local planner's paths and clouds. An empty path is not sent: the old one stays, as in C++."""
-        if self._thread.is_behind:
+        if self._thread.waiting >= MAX_ORDERS:
             return
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):

@@ -39,11 +39,12 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
 
-from .displays import CostmapDisplay, DisplayThread, PlanDisplay
+from .background import BackgroundThread
+from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
-from .reconfigure_server import ParameterMirror, ReconfigureServer
+from .reconfigure_server import ReconfigureServer, write_parameters
 from .robot_parameters import NAMING, with_robot
 
 PLANNING_S = 0.015  # s, the room that a plan on request wants before the next cycle
@@ -93,15 +94,16 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        self._displays = DisplayThread()
+        self._displays = BackgroundThread("displays", "a display was not sent")
         self._plans = PlanDisplay(self.move_base, self._displays)
         self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post, self._displays) for name in COSTMAPS}
-        mirror = ParameterMirror()
+        mirror = BackgroundThread("parameters", "parameters were not written")
         self.servers = {
             name: ReconfigureServer(name, self.move_base, mirror, self.thread) for name in self.move_base.servers
         }
         for name in ("conservative_reset", "aggressive_reset"):
-            mirror.write(f"{rospy.get_name()}/{name}/", {"reset_distance": static[name]["reset_distance"]})
+            distance = {"reset_distance": static[name]["reset_distance"]}
+            mirror.post(partial(write_parameters, f"{rospy.get_name()}/{name}/", distance))
         self._pose = None
         self._report_jump = Throttled(rospy.logwarn)
         rospy.on_shutdown(self._stop)

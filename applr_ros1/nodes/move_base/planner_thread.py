@@ -9,9 +9,10 @@ of requests delays a control cycle by one request at most.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
+from concurrent.futures import CancelledError, Future, TimeoutError
+from dataclasses import dataclass, field
 from typing import Any, Callable, Deque, Optional, Tuple
 
 import rospy
@@ -28,18 +29,15 @@ LATE_SHARE = 0.2  # of a period for which a scan may be late before it is expect
 TICK_S = 1e-3  # s, less than any difference of times that counts
 
 
+@dataclass
 class _Request:
-    """Work for the planner's thread. `answered`: whether a caller waits for its value or error."""
+    """Work for the planner's thread. `answered`: a caller waits for its value or error."""
 
-    WAITING, RUNNING, WITHDRAWN = range(3)
-    __slots__ = ("work", "cost", "answered", "since", "state", "done", "value", "error")
-
-    def __init__(self, work: Callable[[], Any], cost: float, answered: bool):
-        self.work, self.cost, self.answered, self.since = work, cost, answered, time.monotonic()
-        self.state = self.WAITING
-        self.done = threading.Event()
-        self.value: Any = None
-        self.error: Optional[BaseException] = None
+    work: Callable[[], Any]
+    cost: float
+    answered: bool
+    since: float = field(default_factory=time.monotonic)
+    future: Future = field(default_factory=Future)
 
 
 class PlannerThread:
@@ -71,7 +69,6 @@ class PlannerThread:
         self._scan_is_ready, self._scan_times = scan_is_ready, scan_times
         self._news = False  # whether wake() was called since the last look
         self._requests: Deque[_Request] = deque()
-        self._states = threading.Lock()  # of the requests' states
         self._ended = False
         self._wake = get_rostime_cond()  # every /clock message notifies it too
         self.missed = 0  # cycles left out because an earlier one took too long
@@ -99,12 +96,14 @@ class PlannerThread:
         """
         request = _Request(work, cost, answered=True)
         self._append(request)
-        if not request.done.wait(patience) and self._withdraw(request):
-            raise ApplrError(f"move_base did not answer within {patience:g} s")
-        request.done.wait()  # work that has begun is waited for: what it changes must not go unreported
-        if request.error is not None:
-            raise request.error
-        return request.value
+        try:
+            return request.future.result(patience)
+        except TimeoutError:
+            if request.future.cancel():
+                raise ApplrError(f"move_base did not answer within {patience:g} s") from None
+            return request.future.result()  # work that has begun is waited for: its changes must not go unreported
+        except CancelledError:
+            raise ApplrError("move_base is shutting down") from None
 
     def run(self) -> None:
         """Until the node is shut down. Requests that wait at that moment raise ApplrError."""
@@ -113,7 +112,7 @@ class PlannerThread:
         finally:
             self._ended = True
             while self._requests:
-                self._refuse(self._requests.popleft())
+                self._requests.popleft().future.cancel()
 
     def _run(self) -> None:
         due: Optional[rospy.Time] = None
@@ -180,29 +179,9 @@ class PlannerThread:
     def _append(self, request: _Request) -> None:
         self._requests.append(request)
         if self._ended:
-            self._refuse(request)
+            request.future.cancel()
         with self._wake:
             self._wake.notify_all()
-
-    def _begin(self, request: _Request) -> bool:
-        """Mark a waiting request as running; False where its caller has withdrawn it."""
-        with self._states:
-            if request.state != _Request.WAITING:
-                return False
-            request.state = _Request.RUNNING
-            return True
-
-    def _withdraw(self, request: _Request) -> bool:
-        """Mark a waiting request so that it never runs; False where it has begun."""
-        with self._states:
-            if request.state == _Request.WAITING:
-                request.state = _Request.WITHDRAWN
-            return request.state == _Request.WITHDRAWN
-
-    def _refuse(self, request: _Request) -> None:
-        if self._withdraw(request):
-            request.error = ApplrError("move_base is shutting down")
-            request.done.set()
 
     def _serve(self, left: float) -> bool:
         """Do one request, unless it is long and would push the next cycle, `left` seconds away, too far."""
@@ -212,17 +191,15 @@ class PlannerThread:
         if request.cost > left and time.monotonic() - request.since < LONGEST_DELAY_S:
             return False
         self._requests.popleft()
-        if not self._begin(request):
+        if not request.future.set_running_or_notify_cancel():  # its caller waits no more
             return True
         try:
-            request.value = request.work()
+            request.future.set_result(request.work())
         except Exception as error:
-            request.error = error
             expected = request.answered and isinstance(error, (ValueError, OSError, rospy.ServiceException))
             if not expected:
                 rospy.logerr("move_base: %s: %s", type(error).__name__, error)
-        finally:
-            request.done.set()
+            request.future.set_exception(error)
         return True
 
     def _serve_overdue(self) -> None:

@@ -7,9 +7,8 @@ server lets NaN through and writes thirty ROS parameters, one by one, before it 
 from __future__ import annotations
 
 import importlib
-import queue
-import threading
-from typing import Any, Dict, Tuple
+from functools import partial
+from typing import Any, Dict
 
 import rospy
 from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
@@ -18,28 +17,17 @@ from dynamic_reconfigure.srv import Reconfigure
 
 from applr_ros1.planner.move_base import MoveBase
 
+from .background import BackgroundThread
 from .planner_thread import PlannerThread
 
 
-class ParameterMirror:
-    """Writes values to the parameter server from a thread of its own: a slow or dead master holds nothing up."""
-
-    def __init__(self):
-        self._queue: "queue.Queue[Tuple[str, Dict[str, Any]]]" = queue.Queue()
-        threading.Thread(target=self._run, name="parameters", daemon=True).start()
-
-    def write(self, namespace: str, values: Dict[str, Any]) -> None:
-        """Have {name: value} written below `namespace`, which ends in a slash; returns at once."""
-        self._queue.put((namespace, values))
-
-    def _run(self):
-        while True:
-            namespace, values = self._queue.get()
-            for name, value in values.items():
-                try:
-                    rospy.set_param(namespace + name, value)
-                except Exception as error:  # the master is away; the values are in force all the same
-                    rospy.logwarn_throttle(10.0, f"cannot write parameter {namespace}{name}: {error}")
+def write_parameters(namespace: str, values: Dict[str, Any]) -> None:
+    """Write {name: value} to the parameter server below `namespace`, which ends in a slash."""
+    for name, value in values.items():
+        try:
+            rospy.set_param(namespace + name, value)
+        except Exception as error:  # the master is away; the values are in force all the same
+            rospy.logwarn_throttle(10.0, f"cannot write parameter {namespace}{name}: {error}")
 
 
 class ReconfigureServer:
@@ -48,12 +36,12 @@ class ReconfigureServer:
     Args:
         name: Of the server below the node's, "" for the node's own.
         move_base: Holds the values; used in the planner's thread.
-        mirror: Writes the values as ROS parameters.
+        mirror: Where values are written as ROS parameters: a slow or dead master holds nothing up.
         thread: The planner's thread. Values are published there too, so that they go out in the order in which they
             came into force, whoever changes them.
     """
 
-    def __init__(self, name: str, move_base: MoveBase, mirror: ParameterMirror, thread: PlannerThread):
+    def __init__(self, name: str, move_base: MoveBase, mirror: BackgroundThread, thread: PlannerThread):
         kind = importlib.import_module(f"applr_ros1.cfg.{move_base.servers[name].config}Config")
         self.name, self._move_base, self._mirror, self._thread = name, move_base, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
@@ -88,7 +76,7 @@ class ReconfigureServer:
     def _publish(self, values: Dict[str, Any]) -> None:
         changed = {name: value for name, value in values.items() if self._published.get(name) != value}
         self._published = dict(values)
-        self._mirror.write(self._ns, changed)
+        self._mirror.post(partial(write_parameters, self._ns, changed))
         self._updates.publish(self._encode(values))
 
     def _set(self, request):
