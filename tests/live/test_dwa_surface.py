@@ -31,12 +31,12 @@ OTHER = "/move_base/TrajectoryPlannerROS"
 
 @pytest.fixture(scope="module")
 def node():
-    parameters = copy.deepcopy(tree())
+    master, parameters = ros_harness.session(), copy.deepcopy(tree())
     parameters["DWAPlannerROS"].update(
         publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
     )
     jackal = FakeJackal(POSTS)
-    child = start(ros_harness.session(), parameters)
+    child = start(master, parameters)
     yield child
     jackal.close()
     assert child.end() == 0, child.text

@@ -66,12 +66,12 @@ def served(given):
 
 @pytest.mark.slow
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
-    tree = copy.deepcopy(JACKAL)
+    master, tree = ros_harness.session(), copy.deepcopy(JACKAL)
     world = tree["global_costmap"]
     world.update(global_frame="map", plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]])
     jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that the map does not know
     localisation = Localisation(jackal)
-    node = start(ros_harness.session(), tree)
+    node = start(master, tree)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
     client.send_goal(goal(4.0, 1.0, frame="map"))

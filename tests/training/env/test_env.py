@@ -124,34 +124,43 @@ def test_the_local_goal_is_seen_from_the_robot():
     assert episode.decide(SPACE.theta0).phi == pytest.approx(0.0, abs=0.05)  # no plan: straight to the goal
 
 
-@pytest.mark.parametrize("status", ["aborted", "succeeded"])
-def test_a_planner_that_gives_up_fails_at_once_with_the_whole_limit(status):
-    """It would stand there until the limit. "Succeeded" off the goal is the same."""
-    last = drive(trial(end=50, result=(status, "why")))[-1]
-    assert (last.aborted, last.timeout, last.over, last.success, failed(last)) == (True, True, True, False, True)
-    assert (last.time_s, last.decisions) == (100.0, 2)
-    assert "why" in last.reason
+WALL = (1.0, 4.0, 0.2)
+GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "time_s": 100.0, "decisions": 2}
 
 
-def test_time_limit_is_not_a_failure_for_good():
-    outcomes = drive(trial(v=0.0, limit=5))
+@pytest.mark.parametrize(
+    ("options", "fails", "ends"),
+    [  # a planner that gives up would stand there until the limit; "succeeded" off the goal is the same
+        ({"end": 50, "result": ("aborted", "why")}, True, {**GIVEN_UP, "reason": "planner aborted: why"}),
+        ({"end": 50, "result": ("succeeded", "why")}, True, {**GIVEN_UP, "reason": "planner succeeded: why"}),
+        # the limit of time is no failure for good
+        ({"v": 0.0, "limit": 5}, False, {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False}),
+        # a stall is one where that is asked for: .3 m in 8 s are .0375 m/s
+        ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
+        ({"v": 0.0, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
+        ({"v": 0.03, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
+        (
+            {"v": 0.05, "limit": 6, "end_on_stall": True},
+            False,
+            {"decisions": 6, "reason": "time limit", "timeout": True},
+        ),
+        (
+            {"v": 0.0, "limit": 6, "end": 160, "result": ("aborted", "why"), "end_on_stall": True},
+            True,
+            {"decisions": 4, "reason": "planner aborted: why"},
+        ),
+        # contacts are counted, and end a trial where the protocol says so
+        ({"obstacle": WALL, "limit": 4}, False, {"collided": True, "timeout": True, "success": False}),
+        ({"obstacle": WALL, "end_on_collision": True}, True, {"collided": True, "reason": "contact"}),
+    ],
+)
+def test_how_a_trial_ends(options, fails, ends):
+    outcomes = drive(trial(**options))
     last = outcomes[-1]
-    assert (len(outcomes), last.time_s, last.timeout, last.aborted, failed(last)) == (5, 10.0, True, False, False)
-
-
-def test_a_stall_is_a_failure_where_that_is_asked_for():
-    assert len(drive(trial(v=0.0, limit=6))) == 6  # else it stands until the limit
-    for v, decisions in ((0.0, 4), (0.03, 4), (0.05, 6)):  # .3 m in 8 s are .0375 m/s
-        last = drive(trial(v=v, limit=6, end_on_stall=True))[-1]
-        assert (last.decisions, last.reason, failed(last)) == (
-            (4, "stalled", True) if decisions == 4 else (6, "time limit", False)
-        )
-        assert last.timeout == (decisions == 6)
-
-
-def test_a_planner_that_gives_up_as_it_stalls_has_given_up():
-    last = drive(trial(v=0.0, limit=6, end=160, result=("aborted", "why"), end_on_stall=True))[-1]
-    assert (last.decisions, last.reason) == (4, "planner aborted: why")
+    assert {name: getattr(last, name) for name in ends} == ends
+    assert (failed(last), last.decisions) == (fails, len(outcomes))
+    assert "obstacle" not in options or last.min_clearance_m < 0.2
+    assert "end_on_collision" not in options or last.time_s < 4
 
 
 def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
@@ -162,17 +171,6 @@ def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
     episode.decide(episode.space.theta0)
     seen = [scan is not None for scan in planner.scans]
     assert seen == [k % 4 == 0 for k in range(41)]
-
-
-def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():
-    wall = (1.0, 4.0, 0.2)
-    outcomes = drive(trial(wall, limit=4))
-    last = outcomes[-1]
-    assert (last.collided, last.timeout, last.success) == (True, True, False)
-    assert last.min_clearance_m < 0.2
-    ended = drive(trial(wall, end_on_collision=True))[-1]
-    assert (ended.collided, ended.reason, failed(ended)) == (True, "contact", True)
-    assert ended.time_s < 4
 
 
 class Scripted(FakeMoveBase):
@@ -218,7 +216,7 @@ def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
     free = trial(monitor=True)
     assert drive(free)[-1].success
     assert not any(free.move_base.held[1:])
-    before_wall = trial((1.0, 4.0, 0.2), monitor=True, limit=3)
+    before_wall = trial(WALL, monitor=True, limit=3)
     assert not drive(before_wall)[-1].collided
     assert before_wall.move_base.held[-1]
 
