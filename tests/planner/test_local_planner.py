@@ -1,7 +1,6 @@
 """The local planner: what it cuts off the plan, how it ends at the goal, what is frozen and what is remembered."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,26 +9,15 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.plan_cut import cut_plan
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 from tests.support.jackal import JACKAL
+from tests.support.map_scenes import JACKAL as FOOT
+from tests.support.map_scenes import open_map, straight
 
-FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 PARAMS = dict(complete(JACKAL)["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)
-
-
-def costmap():
-    return SimpleNamespace(cells=np.zeros((200, 200), np.uint8), origin=(-5.0, -5.0), resolution=0.05)
-
-
-def straight(length, yaw=0.0, step=0.05):
-    """A plan along x from 0 to `length` that ends with the heading `yaw`."""
-    x = np.arange(0.0, length + step / 2, step)
-    plan = np.column_stack([x, 0 * x, 0 * x])
-    plan[-1, 2] = yaw
-    return plan
 
 
 def local_planner(plan=None, **changes):
     made = TrajectoryLocalPlanner(dict(PARAMS, **changes), FOOT)
-    made.set_plan(straight(3.0) if plan is None else plan)
+    made.set_plan(straight() if plan is None else plan)
     return made
 
 
@@ -55,17 +43,17 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
     assert (dropped, cut[0, 0], cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0]) == (3, 1.5, 0.0)
     made = local_planner(plan)
-    made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), costmap())
-    made.compute_velocity((0.2, 0.0, 0.0), (0.0, 0.0), costmap())
+    made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), open_map())
+    made.compute_velocity((0.2, 0.0, 0.0), (0.0, 0.0), open_map())
     assert len(made.cropped_plan) == 0 or made.cropped_plan[0, 0] >= 1.5
 
 
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
     made = local_planner(np.array([[2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    assert made.compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
-    assert made.compute_velocity((2, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
+    assert made.compute_velocity((0, 0, 0), (0, 0), open_map()) == (False, (0.0, 0.0))
+    assert made.compute_velocity((2, 0, 0), (0, 0), open_map()) == (False, (0.0, 0.0))
     made.set_plan(straight(3.0))
-    assert made.compute_velocity((0, 0, 0), (0, 0), costmap())[0]
+    assert made.compute_velocity((0, 0, 0), (0, 0), open_map())[0]
 
 
 # -- driving -----------------------------------------------------------------------------------------------------
@@ -73,32 +61,32 @@ def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
 
 def test_stops_before_it_turns():
     made = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
-    assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), costmap()) == (True, (0.4, pytest.approx(0.2)))
-    assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), costmap()) == (True, (-0.0, 0.0))
-    ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())
+    assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), open_map()) == (True, (0.4, pytest.approx(0.2)))
+    assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), open_map()) == (True, (-0.0, 0.0))
+    ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())
     assert ok
     assert (v, w) == (0.0, 0.314)
     # once it turns it does not stop again for being in motion
-    assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), costmap())[1][1] == pytest.approx(0.6)
+    assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), open_map())[1][1] == pytest.approx(0.6)
 
 
 def test_turning_obeys_max_rotational_vel_and_not_the_server():
     made = local_planner(straight(1.0, 3.0), max_rotational_vel=0.8)
-    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.8)
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())[1] == (0.0, 0.8)
     made.reconfigure(dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1))
-    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.8)
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())[1] == (0.0, 0.8)
 
 
 def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
     made = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
-    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.314)
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())[1] == (0.0, 0.314)
     made = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
-    made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())  # it has stopped, and turns
-    assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), costmap())[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
+    made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())  # it has stopped, and turns
+    assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), open_map())[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
 
 
 def test_an_illegal_turn_is_refused():
-    wall = costmap()
+    wall = open_map()
     made = local_planner(straight(1.0, 1.5))
     wall.cells[100 + 8, 100:140] = 254  # 0.4 m to the left: the corners meet it on the way
     ok, command = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall)
@@ -111,29 +99,29 @@ def test_the_goal_is_seen_in_the_cycle_that_reaches_it_although_plans_keep_comin
     for _ in range(3):
         made.set_plan(straight(1.0))
         assert not made.goal_reached
-        assert made.compute_velocity((0.9, 0, 0), (0.5, 0.0), costmap()) == (True, (0.0, 0.0))
+        assert made.compute_velocity((0.9, 0, 0), (0.5, 0.0), open_map()) == (True, (0.0, 0.0))
         assert made.goal_reached
 
 
 def test_latch_keeps_the_place_reached():
     for latches in (False, True):
         made = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
-        made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
-        v, w = made.compute_velocity((0.5, 0, 0), (0, 0), costmap())[1]
+        made.compute_velocity((0.9, 0, 0), (0, 0), open_map())
+        v, w = made.compute_velocity((0.5, 0, 0), (0, 0), open_map())[1]
         assert (v == 0.0 and w > 0) is latches
         made.set_plan(straight(1.0, 2.0))
-        assert made.compute_velocity((0.5, 0, 0), (0, 0), costmap())[1][0] > 0
+        assert made.compute_velocity((0.5, 0, 0), (0, 0), open_map())[1][0] > 0
 
 
 def test_flags_survive_plans_and_not_a_reset():
     made = local_planner(straight(1.0, 2.0))
-    made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
+    made.compute_velocity((0.9, 0, 0), (0, 0), open_map())
     made.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
     made.set_plan(straight(1.0, 2.0))
     assert made.planner.state[:5] == [1] * 5
     made.reset()
     assert made.planner.state == [0] * 10
-    assert made.compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
+    assert made.compute_velocity((0, 0, 0), (0, 0), open_map()) == (False, (0.0, 0.0))
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():

@@ -14,9 +14,10 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from tests.support.jackal import JACKAL
+from tests.support.map_scenes import JACKAL as FOOT
+from tests.support.map_scenes import straight
 from tests.support.refusals import refused
 
-FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 STANDING = (0.0, 0.0)
 DWA = dict(min_vel_y=0.0, max_vel_y=0.0, max_vel_x=0.5, max_vel_trans=0.5, acc_lim_x=10.0, acc_lim_theta=10.0)
 
@@ -39,13 +40,6 @@ def costmap(*lethal):
     return made
 
 
-def straight(to=2.0, yaw=0.0):
-    plan = np.zeros((int(to / 0.05) + 1, 3))
-    plan[:, 0] = np.linspace(0.0, to, len(plan))
-    plan[-1, 2] = yaw
-    return plan
-
-
 @pytest.fixture(params=LOCAL_PLANNERS)
 def plugin(request):
     return request.param
@@ -54,7 +48,7 @@ def plugin(request):
 @pytest.fixture
 def planner(plugin):
     made = make(plugin)
-    made.set_plan(straight())
+    made.set_plan(straight(2.0))
     return made
 
 
@@ -136,7 +130,7 @@ def test_a_reset_planner_equals_a_new_one(plugin, planner):
     planner.reset()
     fresh = make(plugin)
     for one in (planner, fresh):
-        one.set_plan(straight())
+        one.set_plan(straight(2.0))
     pose, twist = np.zeros(3), STANDING
     for _ in range(30):
         ours = planner.compute_velocity(tuple(pose), twist, here)
@@ -156,5 +150,5 @@ def test_a_refused_reconfigure_changes_nothing(plugin, planner):
     before = planner.compute_velocity((0, 0, 0), STANDING, costmap())
     full = dict(Configuration(complete(dict(JACKAL, base_local_planner=plugin, DWAPlannerROS=DWA)))[namespace(plugin)])
     refused(lambda: planner.reconfigure(dict(full, max_vel_x=0.2, sim_granularity=0.0)), "sim_granularity")
-    planner.set_plan(straight())
+    planner.set_plan(straight(2.0))
     assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == before

@@ -8,9 +8,7 @@ import pytest
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.state_machine import Timer
-from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, Told, ToyRobot, quick, ring, run, start
-
-SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
+from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Told, ToyRobot, quick, ring, run, start
 
 
 def sealed(tree=None):

@@ -10,10 +10,9 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.policy.parameter_space import SPACE, send
 from tests.support.refusals import refused
-from tests.support.toy_robot import ToyRobot, quick, run, start
+from tests.support.toy_robot import SLALOM, ToyRobot, quick, run, start
 
 PLANNER = "TrajectoryPlannerROS"
-SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
 
 def test_reset_equals_a_fresh_object():

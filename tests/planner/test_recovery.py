@@ -7,15 +7,13 @@ import pytest
 
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.footprint import pad
 from applr_ros1.planner.costmap.scan import PointCloud
 from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.move_base_parameters import RECOVERY_TYPES
 from tests.support.jackal import JACKAL
+from tests.support.map_scenes import JACKAL as FOOTPRINT
 from tests.support.seeds import seeds
 from tests.support.toy_robot import ToyRobot
-
-FOOTPRINT = pad([[-0.21, -0.165], [-0.21, 0.165], [0.21, 0.165], [0.21, -0.165]], 0.1)
 
 
 def costmap():

@@ -1,9 +1,10 @@
 """Small random scenes for the tests of maps: cellular worlds, a plain laser, drives, a static map.
 
-Used by the tests of costmap, inflation, obstacle layer, navfn and maps.
+Used by the tests of the planner.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -62,6 +63,20 @@ def drive(rng, updates, start=(0.0, 0.0, 0.0), step=0.08):
         x, y = x + v * math.cos(yaw), y + v * math.sin(yaw)
         poses.append((x, y, yaw))
     return poses
+
+
+def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL):
+    """What a local planner takes for a costmap, with nothing in it."""
+    cells = np.zeros((ny, nx), np.uint8)
+    return SimpleNamespace(cells=cells, origin=origin, resolution=resolution, footprint=foot)
+
+
+def straight(length=3.0, yaw=0.0, step=0.05):
+    """A plan (n, 3) along x from 0 to `length` that ends with the heading `yaw`."""
+    x = np.arange(0.0, length + step / 2, step)
+    plan = np.column_stack([x, 0 * x, 0 * x])
+    plan[-1, 2] = yaw
+    return plan
 
 
 def wall_with_a_door():

@@ -14,6 +14,7 @@ BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
 INCREMENT = (ANGLE_MAX - ANGLE_MIN) / (BEAMS - 1)
 RANGE_MIN, RANGE_MAX = 0.1, 30.0
 LASER_X = 0.12
+SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
 
 class ToyRobot:

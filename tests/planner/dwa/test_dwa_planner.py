@@ -1,29 +1,20 @@
 """The DWA planner: its short cuts choose what scoring every sample chooses; parameters, memory, single velocities."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.parameters.check import complete
-from tests.planner.trajectory.test_trajectory_planner import (
-    FEET,
-    JACKAL_FOOT,
-    give_room,
-    random_map,
-    random_plan,
-    random_pose,
-)
+from tests.planner.trajectory.test_trajectory_planner import FEET, give_room, random_map, random_plan, random_pose
+from tests.support.map_scenes import JACKAL as JACKAL_FOOT
+from tests.support.map_scenes import open_map
 
 BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
 BURGER = dict(complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1)
 
 
-def open_map(nx=60, ny=60, resolution=0.05, foot=BURGER_FOOT):
-    return SimpleNamespace(
-        cells=np.zeros((ny, nx), np.uint8), origin=(-1.5, -1.5), resolution=resolution, footprint=foot
-    )
+def small_map():
+    return open_map(60, 60, origin=(-1.5, -1.5), foot=BURGER_FOOT)
 
 
 def random_parameters(random):
@@ -100,7 +91,7 @@ def test_chooses_as_scoring_every_sample():
 
 
 def test_a_changed_footprint_counts_at_once():
-    planner, costmap, plan = DWAPlanner(BURGER, 0.1), open_map(), [(0, 0), (1, 0)]
+    planner, costmap, plan = DWAPlanner(BURGER, 0.1), small_map(), [(0, 0), (1, 0)]
     costmap.cells[34, 30] = 254  # beside the robot, under the outline of one twice as large
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
@@ -110,7 +101,7 @@ def test_a_changed_footprint_counts_at_once():
 def test_says_which_critic_refused_how_many_samples():
     """A turn that was just driven the other way; a box around the robot; a limit that no speed keeps."""
     forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
-    planner, costmap, plan = DWAPlanner(forward, 0.1), open_map(), [(0, 0), (1, 0)]
+    planner, costmap, plan = DWAPlanner(forward, 0.1), small_map(), [(0, 0), (1, 0)]
     planner.state = [0] * 4 + [1] + [0] * 10  # only turns to the left
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
     found = planner.refusals()
@@ -126,7 +117,7 @@ def test_says_which_critic_refused_how_many_samples():
 
 
 def test_reset_is_a_new_object():
-    costmap, plan = open_map(), [(0, 0), (1, 0.3)]
+    costmap, plan = small_map(), [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)
     first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
     for x in (0.1, 0.2, 0.9):

@@ -1,7 +1,6 @@
 """The trajectory planner: its short cuts choose what the plain way chooses; parameters, memory, single samples."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +12,12 @@ from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.sampling import STATE
 from tests.support.jackal import JACKAL
+from tests.support.map_scenes import JACKAL as JACKAL_FOOT
+from tests.support.map_scenes import open_map
 from tests.support.plain_trajectories import Plain
 from tests.support.refusals import refused
 from tests.support.seeds import seeds
 
-JACKAL_FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 FEET = [
     JACKAL_FOOT,
     np.array([[-0.2, -0.2], [0.3, 0.0], [-0.2, 0.2]]),
@@ -27,10 +27,6 @@ FEET = [
     np.array([[-2.5, -0.4], [-2.5, 0.4], [2.5, 0.4], [2.5, -0.4]]),
 ]
 PARAMS = complete(JACKAL)["TrajectoryPlannerROS"]
-
-
-def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0)):
-    return SimpleNamespace(cells=np.zeros((ny, nx), np.uint8), origin=origin, resolution=resolution)
 
 
 def planner(plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_scoring=True, **changes):
