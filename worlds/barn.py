@@ -18,28 +18,28 @@ from numpy.typing import ArrayLike
 from . import search
 from .world import Course, World
 
-CELL = 0.15  # side of a cell [m]
+CELL_M = 0.15  # side of a cell [m]
 ROWS = COLS = 30  # of the field; row r lies across (x), column c along (y) the course
-CORRIDOR = 34  # columns of the corridor before the field, the back wall included
-RADIUS = 0.075  # of every cylinder [m]
-ORIGIN = (-4.425, 5.175)  # centre of cell (0, 0) [m]
-CLEARANCE = 2  # cells around a filled cell that are not free: a 5 x 5 window
+CORRIDOR_COLUMNS = 34  # columns of the corridor before the field, the back wall included
+CYLINDER_RADIUS_M = 0.075  # of every cylinder [m]
+FIRST_CELL = (-4.425, 5.175)  # centre of cell (0, 0) [m]
+CLEARANCE_CELLS = 2  # cells around a filled cell that are not free: a 5 x 5 window
 
-START_Y, FINISH_Y = 4.075, 10.0  # of the paper's course [m]: 5.925 m
-GOAL_BEYOND = 5.0  # the goal lies this far past the path's end: no slowing down before it
-GOAL_TOLERANCE = 0.4
+START_Y_M, FINISH_Y_M = 4.075, 10.0  # of the paper's course [m]: 5.925 m
+GOAL_BEYOND_PATH_M = 5.0  # the goal lies this far past the path's end: no slowing down before it
+GOAL_TOLERANCE_M = 0.4
 
 
 def to_xy(cells: ArrayLike) -> np.ndarray:
     """(k, 2) cells (row, column) -> (k, 2) centres (x, y) [m]."""
     cells = np.asarray(cells, dtype=np.float64).reshape(-1, 2)
-    return cells * CELL + ORIGIN
+    return cells * CELL_M + FIRST_CELL
 
 
 def to_cells(xy: ArrayLike) -> np.ndarray:
     """(k, 2) points [m] -> (k, 2) int64 cells (row, column), which may lie outside the field."""
     xy = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
-    return np.rint((xy - ORIGIN) / CELL).astype(np.int64)
+    return np.rint((xy - FIRST_CELL) / CELL_M).astype(np.int64)
 
 
 def fill_of(cylinders: ArrayLike) -> np.ndarray:
@@ -53,17 +53,17 @@ def fill_of(cylinders: ArrayLike) -> np.ndarray:
 
 def cylinders_of(filled: np.ndarray) -> np.ndarray:
     """(30, 30) bool -> (n, 3) cylinders x, y, radius [m], with the corridor's walls and the wall behind the start."""
-    back = [(r, -CORRIDOR) for r in range(ROWS)]
-    sides = [(r, c) for c in range(-CORRIDOR + 1, 0) for r in (0, ROWS - 1)]
+    back = [(r, -CORRIDOR_COLUMNS) for r in range(ROWS)]
+    sides = [(r, c) for c in range(-CORRIDOR_COLUMNS + 1, 0) for r in (0, ROWS - 1)]
     xy = to_xy(np.concatenate([np.array(back + sides), np.argwhere(filled)]))
-    return np.column_stack([xy, np.full(len(xy), RADIUS)])
+    return np.column_stack([xy, np.full(len(xy), CYLINDER_RADIUS_M)])
 
 
 def paper_course(path: np.ndarray) -> Course:
     """The paper's course along a reference path (k, 2) [m]: start 1 m before its first point, done past y = 10."""
     (x0, _), (x1, y1) = path[0], path[-1]
-    start, goal = (float(x0), START_Y, math.pi / 2), (float(x1), float(y1) + GOAL_BEYOND, math.pi / 2)
-    return Course(start, goal, FINISH_Y, GOAL_TOLERANCE, path)
+    start, goal = (float(x0), START_Y_M, math.pi / 2), (float(x1), float(y1) + GOAL_BEYOND_PATH_M, math.pi / 2)
+    return Course(start, goal, FINISH_Y_M, GOAL_TOLERANCE_M, path)
 
 
 def challenge_course(path: np.ndarray) -> Course:
@@ -76,21 +76,21 @@ def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray) -> World:
     return World(name, cylinders_of(filled), np.zeros((0, 5)), paper_course(to_xy(path_cells)))
 
 
-FILL = (0.15, 0.20, 0.25, 0.30)  # probability that a cell is filled at first
-ROUNDS = (2, 3, 4)  # rounds of smoothing
-PER_KIND = 25  # worlds of each of the 12 kinds
-COUNT = len(FILL) * len(ROUNDS) * PER_KIND
+FILL_SHARES = (0.15, 0.20, 0.25, 0.30)  # probability that a cell is filled at first
+SMOOTHING_ROUNDS = (2, 3, 4)  # rounds of smoothing
+WORLDS_PER_KIND = 25  # worlds of each of the 12 kinds
+COUNT = len(FILL_SHARES) * len(SMOOTHING_ROUNDS) * WORLDS_PER_KIND
 SEED = 20201103  # of the built-in set
 
 
 def kind(number: int) -> Tuple[float, int]:
     """(fill probability, smoothing rounds) of world `number`: number = 25 (3 i_fill + rounds - 2) + k."""
-    i_fill, i_rounds = divmod((number % COUNT) // PER_KIND, len(ROUNDS))
-    return FILL[i_fill], ROUNDS[i_rounds]
+    i_fill, i_rounds = divmod((number % COUNT) // WORLDS_PER_KIND, len(SMOOTHING_ROUNDS))
+    return FILL_SHARES[i_fill], SMOOTHING_ROUNDS[i_rounds]
 
 
 def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
-    """How many of each cell's 8 neighbours are filled, (30, 30).
+    """Count the filled ones of each cell's 8 neighbours, (30, 30).
 
     Columns outside the field count as free, rows outside as `rows_outside`.
     """
@@ -129,7 +129,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
 
     The largest region that touches the first column must be the largest that touches the last one.
     """
-    free = search.free_space(filled, CLEARANCE)
+    free = search.free_space(filled, CLEARANCE_CELLS)
     if not free.any(axis=0).all():
         return None  # most fields end here: a full column has no way through
     regions, _ = scipy.ndimage.label(free)

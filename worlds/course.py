@@ -25,16 +25,16 @@ from .world import Course, WorldError
 NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
 PATH_FOLDER = "path_files"
 MAX_PATH_BYTES = 2**20
-MAX_PATH = 10_000  # points
-ROBOT_RADIUS = 0.30  # [m] kept free around a searched path: half a Jackal's diagonal and a little
-MARGIN = 1.0  # [m] a searched course starts and ends this far outside the obstacles
-SEARCH_CELL = 0.10  # [m]
-DOOR = 2.4  # [m]; a gap in a room's walls that is no wider is its door
-OPEN = 0.1  # share of a room's outline that may be doors
-NARROW = 5.0  # [m]; obstacles in a narrower area may be passed on the outside
-GIVE = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
-OWN = "put the world's own path file there"
-MAX_SIDE = 50.0  # [m] of the area searched
+MAX_PATH_POINTS = 10_000  # points
+ROBOT_RADIUS_M = 0.30  # [m] kept free around a searched path: half a Jackal's diagonal and a little
+MARGIN_M = 1.0  # [m] a searched course starts and ends this far outside the obstacles
+SEARCH_CELL_M = 0.10  # [m]
+DOOR_WIDTH_M = 2.4  # [m]; a gap in a room's walls that is no wider is its door
+DOOR_SHARE = 0.1  # share of a room's outline that may be doors
+NARROW_WIDTH_M = 5.0  # [m]; obstacles in a narrower area may be passed on the outside
+COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
+PATH_REMEDY = "put the world's own path file there"
+MAX_SIDE_M = 50.0  # [m] of the area searched
 
 
 def from_element(element: Element, path: str) -> Course:
@@ -45,8 +45,10 @@ def from_element(element: Element, path: str) -> Course:
         return tuple(numbers(text, count, f"{tag} of the course in {path}"))
 
     words = (element.findtext(f"{{{NAMESPACE}}}path") or "").split()
-    if not 4 <= len(words) <= 2 * MAX_PATH:
-        raise WorldError(f"path of the course in {path} has {len(words)} numbers; it needs 2 to {MAX_PATH} points")
+    if not 4 <= len(words) <= 2 * MAX_PATH_POINTS:
+        raise WorldError(
+            f"path of the course in {path} has {len(words)} numbers; it needs 2 to {MAX_PATH_POINTS} points"
+        )
     points = get("path", len(words) // 2 * 2)
     finish = None if element.find(f"{{{NAMESPACE}}}finish_y") is None else get("finish_y", 1)[0]
     ends = get("start", 3), get("goal", 3)
@@ -76,7 +78,7 @@ def read_path_file(file: str) -> np.ndarray:
         cells = np.load(io.BytesIO(files.read_bytes(file, MAX_PATH_BYTES)), allow_pickle=False)
     except (ValueError, EOFError, MemoryError) as error:
         raise WorldError(f"{file} is not an .npy file of numbers ({reason(error)}); put BARN's there") from None
-    if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != 2 or not 2 <= len(cells) <= MAX_PATH:
+    if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != 2 or not 2 <= len(cells) <= MAX_PATH_POINTS:
         raise WorldError(f"{file} holds {cells.dtype} of shape {cells.shape}; a path is (k, 2) integer cells, k >= 2")
     cells = cells.astype(np.int64)
     return cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
@@ -87,32 +89,34 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     outside = np.any((cells < 0) | (cells >= (barn.ROWS, barn.COLS)), axis=1)
     if outside.any():
         cell = tuple(int(v) for v in cells[outside][0])
-        raise WorldError(f"{file} has the cell {cell} outside BARN's {barn.ROWS} x {barn.COLS} field; {OWN}")
+        raise WorldError(f"{file} has the cell {cell} outside BARN's {barn.ROWS} x {barn.COLS} field; {PATH_REMEDY}")
     if np.abs(np.diff(cells, axis=0)).max() > 1:
-        raise WorldError(f"{file} jumps between cells that are not neighbours; {OWN}")
+        raise WorldError(f"{file} jumps between cells that are not neighbours; {PATH_REMEDY}")
     clear = search.free_space(barn.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
         cell = tuple(int(v) for v in cells[shut][0])
-        raise WorldError(f"{file} runs into an obstacle at cell {cell}: no passage there; {OWN} or clear the way")
+        raise WorldError(
+            f"{file} runs into an obstacle at cell {cell}: no passage there; {PATH_REMEDY} or clear the way"
+        )
     return barn.paper_course(barn.to_xy(cells))
 
 
 def _is_barns(cylinders: np.ndarray, boxes: np.ndarray) -> bool:
-    """Whether these are cylinders on BARN's cells, between BARN's two walls."""
+    """Return true for cylinders on BARN's cells, between BARN's two walls."""
     if len(boxes) or not len(cylinders):
         return False
     cells = barn.to_cells(cylinders[:, :2])
-    on_grid = np.abs(barn.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn.CELL
+    on_grid = np.abs(barn.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn.CELL_M
     return bool(on_grid and set(cells[:, 0]) <= set(range(barn.ROWS)) and barn.fill_of(cylinders)[[0, -1]].all())
 
 
 def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
-    free = search.free_space(barn.fill_of(cylinders), barn.CLEARANCE)
+    free = search.free_space(barn.fill_of(cylinders), barn.CLEARANCE_CELLS)
     ends = [(r, c) for c in (0, barn.COLS - 1) for r in range(barn.ROWS)]
     cells = search.shortest_path(free, ends[: barn.ROWS], ends[barn.ROWS :])
     if cells is None:
-        passage = f"passage of {barn.CELL * (2 * barn.CLEARANCE + 1):.2f} m through its field"
+        passage = f"passage of {barn.CELL_M * (2 * barn.CLEARANCE_CELLS + 1):.2f} m through its field"
         raise WorldError(f"{path} has no {passage}; clear a way or give another world")
     return barn.paper_course(barn.to_xy(cells))
 
@@ -122,10 +126,10 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     extent = _extent(cylinders, boxes)
     if extent is None:
         raise WorldError(f"{path} holds no obstacle in a ground robot's way; give a world with boxes or cylinders")
-    low, high = extent[0] - MARGIN - 0.5 * SEARCH_CELL, extent[1] + MARGIN
-    if max(high - low) > MAX_SIDE:
+    low, high = extent[0] - MARGIN_M - 0.5 * SEARCH_CELL_M, extent[1] + MARGIN_M
+    if max(high - low) > MAX_SIDE_M:
         size = f"{high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m, too large to search for a course"
-        raise WorldError(f"{path} is {size} (at most {MAX_SIDE:.0f} m); {GIVE.format(path)}")
+        raise WorldError(f"{path} is {size} (at most {MAX_SIDE_M:.0f} m); {COURSE_REMEDY.format(path)}")
     free = free_grid(low, high, cylinders, boxes)
     room = _room(free, low)
     if room is not None:
@@ -134,17 +138,17 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
         first, last = across[:, axis].min(), across[:, axis].max()
         cells = search.shortest_path(room, *(across[across[:, axis] == end] for end in (first, last)))
         if cells is not None:
-            return _along(path, low + SEARCH_CELL * (cells + 0.5), (0.0, math.pi / 2)[axis])
-    sides = int(round(MARGIN / SEARCH_CELL))
-    if high[0] - low[0] > NARROW:  # through the world, not around it
+            return _along(path, low + SEARCH_CELL_M * (cells + 0.5), (0.0, math.pi / 2)[axis])
+    sides = int(round(MARGIN_M / SEARCH_CELL_M))
+    if high[0] - low[0] > NARROW_WIDTH_M:  # through the world, not around it
         free[:sides, sides:-sides] = False
         free[-sides:, sides:-sides] = False
     ends = [[(r, c) for r in range(free.shape[0])] for c in (0, free.shape[1] - 1)]
     cells = search.shortest_path(free, *ends)
     if cells is None:
-        wide = f"{2.0 * ROBOT_RADIUS:.2f} m"
-        raise WorldError(f"{path} has no passage of {wide} along y; clear a way, or {GIVE.format(path)}")
-    return _along(path, low + SEARCH_CELL * (cells + 0.5), math.pi / 2)
+        wide = f"{2.0 * ROBOT_RADIUS_M:.2f} m"
+        raise WorldError(f"{path} has no passage of {wide} along y; clear a way, or {COURSE_REMEDY.format(path)}")
+    return _along(path, low + SEARCH_CELL_M * (cells + 0.5), math.pi / 2)
 
 
 def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
@@ -152,23 +156,23 @@ def _room(free: np.ndarray, low: np.ndarray) -> Optional[np.ndarray]:
 
     Without that the largest room, where all are as wide and long as half of the world.
     """
-    beyond = int(DOOR / SEARCH_CELL)
+    beyond = int(DOOR_WIDTH_M / SEARCH_CELL_M)
     around = np.pad(free, beyond, constant_values=True)
     spots, _ = scipy.ndimage.label(
-        SEARCH_CELL * scipy.ndimage.distance_transform_edt(around) > 0.5 * DOOR - ROBOT_RADIUS
+        SEARCH_CELL_M * scipy.ndimage.distance_transform_edt(around) > 0.5 * DOOR_WIDTH_M - ROBOT_RADIUS_M
     )
-    away = SEARCH_CELL * scipy.ndimage.distance_transform_edt(spots != spots[0, 0])  # from where no door leads to
-    outside = (away <= 0.5 * DOOR + SEARCH_CELL)[beyond:-beyond, beyond:-beyond]
+    away = SEARCH_CELL_M * scipy.ndimage.distance_transform_edt(spots != spots[0, 0])  # from where no door leads to
+    outside = (away <= 0.5 * DOOR_WIDTH_M + SEARCH_CELL_M)[beyond:-beyond, beyond:-beyond]
     rooms, _ = scipy.ndimage.label(free & ~outside)
     sides = [np.ptp(np.argwhere(cells), axis=0) for cells in (rooms > 0, ~free) if cells.any()]
-    origin = tuple(np.floor(-low / SEARCH_CELL).astype(int))
+    origin = tuple(np.floor(-low / SEARCH_CELL_M).astype(int))
     here = rooms[origin] if all(0 <= i < n for i, n in zip(origin, free.shape)) else 0
     if not here and (len(sides) < 2 or (2 * sides[0] < sides[1]).any()):
         return None
     room = rooms == (here or 1 + int(np.argmax(np.bincount(rooms.ravel())[1:])))
     whole = scipy.ndimage.binary_fill_holes(room)
     edge = whole & ~scipy.ndimage.binary_erosion(whole)
-    return room if (edge & scipy.ndimage.binary_dilation(outside & free)).sum() <= OPEN * edge.sum() else None
+    return room if (edge & scipy.ndimage.binary_dilation(outside & free)).sum() <= DOOR_SHARE * edge.sum() else None
 
 
 def given(path: str, points: np.ndarray) -> Course:
@@ -182,10 +186,10 @@ def given(path: str, points: np.ndarray) -> Course:
 def _along(path: str, points: np.ndarray, yaw: float) -> Course:
     """From the first of points (n, 2) [m] to the last one, with this heading [rad] at both ends."""
     (x0, y0), (x1, y1) = points[[0, -1]].tolist()
-    if math.hypot(x1 - x0, y1 - y0) <= barn.GOAL_TOLERANCE:
+    if math.hypot(x1 - x0, y1 - y0) <= barn.GOAL_TOLERANCE_M:
         near = f"a course that ends {math.hypot(x1 - x0, y1 - y0):.2f} m from its start, where it counts as driven"
-        raise WorldError(f"{path} has {near}; {GIVE.format(path)}")
-    return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE, points)
+        raise WorldError(f"{path} has {near}; {COURSE_REMEDY.format(path)}")
+    return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE_M, points)
 
 
 def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
@@ -197,9 +201,9 @@ def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarr
 
 
 def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS from every obstacle."""
-    nx, ny = np.ceil((high - low) / SEARCH_CELL).astype(int)
+    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS_M from every obstacle."""
+    nx, ny = np.ceil((high - low) / SEARCH_CELL_M).astype(int)
     free = np.ones((ny, nx), dtype=bool)
-    for block, distance, least in occupancy.around(free, low, SEARCH_CELL, cylinders, boxes, ROBOT_RADIUS):
+    for block, distance, least in occupancy.around(free, low, SEARCH_CELL_M, cylinders, boxes, ROBOT_RADIUS_M):
         block &= distance >= least
     return free.T

@@ -20,9 +20,9 @@ from .world import Pose, World, WorldError
 
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
 PIXELS_PER_METRE = 60.0
-REACH = 1.5  # m beyond start and goal line that are shown
-BESIDE = 5.0  # m to its sides within which obstacles are shown
-LARGEST = 1200  # pixels; longer courses are shown at a smaller scale
+SHOWN_BEYOND_M = 1.5  # m beyond start and goal line that are shown
+SHOWN_BESIDE_M = 5.0  # m to its sides within which obstacles are shown
+MAX_PIXELS = 1200  # pixels; longer courses are shown at a smaller scale
 ROBOT, SCAN = "#000000", "#ee7733"
 
 
@@ -105,7 +105,7 @@ def top_view(
     from PIL import Image, ImageDraw
 
     (left, bottom), (right, top) = _frame(world)
-    scale = min(PIXELS_PER_METRE, LARGEST / max(right - left, top - bottom))
+    scale = min(PIXELS_PER_METRE, MAX_PIXELS / max(right - left, top - bottom))
     size = round((right - left) * scale), round((top - bottom) * scale)
     image = Image.new("RGB", size, "white")
     pen = ImageDraw.Draw(image)
@@ -147,8 +147,8 @@ def _frame(world: World) -> Tuple[np.ndarray, np.ndarray]:
     low, high = ends.min(axis=0), ends.max(axis=0)
     across = int(np.ptp(ends[:, 1]) <= np.ptp(ends[:, 0]))  # 0: the course runs along y, obstacles along x bound it
     sides = np.concatenate([world.cylinders[:, across], world.boxes[:, across]])
-    sides = sides[(sides > low[across] - BESIDE) & (sides < high[across] + BESIDE)]
-    low[1 - across], high[1 - across] = low[1 - across] - REACH, high[1 - across] + REACH
+    sides = sides[(sides > low[across] - SHOWN_BESIDE_M) & (sides < high[across] + SHOWN_BESIDE_M)]
+    low[1 - across], high[1 - across] = low[1 - across] - SHOWN_BEYOND_M, high[1 - across] + SHOWN_BEYOND_M
     low[across] = min([low[across] - 1.0, *(sides - 0.3)])
     high[across] = max([high[across] + 1.0, *(sides + 0.3)])
     return low, high

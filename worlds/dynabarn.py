@@ -23,7 +23,7 @@ from .sdf import numbers
 from .world import Course, KeyFrame, Mover, World, WorldError
 
 START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # the BARN Challenge's: 20 m, heading -x
-GOAL_TOLERANCE = 1.0  # also the Challenge's
+GOAL_TOLERANCE_M = 1.0  # also the Challenge's
 
 NAME = "movers.csv"
 COLUMNS = ("plugin", "length", "repeat", "time", "x", "y")
@@ -89,7 +89,7 @@ class Animations:
         self._table: Optional[Dict[str, Animation]] = None
 
     def of(self, model: Element) -> Optional[Animation]:
-        """How a model moves; None for one without a plugin. Raises WorldError where the table lacks its plugin."""
+        """Return a model's animation or None without a plugin. Raises WorldError where the table lacks its plugin."""
         stated = model.find(f"{{{self.namespace}}}waypoints")
         if stated is not None:
             return self._stated(stated, f"waypoints of model {model.get('name')!r} in {self.path}")
@@ -121,24 +121,30 @@ class Animations:
 def arena_course() -> Course:
     """DynaBARN's course: 20 m straight through the arena. Its reference path is the straight line."""
     path = np.column_stack([np.linspace(START[0], GOAL[0], 41), np.zeros(41)])
-    return Course(start=START, goal=GOAL, finish_y=None, goal_tolerance=GOAL_TOLERANCE, path=path)
+    return Course(start=START, goal=GOAL, finish_y=None, goal_tolerance=GOAL_TOLERANCE_M, path=path)
 
 
 SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers from 100 on are free for training
-SPEEDS = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # of the three kinds [m/s]
-COUNTS = ((6, 12), (8, 18), (10, 24))  # of their movers
-RADII = (0.25, 0.5)  # of a person, and of DynaBARN's cylinders [m]
-HALF, WALL = 10.0, 0.5  # half the room's side and the thickness of its walls [m]
-WALLS = np.array([[-HALF, 0, 0, WALL, 2 * HALF], [0, HALF, 0, 2 * HALF, WALL], [0, -HALF, 0, 2 * HALF, WALL]])
+SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # of the three kinds [m/s]
+MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # of their movers
+RADII_M = (0.25, 0.5)  # of a person, and of DynaBARN's cylinders [m]
+HALF_SIDE_M, WALL_WIDTH_M = 10.0, 0.5  # half the room's side and the thickness of its walls [m]
+WALLS = np.array(
+    [
+        [-HALF_SIDE_M, 0, 0, WALL_WIDTH_M, 2 * HALF_SIDE_M],
+        [0, HALF_SIDE_M, 0, 2 * HALF_SIDE_M, WALL_WIDTH_M],
+        [0, -HALF_SIDE_M, 0, 2 * HALF_SIDE_M, WALL_WIDTH_M],
+    ]
+)
 SEED = 20220601
 
 
 def generate(number: int) -> World:
     """World `number`; any number >= 0 gives one."""
     rng = np.random.default_rng([SEED, number])
-    kind = number % len(SPEEDS)
-    count = int(rng.integers(COUNTS[kind][0], COUNTS[kind][1] + 1))
-    movers = tuple(_mover(rng, SPEEDS[kind]) for _ in range(count))
+    kind = number % len(SPEEDS_M_S)
+    count = int(rng.integers(MOVER_COUNTS[kind][0], MOVER_COUNTS[kind][1] + 1))
+    movers = tuple(_mover(rng, SPEEDS_M_S[kind]) for _ in range(count))
     return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(), movers)
 
 
@@ -147,14 +153,14 @@ def _mover(rng: np.random.Generator, speeds) -> Mover:
     first, last = (_at_a_wall(rng, wall) for wall in rng.choice(4, 2, replace=False))
     between = np.sort(rng.uniform(0.1, 0.9, int(rng.integers(1, 6))))
     way = [first] + [first + u * (last - first) + rng.normal(0.0, 2.0, 2) for u in between] + [last]
-    points = np.clip(way, -HALF, HALF)
+    points = np.clip(way, -HALF_SIDE_M, HALF_SIDE_M)
     frames: List[KeyFrame] = [(0.0, float(points[0][0]), float(points[0][1]))]
     for before, after in zip(points[:-1], points[1:]):
         took = max(math.hypot(*(after - before)), 0.05) / rng.uniform(*speeds)
         frames.append((frames[-1][0] + took, float(after[0]), float(after[1])))
-    return Mover(float(rng.uniform(*RADII)), tuple(frames))
+    return Mover(float(rng.uniform(*RADII_M)), tuple(frames))
 
 
 def _at_a_wall(rng: np.random.Generator, wall: int) -> np.ndarray:
-    along, side = rng.uniform(-0.9 * HALF, 0.9 * HALF), HALF if wall % 2 else -HALF
+    along, side = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M), HALF_SIDE_M if wall % 2 else -HALF_SIDE_M
     return np.array([side, along] if wall < 2 else [along, side])

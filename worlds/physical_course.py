@@ -17,11 +17,11 @@ from .world import Course, World
 
 NAME = "physical_course"
 
-WIDTH, LENGTH = 4.0, 20.0  # of the lane [m]; x from 0 to 4, y from 0 to 20
+LANE_WIDTH_M, LANE_LENGTH_M = 4.0, 20.0  # of the lane [m]; x from 0 to 4, y from 0 to 20
 START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
-FINISH_Y = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
-GOAL_TOLERANCE = 0.4
+FINISH_Y_M = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
+GOAL_TOLERANCE_M = 0.4
 
 # Rows of cardboard boxes across the lane: y, from x, to x [m]. What they leave open, from left to right:
 ROWS = (
@@ -57,10 +57,10 @@ def world() -> World:
 def _walls() -> List[Tuple[float, ...]]:
     t = 0.3
     return [
-        (-0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH),
-        (WIDTH + 0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH),
-        (0.5 * WIDTH, -0.5 * t, 0.0, WIDTH + 2 * t, t),
-        (0.5 * WIDTH, LENGTH + 0.5 * t, 0.0, WIDTH + 2 * t, t),
+        (-0.5 * t, 0.5 * LANE_LENGTH_M, 0.0, t, LANE_LENGTH_M),
+        (LANE_WIDTH_M + 0.5 * t, 0.5 * LANE_LENGTH_M, 0.0, t, LANE_LENGTH_M),
+        (0.5 * LANE_WIDTH_M, -0.5 * t, 0.0, LANE_WIDTH_M + 2 * t, t),
+        (0.5 * LANE_WIDTH_M, LANE_LENGTH_M + 0.5 * t, 0.0, LANE_WIDTH_M + 2 * t, t),
     ]
 
 
@@ -73,10 +73,10 @@ def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
 
 
 def _course(boxes: np.ndarray) -> Course:
-    low, high = np.zeros(2), np.array([WIDTH, LENGTH])
+    low, high = np.zeros(2), np.array([LANE_WIDTH_M, LANE_LENGTH_M])
     free = courses.free_grid(low, high, np.zeros((0, 3)), boxes)
-    ends = [(int(p[0] / courses.SEARCH_CELL), int(p[1] / courses.SEARCH_CELL)) for p in (START, GOAL)]
+    ends = [(int(p[0] / courses.SEARCH_CELL_M), int(p[1] / courses.SEARCH_CELL_M)) for p in (START, GOAL)]
     cells = search.shortest_path(free, ends[:1], ends[1:])
     assert cells is not None, "the boxes leave a way"
-    path = low + courses.SEARCH_CELL * (cells + 0.5)
-    return Course(start=START, goal=GOAL, finish_y=FINISH_Y, goal_tolerance=GOAL_TOLERANCE, path=path)
+    path = low + courses.SEARCH_CELL_M * (cells + 0.5)
+    return Course(start=START, goal=GOAL, finish_y=FINISH_Y_M, goal_tolerance=GOAL_TOLERANCE_M, path=path)

@@ -24,9 +24,9 @@ from .world import WorldError
 
 MAX_BYTES = 16 * 2**20  # BARN's largest world has .8 MB
 MAX_TAGS, MAX_DEPTH = 500_000, 100  # 10,000 obstacles have 140,000 tags, models within models some twenty levels
-FAR = 10_000.0  # [m]; nothing in a course lies farther out
-ROBOT_BAND = (0.02, 0.50)  # heights [m] between which an obstacle is in a Jackal's way
-UPRIGHT = 0.996  # a cylinder whose axis tilts less (5 degrees) counts as upright
+MAX_COORDINATE_M = 10_000.0  # [m]; nothing in a course lies farther out
+ROBOT_HEIGHTS_M = (0.02, 0.50)  # heights [m] between which an obstacle is in a Jackal's way
+UPRIGHT_COSINE = 0.996  # a cylinder whose axis tilts less (5 degrees) counts as upright
 Shape = Tuple[float, ...]  # a circle (x, y, radius) or a rectangle (x, y, yaw, size_x, size_y), None if passed by
 
 
@@ -54,7 +54,7 @@ def parse(path: str) -> Element:
 
 
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:
-    """`count` finite numbers within +-FAR from an element's text. `what` names the thing in the error."""
+    """`count` finite numbers within +-MAX_COORDINATE_M from an element's text. `what` names the thing in the error."""
     words = (text or "").split()
     given = " ".join(words)
     given = repr(given if len(given) <= 60 else given[:57] + "...")
@@ -64,14 +64,14 @@ def numbers(text: Optional[str], count: int, what: str) -> List[float]:
         values = []
     if len(values) != count:
         raise WorldError(f"{what} is {given}; it must be {count} number{'s' if count > 1 else ''}")
-    if not all(abs(value) <= FAR for value in values):
-        raise WorldError(f"{what} is {given}; its numbers must be finite and within {FAR}")
+    if not all(abs(value) <= MAX_COORDINATE_M for value in values):
+        raise WorldError(f"{what} is {given}; its numbers must be finite and within {MAX_COORDINATE_M}")
     return values
 
 
 def in_the_way(low: float, high: float) -> bool:
-    """Whether something between these heights [m] stands in a Jackal's way."""
-    return high > ROBOT_BAND[0] and low < ROBOT_BAND[1]
+    """Return true if something between these heights [m] stands in a Jackal's way."""
+    return high > ROBOT_HEIGHTS_M[0] and low < ROBOT_HEIGHTS_M[1]
 
 
 def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
@@ -82,7 +82,7 @@ def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
     if not in_the_way(pose[2, 3] - reach, pose[2, 3] + reach):
         return None
     x, y = float(pose[0, 3]), float(pose[1, 3])
-    if abs(axis[2]) >= UPRIGHT:
+    if abs(axis[2]) >= UPRIGHT_COSINE:
         return x, y, radius
     along = length * flat + 2.0 * radius * abs(axis[2])
     return x, y, math.atan2(axis[1], axis[0]), float(along), 2.0 * radius

@@ -24,8 +24,8 @@ from .world import Mover, World, WorldError
 MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
-SLAB = 0.1  # m above the ground that a floor may rise
-NAMED = 5  # things that are not read and are named
+FLOOR_HEIGHT_M = 0.1  # m above the ground that a floor may rise
+MAX_NAMED = 5  # things that are not read and are named
 
 
 def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
@@ -72,8 +72,8 @@ class _Reader:
         for model in self.world.findall("model"):
             self._model(model, np.eye(4), saved.get(model.get("name")), ("", "world"))
         if self.unread:
-            more = f" and {len(self.unread) - NAMED} more" if len(self.unread) > NAMED else ""
-            what = ", ".join(self.unread[:NAMED])
+            more = f" and {len(self.unread) - MAX_NAMED} more" if len(self.unread) > MAX_NAMED else ""
+            what = ", ".join(self.unread[:MAX_NAMED])
             logging.getLogger(__name__).warning("%s: not read: %s%s; the rest is the world", self.path, what, more)
         cylinders, boxes, flat = (
             np.array(shapes, dtype=np.float64).reshape(-1, n)
@@ -85,7 +85,7 @@ class _Reader:
         return cylinders, boxes if is_floor else np.concatenate([boxes, flat]), tuple(self.movers)
 
     def _known(self, element: Element, frames: tuple, what: str) -> bool:
-        """Whether an element's pose is relative to what it stands in; it is left out and named elsewhere."""
+        """Return true if an element's pose is relative to what it stands in; it is left out and named elsewhere."""
         pose = element.find("pose")
         frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
         frame = element.get("placement_frame") or frame
@@ -136,7 +136,7 @@ class _Reader:
             shape = cut(pose, *sizes)
             if shape is not None and len(shape) > 3:
                 half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
-                (self.flat if pose[2, 3] + half <= SLAB else self.boxes).append(shape)
+                (self.flat if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
             elif shape is not None and animation is not None:
                 self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
             elif shape is not None:

@@ -18,7 +18,7 @@ from .loading import FORMS, load
 from .sdf_reader import read_world
 from .world import Mover, World, WorldError
 
-HEIGHT = 1.0  # of everything written [m]
+HEIGHT_M = 1.0  # of everything written [m]
 
 _WORLD = """<?xml version="1.0"?>
 <sdf version="1.6" xmlns:applr="applr">
@@ -55,15 +55,15 @@ def text(world: World) -> str:
     models: List[str] = []
 
     def add(name, x, y, shape, yaw=0.0, extra=""):
-        models.append(_MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT, yaw=yaw, shape=shape, extra=extra))
+        models.append(_MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT_M, yaw=yaw, shape=shape, extra=extra))
 
     def cylinder(radius):
-        return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT!r}</length></cylinder>"
+        return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT_M!r}</length></cylinder>"
 
     for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
         add(f"cylinder_{n}", x, y, cylinder(radius))
     for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
-        add(f"box_{n}", x, y, f"<box><size>{size_x!r} {size_y!r} {HEIGHT!r}</size></box>", yaw)
+        add(f"box_{n}", x, y, f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>", yaw)
     for n, mover in enumerate(world.movers):
         add(f"mover_{n}", *mover.waypoints[0][1:], cylinder(mover.radius), extra=_waypoints(mover))
     course = world.course

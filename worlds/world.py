@@ -1,4 +1,4 @@
-"""What a world is: obstacles on a plane, standing or moving, and the course through them.
+"""A world: obstacles on a plane, standing or moving, and the course through them.
 
 Plain data; only where a moving obstacle is at any time is computed, as Gazebo interpolates a PoseAnimation's key
 frames. Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the right, y forward, metres,
@@ -20,7 +20,7 @@ from applr_ros1.common.errors import ApplrError
 KeyFrame = Tuple[float, float, float]
 Point = Tuple[float, float]
 
-SAME_POINT = 1e-3  # [m]; ignition::math::Vector3 compares with this tolerance
+SAME_POINT_M = 1e-3  # [m]; ignition::math::Vector3 compares with this tolerance
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Mover:
 def _tangents(points: List[Point]) -> List[Point]:
     """Tangents at all points, as ignition::math::Spline::RecalcTangents computes them with tension 0."""
     last = len(points) - 1
-    closed = all(abs(a - b) <= SAME_POINT for a, b in zip(points[0], points[last]))
+    closed = all(abs(a - b) <= SAME_POINT_M for a, b in zip(points[0], points[last]))
     before = [points[last - 1] if closed else points[0]] + points[:last]
     after = points[1:] + [points[1] if closed else points[last]]
     return [(0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])) for a, b in zip(before, after)]
@@ -90,7 +90,7 @@ def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -
 
 Pose = Tuple[float, float, float]
 
-MAP_REACH = 19.7  # [m]; the planners' global maps reach 20 m from the start, and their outermost cells are shut
+MAP_REACH_M = 19.7  # [m]; the planners' global maps reach 20 m from the start, and their outermost cells are shut
 
 
 class WorldError(ApplrError):
@@ -99,7 +99,7 @@ class WorldError(ApplrError):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Where a robot starts, where it is sent, and when it is done.
+    """A drive through a world: its start, its goal, and its end.
 
     start, goal      (x, y, yaw) [m, m, rad]
     finish_y         the course is done past this y [m]; None: only near the goal
@@ -137,13 +137,13 @@ class Course:
     def sent_goal(self) -> Pose:
         """The goal that a planner is sent: `goal`, drawn straight back towards the start until it lies on the map."""
         dx, dy = self.goal[0] - self.start[0], self.goal[1] - self.start[1]
-        beyond = max(abs(dx), abs(dy)) / MAP_REACH
+        beyond = max(abs(dx), abs(dy)) / MAP_REACH_M
         if beyond <= 1.0:
             return self.goal
         return self.start[0] + dx / beyond, self.start[1] + dy / beyond, self.goal[2]
 
     def done(self, x: float, y: float) -> bool:
-        """Whether a robot at (x, y) has finished."""
+        """Return true if a robot at (x, y) has finished."""
         if self.finish_y is not None and y > self.finish_y:
             return True
         return math.hypot(self.goal[0] - x, self.goal[1] - y) <= self.goal_tolerance

@@ -37,7 +37,7 @@ def grid_difficulty(filled, path):
 
     As in BARN's files, the path's first cell counts twice in every mean (its path files repeat it).
     """
-    free = search.free_space(filled, barn.CLEARANCE)
+    free = search.free_space(filled, barn.CLEARANCE_CELLS)
     distance = ndimage.distance_transform_edt(free)
     cells = [(int(r), int(c)) for r, c in path]
     cells.insert(0, cells[0])

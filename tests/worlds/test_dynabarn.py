@@ -76,12 +76,12 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
 def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
     world = worlds.load("dynamic:%d" % number)
     assert worlds.load("dynamic:%d" % number).movers == world.movers
-    low, high = dynabarn.SPEEDS[number % 3]
-    least, most = dynabarn.COUNTS[number % 3]
+    low, high = dynabarn.SPEEDS_M_S[number % 3]
+    least, most = dynabarn.MOVER_COUNTS[number % 3]
     assert least <= len(world.movers) <= most
     for mover in world.movers:
         frames = np.array(mover.waypoints)
-        assert np.abs(frames[:, 1:]).max() <= dynabarn.HALF
+        assert np.abs(frames[:, 1:]).max() <= dynabarn.HALF_SIDE_M
         legs = np.hypot(*np.diff(frames[:, 1:], axis=0).T)
         pace = (legs / np.diff(frames[:, 0]))[legs > 0.05]
         assert low - 1e-9 <= pace.min() <= pace.max() <= high + 1e-9
