@@ -15,7 +15,7 @@ from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FAR, FROZEN_DISTANCE, FROZEN_TURN, ScannerCheck
 from applr_ros1.monitor.seen import SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import EVERYTHING, edge_points, half_planes, on_arc, safe_scale
+from applr_ros1.monitor.stopping import EVERYTHING, braking_time, edge_points, half_planes, on_arc, safe_scale
 from applr_ros1.robots import JACKAL
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
@@ -211,7 +211,7 @@ class CollisionMonitor:
         v, w = most * v, most * w
         speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
         turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
-        longest = since + reaction + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
+        longest = since + reaction + max(braking_time(speed, settings.deceleration), turn / settings.yaw_deceleration)
         reach = self._radius + settings.margin + speed * longest + 0.05
         points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
         seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose

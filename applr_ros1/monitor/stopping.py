@@ -1,9 +1,9 @@
 """How much of a command leaves room to stop: the geometry of the collision monitor, in numba.
 
 The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time, with
-its turn as commanded or still as measured, and then to brake along the same arc. A stop brakes at once, along the arc
-that the base is on. On the way the body, a convex outline widened by a margin, must not touch any point, and the
-outline itself must not enter a cell that nobody has seen.
+its turn as commanded or still as measured, and then to brake along the same arc, its last .3 m/s gently. A stop brakes
+at once, along the arc that the base is on. On the way the body, a convex outline widened by a margin, must not touch
+any point, and the outline itself must not enter a cell that nobody has seen.
 """
 
 import math
@@ -15,6 +15,10 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.seen import CELL
 
 STEP = 0.02  # [s] between two checked poses
+# A base that nearly stands has less grip than the braking that was measured from full speed says: below this speed the
+# Jackal on Gazebo's ground, which holds or not by the angle at which its wheels stand, loses .3 to .6 m/s each second.
+LAST_SPEED_M_S = 0.3
+LAST_DECELERATION_M_S2 = 0.6
 DEEPER = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
 HALVINGS = 5  # of the interval in which the largest safe factor is searched
 BEYOND = 1.5 * CELL  # [m]: a cell that the body has touched counts as seen all over; more must be seen than it needs
@@ -66,7 +70,7 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
         twist: measured (v, w) [m/s, rad/s].
         command: (v, w) asked for.
         times: (age of the robot's frame [s], time [s] for which the base follows the command before it brakes).
-        brake: (deceleration [m/s^2], angular deceleration [rad/s^2]).
+        brake: (deceleration [m/s^2] down to LAST_SPEED_M_S, angular deceleration [rad/s^2]).
         seen: (cells, first and second of corner, of SeenSpace; edge_points of the body; robot's (x, y, yaw) in the
             frame of the cells), or EVERYTHING.
         turns: (turn rate [rad/s] that the base was given last, see on_arc; how many times as fast as commanded it may
@@ -92,6 +96,12 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
         else:
             high = middle
     return low, True
+
+
+def braking_time(speed, deceleration):
+    """Return the time [s] in which the base brakes from a speed [m/s] at least 0, its last part gently."""
+    last = min(speed, LAST_SPEED_M_S)
+    return (speed - last) / deceleration + last / min(deceleration, LAST_DECELERATION_M_S2)
 
 
 @kernel
@@ -148,7 +158,11 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, ga
                 w = gain * (on_arc(v, want_v, want_w, turned) if falls else want_w)
             left -= STEP
         else:
-            steps = max(abs(v) / brake[0], abs(w) / brake[1]) / STEP
+            gently = max(
+                LAST_DECELERATION_M_S2, (abs(v) - LAST_SPEED_M_S) / STEP
+            )  # no step goes far below LAST_SPEED_M_S
+            deceleration = min(brake[0], gently)
+            steps = max(abs(v) / deceleration, abs(w) / brake[1]) / STEP
             if steps <= 1.0:
                 return _is_seen_beyond(seen, x, y, yaw, want_v, want_w)
             v -= v / steps

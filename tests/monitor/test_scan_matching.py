@@ -126,7 +126,7 @@ def test_a_scene_that_has_changed_altogether_is_not_believed():
 def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels_believe_it_to_be():
     """What it saw behind leaves room to back out, until the wheels lock and it slides back by 9 cm unnoticed."""
     rng = np.random.default_rng(3)
-    discs = np.array([(-0.65, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
+    discs = np.array([(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
     verdicts = []
     brakes_well = replace(MonitorSettings.of(JACKAL), deceleration=4.0, yaw_deceleration=12.0)
     for slide in (0.0, 0.09):
