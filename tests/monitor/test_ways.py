@@ -14,6 +14,7 @@ from applr_ros1.monitor.stopping import (
     EVERYTHING,
     _is_deeper,
     _is_seen,
+    braking_time,
     edge_points,
     half_planes,
     penetration,
@@ -77,17 +78,24 @@ def test_the_last_of_its_speed_is_lost_gently(deceleration, way):
     assert least(0.0, 1.0, passes) == pytest.approx(0.3 * 0.1 + way, abs=0.01)
 
 
-def test_the_turn_to_a_stop():
+def test_braking_ends_gently_whatever_the_base_can_at_speed():
+    assert braking_time(2.0, 1.9) == pytest.approx(1.7 / 1.9 + 0.3 / 0.6)
+    assert braking_time(0.2, 1.9) == pytest.approx(0.2 / 0.6)
+    assert braking_time(1.0, 0.5) == pytest.approx(1.0 / 0.5)
+
+
+@pytest.mark.parametrize("gain", [1.0, 1.6])
+def test_the_turn_to_a_stop(gain):
     """A post beside the robot, .28 m from its middle: a corner comes to it, at 2 rad/s with .15 s and 4 rad/s^2."""
-    planes, radius = half_planes(SETTINGS.body), 0.28
+    planes, radius, turning = half_planes(SETTINGS.body), 0.28, (0.0, 2.0 / gain)
     first = math.asin((SIDE + MARGIN) / radius)  # direction in which the outline, widened, is so far away
 
     def passes(turn):
         points = np.array([[radius * math.cos(first + turn), radius * math.sin(first + turn)]])
-        rest = ((0.0, 0.15), (1.9, 4.0), EVERYTHING)
-        return safe_scale(points, planes, MARGIN, (0.0, 2.0), (0.0, 2.0), *rest)[0] == 1.0
+        rest = ((0.0, 0.15), (1.9, 4.0), EVERYTHING, (0.0, gain, 0.0, 0.0))
+        return safe_scale(points, planes, MARGIN, turning, turning, *rest)[0] == 1.0
 
-    assert least(0.0, 1.5, passes) == pytest.approx(2.0 * 0.15 + 2.0**2 / 8, abs=TOLERANCE)
+    assert least(0.0, 1.0, passes) == pytest.approx(2.0 * 0.15 + 2.0**2 / 8, abs=TOLERANCE)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
