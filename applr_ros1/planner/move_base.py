@@ -36,13 +36,14 @@ class MoveBase:
     """`params`: a nested ROS parameter tree; what it leaves out has its default (planner/parameters).
 
     planner: see variant.py. seed: an int, or a sequence of them, that decides what is "drawn" until the first reset,
-    and when a C++-like planner is late.
+    and when a C++-like planner is late. Its attribute local_planner_name is the local planner's name space.
 
     Raises ParameterError or ApplrError (one line) for what cannot be run.
     """
 
     def __init__(self, params: Dict[str, Any], planner: str = OURS, seed=0):
         self.parameters = complete(params)
+        self.local_planner_name = namespace(self.parameters["base_local_planner"])
         self._config = Configuration(self.parameters)
         self._planner = planner
         self._seed = seed
@@ -327,11 +328,6 @@ class MoveBase:
         return NO_PLAN
 
     # -- parameters ------------------------------------------------------------------------------------------
-    @property
-    def local_planner_name(self) -> str:
-        """The name space of the local planner in use: "TrajectoryPlannerROS" or "DWAPlannerROS"."""
-        return namespace(self.parameters["base_local_planner"])
-
     @property
     def servers(self) -> Dict[str, Server]:
         """The dynamic_reconfigure servers by name, "" for move_base's own."""

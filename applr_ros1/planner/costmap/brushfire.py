@@ -87,14 +87,6 @@ def _any_seed(levels):
 
 
 @kernel
-def wipe(level, cost, x0, y0, xn, yn):
-    """Nothing reaches the cells [x0, xn) x [y0, yn) any more."""
-    for y in range(y0 + 1, yn + 1):
-        level[y, x0 + 1 : xn + 1] = NONE
-        cost[y, x0 + 1 : xn + 1] = 0
-
-
-@kernel
 def _enqueue(queue, used, entry, level):
     """Append an entry (4 cell + direction) to a level's queue; returns the number of entries used.
 

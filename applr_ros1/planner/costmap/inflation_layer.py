@@ -177,7 +177,7 @@ class InflationLayer:
     def _forget(self):
         """Nothing is spread any more."""
         if self._spread is not None:
-            brushfire.wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
+            _wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
             self._spread = None
 
     def _around(self, rect, cells):
@@ -222,7 +222,7 @@ class InflationLayer:
             count = brushfire.seed_changes(base, self._level, *rect, *both, self._changed)
             if count >= 0 and brushfire.repair(self._changed, count, *grids, self._queue, self._lost):
                 return
-            brushfire.wipe(self._level, self._cost, *self._around(both, self.reach))
+            _wipe(self._level, self._cost, *self._around(both, self.reach))
         seeds = self._changed
         while True:
             count = brushfire.seed_changes(base, self._level, *rect, *rect, seeds)
@@ -232,7 +232,7 @@ class InflationLayer:
                 seeds = np.empty(2 * len(seeds), np.int64)
             else:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
-                brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
+                _wipe(self._level, self._cost, *self._around(rect, self.reach))
 
     def _update_anew(self, master, base, window):
         """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
@@ -253,6 +253,14 @@ class InflationLayer:
             *self._around(window, self.reach),
         )
         return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
+
+
+@kernel
+def _wipe(level, cost, x0, y0, xn, yn):
+    """Have nothing reach the cells [x0, xn) x [y0, yn) any more."""
+    for y in range(y0 + 1, yn + 1):
+        level[y, x0 + 1 : xn + 1] = brushfire.NONE
+        cost[y, x0 + 1 : xn + 1] = 0
 
 
 @kernel

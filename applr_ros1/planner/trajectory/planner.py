@@ -5,6 +5,7 @@ Called by local_planner.py, which makes a controller of it. The arithmetic is in
 
 from __future__ import annotations
 
+from collections import namedtuple
 from functools import partial
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
@@ -18,7 +19,6 @@ from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cl
 from applr_ros1.planner.trajectory.sampling import (
     STATE,
     allocate_grids,
-    allocate_scratch,
     fill_evenly,
     find_best_path,
     velocity_window,
@@ -26,6 +26,9 @@ from applr_ros1.planner.trajectory.sampling import (
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
+# Room for one cycle: vs (vx_samples,), ws (vtheta_samples,); of every forward sample its lower bounds (bases of the
+# path and goal terms, keys of the cost), the heap and whether it was probed; start (6,), where samples begin.
+Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -56,7 +59,10 @@ class TrajectoryPlanner(SamplingPlanner):
             made["goal_distance_bias"] *= resolution
 
     def _allocate_scratch(self, *samples: int) -> Any:
-        return allocate_scratch(*samples)
+        vx_samples, vtheta_samples = samples
+        n = vx_samples * vtheta_samples
+        of_samples = np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.uint8)
+        return Scratch(np.zeros(vx_samples), np.zeros(vtheta_samples), *of_samples, np.zeros(6))
 
     def end_escape(self) -> None:
         """Sample forward velocities again, though the robot has not backed out far enough."""

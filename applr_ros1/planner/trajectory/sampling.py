@@ -199,24 +199,6 @@ STATE = record(
     "prev_x prev_y escape_x escape_y escape_theta",
 )
 
-# Room for one cycle: vs (vx_samples,), ws (vtheta_samples,); of every forward sample its lower bounds (bases of the
-# path and goal terms, keys of the cost), the heap and whether it was probed; start (6,), where samples begin.
-Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
-
-
-def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
-    """Scratch for so many samples."""
-    n = vx_samples * vtheta_samples
-    return Scratch(
-        np.zeros(vx_samples),
-        np.zeros(vtheta_samples),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.uint8),
-        np.zeros(6),
-    )
-
 
 @kernel(error_model="numpy")
 def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
