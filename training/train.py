@@ -28,8 +28,7 @@ from applr_ros1.common.extras import extra
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
-from applr_ros1.policy.dimensionless import DimensionlessForm
-from applr_ros1.policy.form import PAPER, PaperForm
+from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.robots import load
 from training.actors.collector import ACTOR, Collect, draw_world
 from training.actors.pool import CallFailed, make_pool
@@ -322,10 +321,9 @@ class TrainingRun:
 
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
         """The file of a policy in the form that the run learns."""
-        if self.config.observation != PAPER:
-            actor.save(path, weights, {**metadata, "base": self.config.start.base}, DimensionlessForm)
-        else:
-            actor.save(path, weights, metadata, PaperForm(load(self.config.robot)))
+        config = self.config
+        form = FORMS[config.observation](load(config.robot), config.decision_period, config.start.base)
+        actor.save(path, weights, metadata, form)
 
     # -- progress ------------------------------------------------------------------------------------------
     def _show_status(self) -> None:

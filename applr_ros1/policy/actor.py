@@ -1,15 +1,17 @@
 """The policies that a file holds: Policy, a network in one of the forms, and ContextPolicy, APPLD's.
 
-A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` tells the
-kinds apart; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes are
-bounded, and every way in which a file can be wrong is one line.
+A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` is the only
+reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes are bounded,
+and every way in which a file can be wrong is one line.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
-from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
+from collections import deque
+from typing import Any, Deque, Dict, Mapping, Optional, Tuple, Union
 
 import numpy as np
 import safetensors.numpy
@@ -17,14 +19,13 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
-from applr_ros1.policy.decision import Context, Method, period_of
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, MOVERS, VERSION, WITHOUT_MOVERS, DimensionlessForm
-from applr_ros1.policy.form import PAPER, Form, PaperForm
+from applr_ros1.policy.decision import Context, Method
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS, MOVERS, WITHOUT_MOVERS
+from applr_ros1.policy.form import PAPER, Form, PaperForm, check_robot, short
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import Layers, Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
-from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"
@@ -32,11 +33,17 @@ CONTEXTS = "contexts"  # what a file holds that is in neither form
 KINDS = PAPER, DIMENSIONLESS, CONTEXTS
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
 MAX_CONTEXTS = 64
+STALL_WAY_M, STALL_TIME_S = 0.3, 8.0  # a robot of the Jackal's size stalls where it drives less in this time
 Weights = Mapping[str, np.ndarray]
 
 
 class _FromFile(Method):
-    """A method that a file holds. Its sets count per cell."""
+    """A method that a file holds. Its sets count per cell.
+
+    Attributes:
+        path: The file that it was read from; "" for none.
+        metadata: {str: JSON value} of the file.
+    """
 
     per_cell = True
     path = ""
@@ -50,19 +57,52 @@ class _FromFile(Method):
         return dict(kind, file=os.path.basename(self.path), sha256=files.sha256(files.read_bytes(self.path)))
 
 
+class Stall:
+    """A watch on one robot that may hardly move, as in a pocket where its planner turns on the spot.
+
+    In training a stall ends an episode as a failure, where that is asked for (training/env/episode.py).
+
+    Args:
+        scale: The robot's size beside the Jackal's, by which the way is multiplied (Robot.world_scale).
+
+    Attributes:
+        share: The way of the last STALL_TIME_S in shares of what a robot must drive, 1 at most; 1 before so much time.
+    """
+
+    def __init__(self, scale: float):
+        self.least = STALL_WAY_M * scale
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a course."""
+        self._driven, self.share = 0.0, 1.0
+        self._last: Optional[Tuple[float, float]] = None
+        self._seen: Deque[Tuple[float, float]] = deque()  # (time, way driven until then) of the decisions
+
+    def look(self, time: float, x: float, y: float) -> bool:
+        """Whether a robot that is at (x, y) [m] at `time` [s] has stalled."""
+        if self._last is not None:
+            self._driven += math.hypot(x - self._last[0], y - self._last[1])
+        self._last = x, y
+        self._seen.append((time, self._driven))
+        while len(self._seen) > 1 and self._seen[1][0] <= time - STALL_TIME_S + 1e-6:
+            self._seen.popleft()
+        began, was = self._seen[0]
+        if began <= time - STALL_TIME_S + 1e-6:
+            self.share = min(1.0, (self._driven - was) / self.least)
+        return self.share < 1.0
+
+
 class Policy(_FromFile):
     """A deterministic network that drives one robot: ReLU layers, and tanh at the end.
 
-    While the robot stalls (stall.py), what a policy answers has not helped: where its form says so, each decision then
-    draws its parameters at random, from the course's seed.
+    While the robot stalls, what a policy answers has not helped: where its form says so, each decision then draws its
+    parameters at random, from the course's seed.
 
     Args:
         form: What it sees and sets.
         layers: Of the network, checked (network.layers_of).
         metadata: {str: JSON value} of its file.
-
-    Attributes:
-        path: The file that it was read from; "" for none.
     """
 
     def __init__(self, form: Form, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
@@ -159,6 +199,16 @@ class ContextPolicy(_FromFile):
         self.sets = np.array([space.fill(space.chosen.clip(theta)) for theta in contexts.values()])
         self.layers = layers_of(weights, layout.beams, len(self.names), "its network")
 
+    @classmethod
+    def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
+        """The policy of a file's tensors and metadata. Raises ApplrError where they are for another robot."""
+        space = space_of(robot)
+        check_robot(metadata, robot)
+        if metadata["names"] != list(space.chosen.names):
+            raise ApplrError(f"its sets are of {short(metadata['names'])}, not of {', '.join(space.chosen.names)}")
+        contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
+        return cls(contexts, weights, space, Layout.from_dict(metadata["layout"], 0))
+
     def context(self, observation: Any) -> int:
         """The index of the context that an observation (729,), or its first 720 entries, shows."""
         return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
@@ -198,10 +248,14 @@ def load(
     found: Union[Policy, ContextPolicy]
     try:
         if kind == CONTEXTS:
-            found = _contexts(weights, metadata, robot)
+            found = ContextPolicy.of(weights, metadata, robot)
         else:
-            found = (_paper if kind == PAPER else _dimensionless)(weights, metadata, robot)
-    except (KeyError, TypeError) as error:
+            if metadata.get("observation") == WITHOUT_MOVERS:  # it does not look at them
+                first = weights["0.weight"]
+                blind = np.zeros((*first.shape[:-1], 4 * MOVERS), np.float32)
+                weights = dict(weights, **{"0.weight": np.concatenate([first, blind], -1)})
+            found = Policy.of(weights, FORMS[kind].of(metadata, robot), metadata)
+    except (KeyError, TypeError, AttributeError) as error:
         raise ApplrError(f"{path}: its metadata are damaged ({error}); copy or make it again") from None
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
@@ -209,56 +263,11 @@ def load(
     return found
 
 
-def _paper(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
-    stated, space = _named(metadata, "space"), space_of(robot).chosen
-    _check_robot(metadata, robot)
-    described = json.loads(space.to_json())
-    del described["theta0"]  # a robot's own parameter files may start elsewhere
-    for key, value in described.items():
-        if stated.get(key) != value:
-            raise ApplrError(
-                f"made for another parameter space: {key} is {_short(stated.get(key))}, here {_short(value)}; "
-                "train one for this parameter space"
-            )
-    layout = Layout.from_dict(_named(metadata, "layout"), len(space))
-    return Policy.of(weights, PaperForm(robot, period_of(metadata), layout=layout), metadata)
-
-
-def _dimensionless(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
-    if metadata["observation"] == WITHOUT_MOVERS:  # it does not look at them
-        first = weights["0.weight"]
-        blind = np.zeros((*first.shape[:-1], 4 * MOVERS), np.float32)
-        weights = dict(weights, **{"0.weight": np.concatenate([first, blind], -1)})
-    elif metadata["observation"] != VERSION:
-        raise ApplrError(f"its observation is {_short(metadata['observation'])}, {VERSION} is needed")
-    period, base = _dimensionless_metadata(metadata)
-    return Policy.of(weights, DimensionlessForm(robot, period, base), metadata)
-
-
-def _dimensionless_metadata(metadata: Dict[str, Any]) -> Tuple[float, Dict[str, float]]:
-    """(period [s], base) of a policy's metadata. Raises ApplrError where they are absent or damaged."""
-    if "period_s" not in metadata:
-        raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
-    base = metadata.get("base") or {}
-    if not isinstance(base, dict) or not all(isinstance(v, (int, float)) for v in base.values()):
-        raise ApplrError(f"its base is {_short(base)}: values of parameters by name are needed")
-    return period_of(metadata), base
-
-
-def _contexts(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
-    space = space_of(robot)
-    _check_robot(metadata, robot)
-    if metadata["names"] != list(space.chosen.names):
-        raise ApplrError(f"its sets are of {_short(metadata['names'])}, not of {', '.join(space.chosen.names)}")
-    contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
-    return ContextPolicy(contexts, weights, space, Layout.from_dict(_named(metadata, "layout"), 0))
-
-
 def save(
     path: Union[str, os.PathLike],
     weights: Weights,
     metadata: Optional[Mapping[str, Any]] = None,
-    form: Union[Form, Type[DimensionlessForm], None] = None,
+    form: Optional[Form] = None,
 ) -> None:
     """Writes a policy's file, whole or not at all (a temporary file beside it, then renamed).
 
@@ -266,25 +275,15 @@ def save(
         path: The file.
         weights: As Policy.of takes them. Of networks side by side of which every second one is the mirror image of the
             one before it, only the others are stored.
-        metadata: {str: JSON value}: "period_s", "base" of the dimensionless form, "training", "result", or whatever
-            else.
-        form: The paper's form, for its robot; or DimensionlessForm, which is the same for every robot. None: the
-            paper's for the Jackal.
+        metadata: {str: JSON value}: "period_s" of the paper's form, "training", "result", or whatever else.
+        form: What the policy sees and sets; None: the paper's form for the Jackal.
 
     Raises:
-        ApplrError: The weights are no network of the form, the metadata lack something, or the file cannot be written.
+        ApplrError: The weights are no network of the form, or the file cannot be written.
     """
-    form, metadata = form or PaperForm(JACKAL), dict(metadata or {})
-    if not isinstance(form, PaperForm):
-        form = DimensionlessForm(JACKAL, *_dimensionless_metadata(metadata))
-        metadata["observation"] = VERSION
-    else:
-        space = form.space.chosen
-        layout = form.layout.to_dict(len(space))
-        metadata.update(robot=space.robot, space=json.loads(space.to_json()), layout=layout)
-    weights = _float32(weights)
+    form, weights = form or PaperForm(JACKAL), _float32(weights)
     Policy.of(weights, form)
-    _write(path, weights, FORMAT, metadata, form.mirror)
+    _write(path, weights, FORMAT, {**(metadata or {}), **form.stated()}, form.mirror)
 
 
 def save_contexts(
@@ -329,22 +328,3 @@ def _value(text: str) -> Any:
         return files.json_value(text)
     except ValueError:
         return text
-
-
-def _named(metadata: Dict[str, Any], what: str) -> Dict[str, Any]:
-    """An entry of the metadata that is a JSON object; ApplrError where it is absent."""
-    if not isinstance(metadata.get(what), dict):
-        raise ApplrError(f"its metadata name no {what}; it was not written by this package, give a file that it wrote")
-    return metadata[what]
-
-
-def _check_robot(metadata: Dict[str, Any], robot: Robot) -> None:
-    if metadata.get("robot") != robot.name:
-        raise ApplrError(
-            f"it is for the robot {_short(metadata.get('robot'))}: here {robot.name} runs; make one for it"
-        )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 120 else text[:117] + "..."

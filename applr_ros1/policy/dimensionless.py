@@ -20,8 +20,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check
-from applr_ros1.policy.decision import Context
-from applr_ros1.policy.form import PAPER, Form, PaperForm
+from applr_ros1.policy.decision import Context, period_of
+from applr_ros1.policy.form import PAPER, Form, PaperForm, short
 from applr_ros1.policy.layout import TURN, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
@@ -36,6 +36,7 @@ SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
 MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
 MOVERS = 3  # the nearest moving obstacles are seen, four numbers each
+NO_MOVER = (1.0, 0.0, 0.0, 0.0)  # far ahead, standing
 BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED
 SIZE = BEFORE_MOVERS + 4 * MOVERS  # of an observation
 SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))  # of movers
@@ -93,6 +94,22 @@ class DimensionlessForm(Form):
         self._fixed = np.array([_start(tree, planner, name) for name in OUTPUTS], dtype=np.float64)
         self._described = _description(robot, tree, planner, self.width, resolution)
         self.reset()
+
+    def stated(self) -> Dict[str, Any]:
+        """Version, period and base: the same for every robot."""
+        return {"observation": VERSION, "period_s": self.period, "base": self.base}
+
+    @classmethod
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessForm:
+        """The form of a file, for any robot."""
+        if stated["observation"] not in (VERSION, WITHOUT_MOVERS):
+            raise ApplrError(f"its observation is {short(stated['observation'])}, {VERSION} is needed")
+        if "period_s" not in stated:
+            raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
+        base = stated.get("base") or {}
+        if not isinstance(base, dict) or not all(isinstance(v, (int, float)) for v in base.values()):
+            raise ApplrError(f"its base is {short(base)}: values of parameters by name are needed")
+        return cls(robot, period_of(stated), base)
 
     def reset(self) -> None:
         """A new course begins: there is no decision before."""
@@ -152,13 +169,15 @@ class DimensionlessForm(Form):
 
     def _movers(self, context: Context) -> np.ndarray:
         """x, y, vx, vy of the nearest movers in the robot's frame, (4 MOVERS,), in [-1, 1] up to MOVER_CAP."""
+        if not len(context.movers):
+            return np.tile(NO_MOVER, MOVERS)
         x, y, vx, vy = np.asarray(context.movers, dtype=np.float64).reshape(-1, 4).T
         back = inverse(context.pose)
         x, y = transform_point(back, x, y)
         vx, vy = transform_point((0.0, 0.0, back[2]), vx, vy)
         found = np.column_stack([x, y, vx, vy])[np.argsort(np.hypot(x, y), kind="stable")][:MOVERS]
         found /= [MOVER_CAP * self.width] * 2 + [self.robot.base.max_speed] * 2
-        return np.concatenate([found, np.tile([1.0, 0.0, 0.0, 0.0], (MOVERS - len(found), 1))]).ravel()
+        return np.concatenate([found.ravel(), np.tile(NO_MOVER, MOVERS - len(found))])
 
     def _scan(self, ranges: np.ndarray) -> np.ndarray:
         """Ranges (beams,) [m] in all sectors of a turn (SECTORS,), in [-1, 1], finer where they are short."""

@@ -6,11 +6,13 @@ a form, and never which one it is.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Mapping, Optional, Tuple
+import json
+from typing import Any, ClassVar, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.decision import PERIOD, Context, period_of
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.observation import layout_of
@@ -31,7 +33,7 @@ class Form:
 
     Attributes:
         name: What options and files call the form.
-        redraws_stalled: Whether a policy's parameters are drawn at random while the robot stalls (stall.py).
+        redraws_stalled: Whether a policy's parameters are drawn at random while the robot stalls.
         space: The robot's parameter space.
         layout: How Context.ranges has to see the scan.
         chosen: Names of the space's parameters that an action chooses.
@@ -62,6 +64,18 @@ class Form:
     def mirror(self) -> Mirror:
         """What exchanging left and right does to an observation."""
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.odd)
+
+    def stated(self) -> Dict[str, Any]:
+        """What a policy's file states of the form, JSON values; `of` makes the form of it."""
+        raise NotImplementedError
+
+    @classmethod
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> Form:
+        """The form that a policy's file states, for a robot.
+
+        Raises ApplrError where it is for another robot, KeyError or TypeError where it is damaged.
+        """
+        raise NotImplementedError
 
     def reset(self) -> None:
         """Begin a course: there is no decision before."""
@@ -104,6 +118,26 @@ class PaperForm(Form):
         self.scan, self.actions = self.layout.beams, len(self.chosen)
         self.size = self.scan + 1 + self.actions
 
+    def stated(self) -> Dict[str, Any]:
+        """Robot, space and layout; a policy's file may state the period beside them."""
+        space = self.space.chosen
+        return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict(len(space))}
+
+    @classmethod
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperForm:
+        """The form of a file for this very robot; its own parameter files may start elsewhere (theta0)."""
+        space = space_of(robot).chosen
+        check_robot(stated, robot)
+        for key, value in space.to_dict().items():
+            has = stated["space"].get(key)
+            if key != "theta0" and has != value:
+                raise ApplrError(
+                    f"made for another parameter space: {key} is {short(has)}, here {short(value)}; "
+                    "train one for this parameter space"
+                )
+        layout = Layout.from_dict(stated["layout"], len(space))
+        return cls(robot, period_of(stated), layout=layout)
+
     def observe(self, context: Context) -> np.ndarray:
         """The observation that a Context holds."""
         return context.observation
@@ -115,3 +149,15 @@ class PaperForm(Form):
     def action(self, theta: Any) -> np.ndarray:
         """Values beyond the ranges, which a person may set, are clipped."""
         return self.space.chosen.to_action(self.space.pick(theta))
+
+
+def check_robot(stated: Mapping[str, Any], robot: Robot) -> None:
+    """Raise ApplrError where a policy's file states another robot."""
+    if stated.get("robot") != robot.name:
+        raise ApplrError(f"it is for the robot {short(stated.get('robot'))}: here {robot.name} runs; make one for it")
+
+
+def short(value: Any) -> str:
+    """Return a JSON value as text of at most 120 characters."""
+    text = json.dumps(value)
+    return text if len(text) <= 120 else text[:117] + "..."

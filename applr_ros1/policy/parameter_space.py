@@ -5,7 +5,6 @@ parameter files, types and bounds in the planner's declarations. SPACE is the Ja
 eight parameters of it.
 """
 
-import json
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Dict, Tuple
@@ -181,21 +180,14 @@ class Space:
         except ApplrError as e:
             raise ApplrError(f"{path}: {e}") from None
 
-    def to_json(self):
-        """The space as a JSON string (what an actor file's metadata hold)."""
-        return json.dumps(
-            {
-                "names": list(self.names),
-                "low": self.low.tolist(),
-                "high": self.high.tolist(),
-                "integer": self.integer.tolist(),
-                "theta0": self.theta0.tolist(),
-            }
-        )
+    def to_dict(self):
+        """The space as JSON values: what a policy's file and an evaluation's settings hold of it."""
+        columns = {name: getattr(self, name).tolist() for name in ("low", "high", "integer", "theta0")}
+        return {"names": list(self.names), **columns}
 
     @classmethod
     def stated(cls, values, robot):
-        """The space that a dict from to_json describes; without targets, for it belongs to no move_base.
+        """The space that a dict from to_dict describes; without targets, for it belongs to no move_base.
 
         Raises ApplrError where it describes none.
         """

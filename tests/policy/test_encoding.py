@@ -7,12 +7,11 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor, methods
-from applr_ros1.policy.actor import Policy, save
+from applr_ros1.policy.actor import Policy, Stall, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, SIZE, DimensionlessForm
 from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
-from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
 from applr_ros1.robots.robot import Setting, SpaceParameter
@@ -152,15 +151,18 @@ def test_a_larger_robot_stalls_on_a_longer_way():
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
     weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
-    save(path, weights, {"period_s": 1.0, "base": base}, DimensionlessForm)
+    save(path, weights, form=DimensionlessForm(JACKAL, 1.0, base))
     method = methods.make(str(path), JACKAL)
     method.reset(0)
     decided = method.space.as_dict(method.theta(context(JACKAL, np.random.default_rng(0))))
     assert (decided["min_in_place_vel_theta"], decided["footprint_padding"]) == (0.9, 0.14)
     assert decided["max_vel_x"] != 0.3
+    stated = DimensionlessForm(JACKAL, 1.0).stated()
     for wrong in ({"sim_time": "long"}, [1.0]):
         with pytest.raises(ApplrError, match="values of parameters by name"):
-            save(path, weights, {"period_s": 1.0, "base": wrong}, DimensionlessForm)
+            DimensionlessForm.of({**stated, "base": wrong}, JACKAL)
+    with pytest.raises(ApplrError, match="states no period_s"):
+        DimensionlessForm.of({"observation": stated["observation"]}, JACKAL)
 
 
 def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
@@ -175,7 +177,7 @@ def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
 def test_one_file_drives_every_robot(tmp_path):
     rng = np.random.default_rng(0)
     weights, path = network(rng), str(tmp_path / "general.safetensors")
-    save(path, with_mirror_images(weights, MIRROR), {"period_s": 1.0}, DimensionlessForm)
+    save(path, with_mirror_images(weights, MIRROR), form=DimensionlessForm(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
     assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
@@ -187,6 +189,5 @@ def test_one_file_drives_every_robot(tmp_path):
         assert theta.shape == (len(method.space),)
         assert np.array_equal(theta, method.space.clip(theta))
     save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
-    refused(lambda: save(path, weights, {}, DimensionlessForm), "states no period_s")
     with pytest.raises(ApplrError, match="of the kind paper; dimensionless is needed"):
         load_policy(tmp_path / "own.safetensors", kinds=(DIMENSIONLESS,))

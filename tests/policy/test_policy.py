@@ -198,7 +198,7 @@ def _raw(weights, **metadata):
 
 def _damaged_files():
     good = make_weights()
-    space, layout = SPACE.chosen.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE.chosen)))
+    space, layout = json.dumps(SPACE.chosen.to_dict()), json.dumps(LAYOUT.to_dict(len(SPACE.chosen)))
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     changed = bytearray(whole)

@@ -41,7 +41,7 @@ class ApplrEnv(gymnasium.Env):
         params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         end_on_collision: a collision ends the episode, terminated, as a failure.
-        end_on_stall: so does a stall (applr_ros1/policy/stall.py).
+        end_on_stall: so does a stall (policy/actor.py).
         critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.

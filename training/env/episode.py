@@ -21,10 +21,10 @@ from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal
 from applr_ros1.policy.parameter_space import send, space_of
-from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.robot import Laser
 from training.env.outcome import CLEAR, Outcome, Trace
@@ -51,7 +51,7 @@ class Episode:
     limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
     period          decision period [s]; the paper's is 2 s
     end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
-    end_on_stall    a robot that has hardly moved for a while has failed (applr_ros1/policy/stall.py)
+    end_on_stall    a robot that has hardly moved for a while has failed (policy/actor.py)
     record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
     monitor         whether the robot's collision monitor stands between the planner and the base

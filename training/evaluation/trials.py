@@ -92,7 +92,7 @@ def at_scale(protocol: str, spec: str, robot: Robot) -> World:
 
 def described(robot: Robot) -> Dict[str, Any]:
     """What evaluation.json says of the robot: name, length and width [m], scale of the worlds, space, content."""
-    space = json.loads(space_of(robot).to_json())
+    space = space_of(robot).to_dict()
     return {
         "name": robot.name,
         "body": list(robot.body.size[:2]),

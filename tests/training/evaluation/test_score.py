@@ -56,7 +56,7 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
-    save(tmp_path / "a.safetensors", weights, {"period_s": 0.5}, DimensionlessForm)
+    save(tmp_path / "a.safetensors", weights, form=DimensionlessForm(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
     for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
