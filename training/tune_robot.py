@@ -271,7 +271,7 @@ def warm_starts(robot: Robot) -> np.ndarray:
     space, found = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
         with suppress(ApplrError):  # there is no set, or one of other parameters, or the laser does not look ahead
-            theirs = space_of(other).read(methods.shipped(methods.SET, other))
+            theirs, _ = space_of(other).read(methods.shipped(methods.SET, other))
             action = space_of(other).to_action(theirs)
             if other is not robot:
                 there = dict(zip(space_of(other).names, action))

@@ -50,7 +50,7 @@ class _FromFile(Method):
     metadata: Dict[str, Any] = {}
 
     def describe(self) -> Dict[str, Any]:
-        """The policy's class and its file with checksum."""
+        """Return the policy's class and its file with checksum."""
         kind = {"class": type(self).__name__}
         if not self.path:
             return kind
@@ -80,7 +80,7 @@ class Stall:
         self._seen: Deque[Tuple[float, float]] = deque()  # (time, way driven until then) of the decisions
 
     def look(self, time: float, x: float, y: float) -> bool:
-        """Whether a robot that is at (x, y) [m] at `time` [s] has stalled."""
+        """Return whether a robot that is at (x, y) [m] at `time` [s] has stalled."""
         if self._last is not None:
             self._driven += math.hypot(x - self._last[0], y - self._last[1])
         self._last = x, y
@@ -113,7 +113,7 @@ class Policy(_FromFile):
 
     @classmethod
     def of(cls, weights: Weights, form: Optional[Form] = None, metadata: Optional[Dict[str, Any]] = None) -> Policy:
-        """A policy of tensors {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
+        """Make a policy of tensors {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
 
         form: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the form.
         """
@@ -126,7 +126,7 @@ class Policy(_FromFile):
 
     @property
     def environment(self) -> Dict[str, Any]:
-        """What gymnasium.make("applr_ros1/Navigation-v0", ...) is given for what the policy sees and answers."""
+        """The arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for what the policy sees and answers."""
         form = self.form
         return {"robot": form.robot.folder, "observation": form.name, "period": self.period, "base": form.base}
 
@@ -138,11 +138,11 @@ class Policy(_FromFile):
         self._draws = np.random.default_rng([seed, 0x57A1])
 
     def action(self, observation: Any) -> np.ndarray:
-        """The action (m,) or (k, m) float32 in [-1, 1] for one observation (n,) or several (k, n). NaN goes through."""
+        """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n). NaN goes through."""
         return np.tanh(forward(self.layers, observation))
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (n,) for a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
+        """Return the parameters (n,) for a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         action = self.action(self.form.observe(context))
@@ -158,7 +158,7 @@ class Policy(_FromFile):
         episode_start: Optional[np.ndarray] = None,
         deterministic: bool = True,
     ) -> Tuple[np.ndarray, Optional[Tuple[np.ndarray, ...]]]:
-        """The actions for observations of the Gymnasium environment, as a model of stable-baselines3 gives them.
+        """Return the actions for observations of the Gymnasium environment, as a model of stable-baselines3 gives them.
 
         Args:
             observation: (n,) one observation, or (k, n) several.
@@ -201,7 +201,7 @@ class ContextPolicy(_FromFile):
 
     @classmethod
     def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
-        """The policy of a file's tensors and metadata. Raises ApplrError where they are for another robot."""
+        """Make the policy of a file's tensors and metadata. Raises ApplrError where they are for another robot."""
         space = space_of(robot)
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
@@ -210,11 +210,11 @@ class ContextPolicy(_FromFile):
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"], 0))
 
     def context(self, observation: Any) -> int:
-        """The index of the context that an observation (729,), or its first 720 entries, shows."""
+        """Return the index of the context that an observation (729,), or its first 720 entries, shows."""
         return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The set of the context that the scan shows."""
+        """Return the set of the context that the scan shows."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         return self.sets[self.context(context.observation)].copy()
@@ -223,7 +223,7 @@ class ContextPolicy(_FromFile):
 def load(
     path: Union[str, os.PathLike], robot: Robot = JACKAL, kinds: Tuple[str, ...] = (PAPER, DIMENSIONLESS)
 ) -> Union[Policy, ContextPolicy]:
-    """The policy in a file, for a robot. How it sees a scan is its own: see the policy's `layout`.
+    """Read the policy in a file, for a robot. How it sees a scan is its own: see the policy's `layout`.
 
     Args:
         path: The file.
@@ -269,7 +269,7 @@ def save(
     metadata: Optional[Mapping[str, Any]] = None,
     form: Optional[Form] = None,
 ) -> None:
-    """Writes a policy's file, whole or not at all (a temporary file beside it, then renamed).
+    """Write a policy's file, whole or not at all (a temporary file beside it, then renamed).
 
     Args:
         path: The file.
@@ -294,7 +294,7 @@ def save_contexts(
     space: Space = SPACE,
     layout: Layout = LAYOUT,
 ) -> None:
-    """Writes the file of a ContextPolicy; contexts, space and layout as there, the others and errors as save's."""
+    """Write the file of a ContextPolicy; contexts, space and layout as there, the others and errors as save's."""
     weights = _float32(weights)
     ContextPolicy(contexts, weights, space, layout)
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
@@ -323,7 +323,7 @@ def _float32(weights: Weights) -> Dict[str, np.ndarray]:
 
 
 def _value(text: str) -> Any:
-    """A metadata entry: JSON where it is JSON, else the plain string (format, sha256)."""
+    """Return a metadata entry: JSON where it is JSON, else the plain string (format, sha256)."""
     try:
         return files.json_value(text)
     except ValueError:

@@ -18,7 +18,7 @@ PERIOD = 2.0  # s between two decisions in the paper; files that state no other 
 
 @dataclass(frozen=True)
 class Context:
-    """What a method may look at when it decides.
+    """The surroundings and state that a method may look at when it decides.
 
     Attributes:
         ranges: (720,) float32 [m], +inf where nothing returned. Scans of other lasers are resampled to this: see
@@ -57,7 +57,7 @@ class Context:
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:
-    """The decision period [s] that a policy file's metadata state (`period_s`), else the paper's.
+    """Return the decision period [s] that a policy file's metadata state (`period_s`), else the paper's.
 
     Raises:
         ValueError: The period is not a number from 0.05 to 60 s.
@@ -71,7 +71,7 @@ def period_of(metadata: Mapping[str, Any]) -> float:
 
 
 class Method:
-    """Chooses the planner's parameters at each decision.
+    """A choice of the planner's parameters at each decision.
 
     Attributes:
         name: The specification that it was made from.
@@ -99,9 +99,9 @@ class Method:
         """Begin a course. Everything random is drawn from this seed only."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
+        """Return the parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:
-        """What is recorded beside the results: two methods that describe themselves alike drive alike."""
+        """Return what is recorded beside results: two methods that describe themselves alike drive alike."""
         return {"class": type(self).__name__}

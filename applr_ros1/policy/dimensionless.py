@@ -96,12 +96,12 @@ class DimensionlessForm(Form):
         self.reset()
 
     def stated(self) -> Dict[str, Any]:
-        """Version, period and base: the same for every robot."""
+        """Return version, period and base, the same for every robot."""
         return {"observation": VERSION, "period_s": self.period, "base": self.base}
 
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessForm:
-        """The form of a file, for any robot."""
+        """Make the form of a file, for any robot."""
         if stated["observation"] not in (VERSION, WITHOUT_MOVERS):
             raise ApplrError(f"its observation is {short(stated['observation'])}, {VERSION} is needed")
         if "period_s" not in stated:
@@ -112,11 +112,11 @@ class DimensionlessForm(Form):
         return cls(robot, period_of(stated), base)
 
     def reset(self) -> None:
-        """A new course begins: there is no decision before."""
+        """Begin a course: there is no decision before."""
         self._before: Optional[Tuple[np.ndarray, Context]] = None
 
     def action(self, theta: Any) -> np.ndarray:
-        """The action (12,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        """Return the action (12,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
         values = self._fixed.copy()
         for i, place in self._place:
             values[place] = theta[i]
@@ -126,7 +126,7 @@ class DimensionlessForm(Form):
         return np.clip(2.0 * np.where(self._logarithmic, by_log, linear) - 1.0, -1.0, 1.0)
 
     def theta(self, action: Any) -> np.ndarray:
-        """The parameters (n,) of the robot's space for an action (12,), within the robot's ranges.
+        """Return the parameters (n,) of the robot's space for an action (12,), within the robot's ranges.
 
         Raises ApplrError for NaN, infinity and another length.
         """
@@ -141,7 +141,7 @@ class DimensionlessForm(Form):
         return self.space.clip(theta)
 
     def observe(self, context: Context) -> np.ndarray:
-        """The observation (SIZE,) float32 of a decision; the next one is told what changed since.
+        """Return the observation (SIZE,) float32 of a decision; the next one holds what changed since.
 
         Raises ObservationError as observation.observe does.
         """
@@ -218,7 +218,7 @@ def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
 
 
 def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float, resolution: float) -> np.ndarray:
-    """What a policy is told of the robot (DESCRIBED,), each about -1 to 1; logarithms of base 2 where it spans much."""
+    """Describe the robot to a policy: (DESCRIBED,), each about -1 to 1; logarithms of base 2 where it spans much."""
     base, laser, values = robot.base, robot.laser, branch(tree, planner)
     sides = branch(tree, "local_costmap")
     acceleration = min(base.max_acceleration, values["acc_lim_x"])

@@ -1,4 +1,4 @@
-"""What a planner's distance weights count, found from its cost_cloud, and what makes a parameter set mean the same.
+"""Distance weights of a planner: what they count, found from its cost_cloud, and what makes a set mean the same.
 
 In C++, TrajectoryPlannerROS reads `meter_scoring` from memory that nobody sets: the same robot may multiply
 path_distance_bias and goal_distance_bias by the costmap's resolution (they count per metre) or not (per cell), and
@@ -23,13 +23,13 @@ FEWEST = 20  # cells that an answer needs
 
 
 def indices_of(space: Space) -> Optional[List[int]]:
-    """The indices in theta of the three WEIGHTS; None where a space does not set them all."""
+    """Return the indices in theta of the three WEIGHTS; None where a space does not set them all."""
     found = {name: i for i, target in space.targets_of(PLANNER) for name in target.names}
     return [found[name] for name in WEIGHTS] if set(WEIGHTS) <= set(found) else None
 
 
 def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optional[float]:
-    """By what the planner multiplies its two biases: 1.0 (per cell), or the resolution [m] (per metre).
+    """Find by what the planner multiplies its two biases: 1.0 (per cell), or the resolution [m] (per metre).
 
     Args:
         rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
@@ -56,7 +56,7 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
 
 
 def multipliers_of(space: Space, factor: float, largest: float = 5.0) -> np.ndarray:
-    """By what (n,) a set that counts per cell is multiplied on its way to a planner, so that it drives the same.
+    """Return by what (n,) a set that counts per cell is multiplied on its way to a planner, which then drives the same.
 
     A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
     their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.

@@ -62,16 +62,16 @@ class Form:
 
     @property
     def mirror(self) -> Mirror:
-        """What exchanging left and right does to an observation."""
+        """The change of an observation where left and right are exchanged."""
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.odd)
 
     def stated(self) -> Dict[str, Any]:
-        """What a policy's file states of the form, JSON values; `of` makes the form of it."""
+        """Return what a policy's file states of the form, JSON values; `of` makes the form of it."""
         raise NotImplementedError
 
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> Form:
-        """The form that a policy's file states, for a robot.
+        """Make the form that a policy's file states, for a robot.
 
         Raises ApplrError where it is for another robot, KeyError or TypeError where it is damaged.
         """
@@ -81,18 +81,18 @@ class Form:
         """Begin a course: there is no decision before."""
 
     def observe(self, context: Context) -> np.ndarray:
-        """The observation (size,) float32 of a decision. Raises ObservationError as observation.observe does."""
+        """Return the observation (size,) float32 of a decision. Raises ObservationError as observation.observe does."""
         raise NotImplementedError
 
     def theta(self, action: Any) -> np.ndarray:
-        """The parameters (n,) of the robot's space for an action (actions,), within the robot's ranges.
+        """Return the parameters (n,) of the robot's space for an action (actions,), within the robot's ranges.
 
         Raises ApplrError for NaN, infinity and another length.
         """
         raise NotImplementedError
 
     def action(self, theta: Any) -> np.ndarray:
-        """The action (actions,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        """Return the action (actions,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
         raise NotImplementedError
 
 
@@ -119,13 +119,13 @@ class PaperForm(Form):
         self.size = self.scan + 1 + self.actions
 
     def stated(self) -> Dict[str, Any]:
-        """Robot, space and layout; a policy's file may state the period beside them."""
+        """Return robot, space and layout; a policy's file may state the period beside them."""
         space = self.space.chosen
         return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict(len(space))}
 
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperForm:
-        """The form of a file for this very robot; its own parameter files may start elsewhere (theta0)."""
+        """Make the form of a file for this very robot, whose parameter files may start elsewhere (theta0)."""
         space = space_of(robot).chosen
         check_robot(stated, robot)
         for key, value in space.to_dict().items():
@@ -139,15 +139,15 @@ class PaperForm(Form):
         return cls(robot, period_of(stated), layout=layout)
 
     def observe(self, context: Context) -> np.ndarray:
-        """The observation that a Context holds."""
+        """Return the observation that a Context holds."""
         return context.observation
 
     def theta(self, action: Any) -> np.ndarray:
-        """The chosen parameters scaled to their ranges, counts rounded; the others have their default values."""
+        """Return the chosen parameters scaled to their ranges, counts rounded; the others have their default values."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
     def action(self, theta: Any) -> np.ndarray:
-        """Values beyond the ranges, which a person may set, are clipped."""
+        """Return the action; values beyond the ranges, which a person may set, are clipped."""
         return self.space.chosen.to_action(self.space.pick(theta))
 
 

@@ -1,4 +1,4 @@
-"""How a policy sees the world: the beams of its scan, their cap, and the distance of its local goal.
+"""Layout of what a policy sees of the world: the beams of its scan, their cap, and the distance of its local goal.
 
 The layout belongs to the policy's file, not to the laser. Any planar scan that covers it is resampled to it, so a
 policy drives with scanners of other beams than it was trained with. The applr node, the training environment and the
@@ -29,7 +29,7 @@ class ObservationError(ApplrError):
 
 @dataclass(frozen=True)
 class Layout:
-    """What an observation consists of, beside the parameters of the space.
+    """The scan and local goal of an observation, beside the parameters of the space.
 
     Attributes:
         beams: Sectors of the scan, evenly spaced.
@@ -68,7 +68,7 @@ class Layout:
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
     def to_dict(self, parameters: int) -> Dict[str, Any]:
-        """What a policy's file holds of it, JSON values. parameters: how many numbers theta has."""
+        """Return what a policy's file holds of it, JSON values. parameters: how many numbers theta has."""
         return {
             "beams": self.beams,
             "range_cap_m": self.range_cap,
@@ -81,7 +81,7 @@ class Layout:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], parameters: int) -> "Layout":
-        """The layout that to_dict described. Raises ObservationError for one that cannot be."""
+        """Make the layout that to_dict described. Raises ObservationError for one that cannot be."""
         names = ("beams", "angle_min_rad", "angle_max_rad", "range_cap_m", "lookahead_m")
         missing = [name for name in names if name not in values]
         if missing:
@@ -93,12 +93,12 @@ class Layout:
         return layout
 
     def sector(self, bearing: float, width: float) -> np.ndarray:
-        """Indices of the beams within width / 2 of a bearing [rad]."""
+        """Return indices of the beams within width / 2 of a bearing [rad]."""
         angles = self.angle_min + self.step * np.arange(self.beams)
         return np.flatnonzero(np.abs(_wrapped(angles - bearing)) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
-        """A scan as this layout has it: (beams,) float32 [m]; a scan of exactly this geometry comes back as it is.
+        """Return a scan as this layout has it: (beams,) float32 [m]; one of exactly this geometry comes back as it is.
 
         Each of the layout's beams is a sector of `step` radians and takes the smallest of the scan's ranges in it, so
         that no obstacle is lost; a sector between two beams of a coarser scan takes the nearer one. By REP 117 -inf
@@ -125,7 +125,7 @@ class Layout:
 
 @lru_cache(maxsize=32)
 def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Which of a scan's ranges each of the layout's beams takes.
+    """Find the scan's ranges that each of the layout's beams takes.
 
     Returns:
         (source, starts): beam i takes source[starts[i] : starts[i + 1]]; both are empty where the geometry is the same.
@@ -166,7 +166,7 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
 
 
 def _gaps(middles: np.ndarray, covered: np.ndarray) -> str:
-    """The directions [rad] that are not covered, as "-2.356 to -1.571 and 1.571 to 2.356"."""
+    """Return the directions [rad] that are not covered, as "-2.356 to -1.571 and 1.571 to 2.356"."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
     pairs = zip(middles[edges[::2]], middles[edges[1::2] - 1])
     return " and ".join("%.3f to %.3f" % pair for pair in pairs)

@@ -17,7 +17,7 @@ Layers = List[Tuple[np.ndarray, np.ndarray]]
 
 
 def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str) -> Layers:
-    """[(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
+    """Return [(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
 
     Args:
         weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}. Of k networks side
@@ -51,7 +51,7 @@ def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name
 
 
 class Mirror(NamedTuple):
-    """What exchanging left and right does to an observation x: it becomes x[order] * sign.
+    """The change of an observation x where left and right are exchanged: it becomes x[order] * sign.
 
     order: (n,) int; sign: (n,) float32, 1 or -1.
     """
@@ -61,7 +61,7 @@ class Mirror(NamedTuple):
 
     @classmethod
     def of(cls, beams: int, rest: int, scans: int = 1, odd: Tuple[int, ...] = (0,)) -> Mirror:
-        """Of observations of `scans` scans, `beams` numbers together, and `rest` more; odd: those that turn round."""
+        """Make it for `scans` scans, `beams` numbers together, and `rest` more, of which those at `odd` turn round."""
         order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
         sign[[beams + i for i in odd]] = -1.0
@@ -69,12 +69,12 @@ class Mirror(NamedTuple):
 
 
 def mirrored(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """The network that answers an observation as the given one answers its mirror image."""
+    """Return the network that answers an observation as the given one answers its mirror image."""
     return dict(weights, **{"0.weight": (weights["0.weight"] * mirror.sign)[..., mirror.order]})
 
 
 def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """Networks side by side, each followed by the one that answers as it does with left and right exchanged.
+    """Return networks side by side, each followed by the one that answers as it does with left and right exchanged.
 
     Args:
         weights: One network, or several side by side.
@@ -86,7 +86,7 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
 
 
 def forward(layers: Layers, x: Any) -> np.ndarray:
-    """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
+    """Return the network's output before a last activation. x (n, inputs) or (inputs,), of which NaN passes."""
     x = np.asarray(x, dtype=np.float32)
     several, shape = layers[0][0].ndim == 3, x.shape[:-1]
     units = np.atleast_2d(x) if several else x  # of k networks side by side (k, n, units) after the first layer

@@ -1,4 +1,4 @@
-"""What the policy sees: s = (o_t, phi_t, theta_{t-1}) (paper, section III-B), every component in [-1, 1].
+"""The paper's observation: s = (o_t, phi_t, theta_{t-1}) (paper, section III-B), every component in [-1, 1].
 
 Called by the applr node, the meta-environment and the bag reader, so that all three see the same vector.
 """

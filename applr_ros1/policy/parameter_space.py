@@ -167,16 +167,27 @@ class Space:
         return [(self.targets[name][0].server, self.targets[name][0].names[0]) for name in self.names]
 
     def read(self, path):
-        """The parameters (n,) in a JSON file: {name: value}, or {"parameters": {name: value}, ...}.
+        """Read a JSON file with a set: {name: value}, or {"parameters": {name: value}, ...}.
 
-        Names left out keep theta_0. Raises ApplrError.
+        Returns:
+            The parameters (n,), of which names left out keep theta_0; and whether the file states
+            `"meter_scoring": false`, as tune's do: its distance biases are meant per cell. Sets that state nothing are
+            sent as they are.
+
+        Raises:
+            ApplrError: It cannot be used.
         """
-        values = files.read_json(path, MAX_SET_BYTES)
-        values = values.get("parameters", values) if isinstance(values, dict) else values
+        stated = files.read_json(path, MAX_SET_BYTES)
+        values = stated.get("parameters", stated) if isinstance(stated, dict) else stated
         if not isinstance(values, dict):
             raise ApplrError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
+        meter_scoring = stated.get("meter_scoring")
+        if meter_scoring not in (None, False):
+            raise ApplrError(
+                f"{path}: meter_scoring is {meter_scoring!r}: sets count per cell; give false or leave it out"
+            )
         try:
-            return self.from_dict(values)
+            return self.from_dict(values), meter_scoring is False
         except ApplrError as e:
             raise ApplrError(f"{path}: {e}") from None
 
@@ -209,7 +220,7 @@ class Space:
 
 
 def are_in_force(values, configuration):
-    """Whether a server with this configuration {name: value} has {name: value}; then it is not to be called.
+    """Return whether a server with this configuration {name: value} has {name: value}; then it is not to be called.
 
     C++ empties a costmap at every call of its server, whatever is asked for (Costmap2DROS::reconfigureCB).
     """
@@ -225,18 +236,6 @@ def send(requests, move_base):
         server: has if are_in_force(values, has) else move_base.reconfigure(server, values)
         for server, values, has in ((name, asked, move_base.configuration(name)) for name, asked in requests.items())
     }
-
-
-def counts_cells(path):
-    """Whether a JSON file with a set states `"meter_scoring": false`: its distance biases are meant per cell.
-
-    tune_robot.py writes so. A set that states nothing is sent as it is. Raises ApplrError for another statement.
-    """
-    values = files.read_json(path, MAX_SET_BYTES)
-    stated = values.get("meter_scoring") if isinstance(values, dict) else None
-    if stated not in (None, False):
-        raise ApplrError(f"{path}: meter_scoring is {stated!r}: sets count per cell; give false or leave it out")
-    return stated is False
 
 
 @lru_cache(maxsize=32)

@@ -58,7 +58,7 @@ class Snapshot:
 
 
 class RobotInputs:
-    """Subscribes to a robot's scan and odometry and to move_base's plan and status.
+    """Subscriptions to a robot's scan and odometry and to move_base's plan and status.
 
     Args:
         robot: Its description; where tf does not say how the laser is turned, that does.
@@ -82,7 +82,7 @@ class RobotInputs:
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self):
-        """Forgets everything: the clock jumped back."""
+        """Forget everything: the clock jumped back."""
         with self._lock:
             self._scan = self._plan = self._movers = None
             self._odometry = deque(maxlen=100)
@@ -90,19 +90,19 @@ class RobotInputs:
             self._current_goal = self._former_goal = None  # as move_base stated them
 
     def goal(self, now):
-        """The id of the goal that move_base pursues; None when there is none or move_base is gone."""
+        """Return the id of the goal that move_base pursues; None when there is none or move_base is gone."""
         with self._lock:
             if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE:
                 return None
             return self._goal
 
     def has_lost_move_base(self, now):
-        """Whether move_base, which has published its status before, has not done so for STATUS_AGE seconds."""
+        """Return whether move_base, which has published its status before, has not done so for STATUS_AGE seconds."""
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE
 
     def snapshot(self, now, layout=LAYOUT):
-        """A Snapshot at ROS time `now`; the scan is resampled to `layout`.
+        """Return a Snapshot at ROS time `now`; the scan is resampled to `layout`.
 
         Raises ObservationError with one line about what is missing or odd.
         """
@@ -189,7 +189,7 @@ class RobotInputs:
 
 
 def _nearer(pose, former, goal):
-    """Whether a geometry_msgs/Pose lies nearer to the former goal than to the present one, as far as there are two."""
+    """Return whether a geometry_msgs/Pose lies nearer to the former goal than to the present one, if there are two."""
     if former is None or goal is None:
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
@@ -197,7 +197,7 @@ def _nearer(pose, former, goal):
 
 
 def _base_of(odometry):
-    """The robot's frame."""
+    """Return the robot's frame."""
     return odometry.child_frame_id or "base_link"
 
 
@@ -217,7 +217,7 @@ def _unpack(msg, message_class):
 
 
 def _poses(packed):
-    """The number of poses of a packed nav_msgs/Path: behind seq, stamp and frame_id."""
+    """Return the number of poses of a packed nav_msgs/Path: behind seq, stamp and frame_id."""
     (length,) = struct.unpack_from("<I", packed, 12)
     return struct.unpack_from("<I", packed, 16 + length)[0]
 

@@ -22,7 +22,7 @@ FIELDS = ("x", "y", "z", "path", "goal", "occ", "total")  # what the names of a 
 
 
 class MeterScoring:
-    """What the planner's distance biases count, as far as it is known, and by what the client multiplies sets for it.
+    """A watch on what the planner's distance biases count, which has the client rescale sets for it.
 
     Args:
         client: Of the planner's parameters.
@@ -38,7 +38,7 @@ class MeterScoring:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is known, and sets are sent as they are: the planner was started anew. May be called anywhere."""
+        """Know nothing, and send sets as they are: the planner was started anew. May be called from any thread."""
         self._client.multipliers = np.ones(len(self._space))
         self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
         self._odd = 0
@@ -80,13 +80,13 @@ class MeterScoring:
         return not np.array_equal(before, self._client.multipliers)
 
     def waits(self, now: rospy.Time) -> bool:
-        """Whether a cloud that would tell may be about to come."""
+        """Return whether a cloud that would tell may be about to come."""
         since = self._since
         listens = self._subscriber is not None and self._factor is None and since is not None
         return listens and (now - since).to_sec() < PATIENCE
 
     def line(self, now: rospy.Time) -> str:
-        """What is known and done, in words; "" before there was an occasion to find out."""
+        """Say what is known and done; "" before there was an occasion to find out."""
         factors = zip(self._space.names, self._client.multipliers)
         sent = ", ".join(f"{name} x {factor:.6g}" for name, factor in factors if factor != 1.0)
         why = sent and f"the set is made for weights per cell, so what is sent is {sent}"
@@ -120,7 +120,7 @@ class MeterScoring:
         return self._client.servers[PLANNER] + "/cost_cloud"
 
     def _resolution(self) -> float:
-        """Of the local costmap [m], as the parameter server says."""
+        """Return the local costmap's resolution [m], as the parameter server has it."""
         value = rospy.get_param(self._client.namespace + "/local_costmap/resolution", 0.05)
         return float(value) if isinstance(value, (int, float)) and value > 0.0 else 0.05
 
@@ -136,7 +136,7 @@ class MeterScoring:
 
 
 def rows_of(message: PointCloud2) -> Optional[np.ndarray]:
-    """(n, 7) of a cost_cloud; None where the message is not one."""
+    """Return the rows (n, 7) of a cost_cloud; None where the message is not one."""
     step, fields = message.point_step, message.fields
     named = len(fields) == len(FIELDS) and all(f.name.startswith(name) for f, name in zip(fields, FIELDS))
     if not named or step != 4 * len(FIELDS) or len(message.data) % step or any(f.datatype != 7 for f in fields):

@@ -30,7 +30,7 @@ LOST_AFTER = 3  # periods without a usable decision after which the policy count
 
 
 class ApplrNode:
-    """Joins inputs, method and client.
+    """The node: joins inputs, method and client.
 
     Args:
         method: Chooses the parameters (policy/methods/).
@@ -89,7 +89,7 @@ class ApplrNode:
         self._due, self._failures, self._began = now, 0, now
 
     def spin(self):
-        """Until shutdown. A clock that jumps back starts afresh."""
+        """Run until shutdown. A clock that jumps back starts afresh."""
         self.client.start()
         rospy.on_shutdown(self.shutdown)
         beat = report = last = rospy.Time(0)
@@ -163,7 +163,7 @@ class ApplrNode:
         return left if 0.001 < left < TICK else TICK
 
     def tick(self, now):
-        """One look at the clock: begins and ends courses, and decides when a decision is due."""
+        """Look at the clock: begin and end courses, and decide when a decision is due."""
         with self._deciding:
             self._tick(now)
 
@@ -232,7 +232,7 @@ class ApplrNode:
             return None, one_line(e)
 
     def _fail(self, kind, line):
-        """A period without a decision. After several the policy counts as lost: theta_0."""
+        """Count a period without a decision. After several the policy counts as lost: theta_0."""
         self.counts[kind] += 1
         self._failures += 1
         self._say(line)
@@ -279,7 +279,7 @@ class ApplrNode:
         self._say(f"parameters not changed: {report.error}{also}")
 
     def _say(self, line):
-        """What is wrong now, logged when it is news; "" for nothing."""
+        """Keep what is wrong now, "" for nothing, and log it when it is news."""
         fresh, self.trouble = line != self.trouble, line
         if line and fresh:
             rospy.logwarn(f"applr: {line}")

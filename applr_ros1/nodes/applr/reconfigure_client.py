@@ -1,4 +1,4 @@
-"""Sets the parameters of a space in a running move_base, ours or the C++ one, all or none.
+"""Client of the parameters of a space in a running move_base, ours or the C++ one: all are set, or none.
 
 The applr node says what it wants with `request`, which never waits, and reads `theta()`, what the planner really has.
 Each server has a client of dynamic_reconfigure's own library. Which names, bounds and layers exist is found out, not
@@ -47,7 +47,7 @@ class ApplyReport:
 
     @property
     def ok(self) -> bool:
-        """Whether every value is in force."""
+        """True where every value is in force."""
         return not self.error
 
 
@@ -115,7 +115,7 @@ class Server:
         return self._client.config
 
     def has(self, values: Mapping[str, Any]) -> bool:
-        """Whether {name: value} are in force, as the server itself has said since its start and the newest call."""
+        """Return whether {name: value} are in force, by what the server said since its start and newest call."""
         return self._known == self._starts and are_in_force(values, self.values)
 
     def request(self, values: np.ndarray) -> Dict[str, Any]:
@@ -192,7 +192,7 @@ class ReconfigureClient:
 
     @property
     def connected(self) -> bool:
-        """Whether all servers of the space have been found."""
+        """True once all servers of the space have been found."""
         return len(self._servers) == len(self.space.servers)
 
     @property
@@ -201,7 +201,7 @@ class ReconfigureClient:
         return {wanted: server.name for wanted, server in self._servers.items()}
 
     def connect(self) -> str:
-        """Finds the servers. Returns "" when all are known, else one line saying what is missing."""
+        """Find the servers. Returns "" when all are known, else one line saying what is missing."""
         try:
             found = find_reconfigure_services()
             below = [name for name in found if (name + "/").startswith(self.namespace + "/")]
@@ -276,7 +276,7 @@ class ReconfigureClient:
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
-        """Sets theta (n,): one call to each server that has not got its values, side by side, with answers verified.
+        """Set theta (n,): one call to each server that has not got its values, side by side, with answers verified.
 
         What is sent is theta times `multipliers`, within the servers' bounds. A server whose values are in force is
         left alone: C++ empties a costmap at every call of its server, an unchanged value's, too.
@@ -338,7 +338,7 @@ class ReconfigureClient:
 
     @property
     def busy(self) -> bool:
-        """Whether a request is not in force yet."""
+        """True while a request is not in force."""
         return self._requested is not None
 
     def stop(self) -> None:
@@ -387,7 +387,7 @@ class ReconfigureClient:
 
 
 def _is_alive(node: str) -> bool:
-    """Whether a node of this name answers; one that was killed may still be registered."""
+    """Return whether a node of this name answers; one that was killed may still be registered."""
     code, _, uri = rospy.get_master().lookupNode(node)
     try:
         return code == 1 and rospy.core.xmlrpcapi(uri).getPid(rospy.get_name())[0] == 1

@@ -1,4 +1,4 @@
-"""What the applr node publishes: heartbeat, decisions and parameters as messages of this package, diagnostics.
+"""Topics that the applr node publishes: heartbeat, decisions and parameters, diagnostics.
 
 Called by node.py.
 """
@@ -29,11 +29,11 @@ class ApplrTopics:
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now):
-        """Once a period and at least every 2 s while the node lives; our move_base restores its start-up without it."""
+        """Publish that the node lives, at least every 2 s; without it our move_base restores its start-up values."""
         self._heartbeat.publish(Time(now))
 
     def decision(self, number, now, goal, seen, target, obs, theta_prev, theta, refused):
-        """One decision: what was seen, in the paper's form, and which messages it came from."""
+        """Publish one decision: the observation in the paper's form, and which messages it came from."""
         message = Decision(number=number, goal=goal, observation=obs, refused=refused)
         message.header.stamp, message.header.frame_id = now, seen.frame
         message.scan, message.odometry, message.plan = seen.scan_stamp, seen.odom_stamp, seen.plan_stamp
@@ -67,7 +67,7 @@ class ApplrTopics:
 
 
 def parameters_message(theta, stamp, space=SPACE, multipliers=None):
-    """An applr_ros1/Parameters of theta (n,); without names and values for None."""
+    """Return an applr_ros1/Parameters of theta (n,); without names and values for None."""
     message = Parameters()
     message.header.stamp = stamp
     fields = [name for name in message.__slots__ if name not in ("header", "names", "values", "multipliers")]

@@ -151,7 +151,7 @@ def _leave(picture, record, robot, world, result):
 
 
 class Record(NamedTuple):
-    """What was recorded of a drive, times since the goal was sent.
+    """The record of a drive, times since the goal was sent.
 
     track     (n, 6) time [s], x [m], y [m], yaw [rad], speed [m/s], turn rate [rad/s], in the world's frame
     contacts  times [s] at which the robot touched something

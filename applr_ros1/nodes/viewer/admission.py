@@ -1,4 +1,4 @@
-"""Who may open the page: whoever knows its address, which ends in a random token, under a name of this computer.
+"""Admission to the page: for whoever knows its address, which ends in a random token, under a name of this computer.
 
 A browser names the page that a request comes from (Origin) and the name by which it found this computer (Host). Another
 website's page has another origin, and one whose own name was pointed at this computer (DNS rebinding) has that name.
@@ -20,12 +20,12 @@ TOKEN = "APPLR_VIEWER_TOKEN"  # environment variable that sets the token
 
 
 def token() -> str:
-    """The token that the environment sets, otherwise a new one."""
+    """Return the token that the environment sets, otherwise a new one."""
     return os.environ.get(TOKEN) or secrets.token_urlsafe(16)
 
 
 def refusal(path: str, headers: Mapping[str, str], token: str, host: str) -> Optional[str]:
-    """Why a request is refused, None where it is not. host: the address or name that the server was given."""
+    """Say why a request is refused, None where it is not. host: the address or name that the server was given."""
     given = headers.get("Host", "")
     name = re.sub(r":\d*$", "", given).strip("[]").lower()
     own = socket.gethostname().lower()

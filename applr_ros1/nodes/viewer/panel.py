@@ -73,18 +73,18 @@ class Panel:
             show(slider, round(min(max(float(value), slider.min), slider.max), 4))
 
     def doing(self, goal: Any) -> str:
-        """What move_base does. goal: its GoalStatus, None without one."""
+        """Say what move_base does. goal: its GoalStatus, None without one."""
         if self._listener.age(STATUS) > SILENT:
             return "move_base does not answer"
         return "waits for a goal" if goal is None else WORDS[goal.status]
 
     def monitor(self) -> str:
-        """What the collision monitor does."""
+        """Say what the collision monitor does."""
         action = self._listener.newest(ACTION, String)
         return "no collision monitor" if action is None else f"monitor: {action.data}"
 
     def silence(self) -> List[str]:
-        """What does not answer, a line each."""
+        """List what does not answer, a line each."""
         age, robot, lines = self._listener.age, self._robot, []
         if age(STATUS) > SILENT:
             lines.append(f"no move_base: nothing on {rospy.resolve_name(STATUS)}")

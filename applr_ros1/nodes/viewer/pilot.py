@@ -1,4 +1,4 @@
-"""Who sets the planner's parameters: a method of the applr node, or a person by hand.
+"""The choice of who sets the planner's parameters: a method of the applr node, or a person by hand.
 
 The applr node alone sets parameters; the page asks it by the topic and the services that it offers to everybody.
 """
@@ -43,7 +43,7 @@ class Pilot:
 
     @property
     def who(self) -> str:
-        """Who sets the parameters, as the page calls it."""
+        """The page's name of what sets the parameters."""
         return METHODS.get(self.method, self.method) or "nobody"
 
     def theta(self) -> Optional[np.ndarray]:

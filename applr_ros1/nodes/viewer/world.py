@@ -111,7 +111,7 @@ class WorldTab:
             self.stop()
 
     def _is_done(self, pose: Optional[Pose]) -> bool:
-        """Whether the robot is at the end of the course."""
+        """Return whether the robot is at the end of the course."""
         place, course = self._listener.frame_pose("world"), self.course
         at = transform_point(inverse(place), *pose[:2]) if place and pose else None
         return at is not None and course is not None and course.done(*at)

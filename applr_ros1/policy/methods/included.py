@@ -25,16 +25,16 @@ class FixedParameters(Method):
         self.values, self.space, self.per_cell = space.clip(values), space, per_cell
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The set."""
+        """Return the set."""
         return self.values.copy()
 
     def describe(self) -> Dict[str, Any]:
-        """The set by name."""
+        """Return the set by name."""
         return {"parameters": self.space.as_dict(self.values)}
 
 
 class RandomParameters(Method):
-    """Uniform over the ranges at each decision: for trying the stack and for gathering data.
+    """Sets drawn uniformly over the ranges at each decision: for trying the stack and for gathering data.
 
     Args:
         space: The parameters.
@@ -49,9 +49,9 @@ class RandomParameters(Method):
         self._draws = np.random.default_rng([seed, 0x7A4D])
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """A new draw."""
+        """Return a new draw."""
         return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
 
     def describe(self) -> Dict[str, Any]:
-        """How they are drawn."""
+        """Say how they are drawn."""
         return {"parameters": "uniform in the ranges, drawn every step"}

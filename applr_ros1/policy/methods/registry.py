@@ -12,7 +12,7 @@ from applr_ros1.policy.decision import Method, period_of
 from applr_ros1.policy.methods.included import FixedParameters, RandomParameters
 from applr_ros1.policy.methods.user_method import make_user_method
 from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import counts_cells, space_of
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
@@ -39,7 +39,8 @@ def _fixed(path: str, robot: Robot) -> Method:
     if not path:
         raise ApplrError('method fixed has no set of parameters: give a JSON file such as {"max_vel_x": 1.0}')
     space = space_of(robot)
-    return FixedParameters(space.read(path), space, counts_cells(path))
+    values, per_cell = space.read(path)
+    return FixedParameters(values, space, per_cell)
 
 
 def _trained(robot: Robot) -> Method:
@@ -205,7 +206,7 @@ def parse(text: str, robot: Robot = JACKAL) -> List[Tuple[str, str]]:
 
 
 def _name(spec: str) -> str:
-    """What a method is called where the person gave no name."""
+    """Return the name of a method to which the person gave none."""
     parts = _parsed(spec)
     name = parts.user[1] if parts.user else os.path.splitext(os.path.basename(parts.file))[0] or parts.kind
     return name if parts.period is None else "%s-%ss" % (name, parts.period)

@@ -17,7 +17,7 @@ PERIODS = 0.01, 60.0  # [s] between two decisions
 
 
 class UserMethod(Method):
-    """Wraps an object that has theta(context).
+    """An object that has theta(context), as a method.
 
     It may have reset(seed), describe(), static, period, layout and per_cell as well.
 
@@ -49,14 +49,14 @@ class UserMethod(Method):
             raise self._failed("cannot begin a course", error) from error
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The object's parameters, clipped."""
+        """Return the object's parameters, clipped."""
         try:
             return self.space.clip(self.made.theta(context))
         except Exception as error:
             raise self._failed("gave no parameters", error) from error
 
     def describe(self) -> Dict[str, Any]:
-        """What the object says of itself, else its specification; for a class in a file also the file's checksum."""
+        """Return what the object says of itself, else its specification; of a class in a file its checksum, too."""
         if hasattr(self.made, "describe"):
             return self.made.describe()
         path, colon, rest = self.spec.partition(".py:")
@@ -70,7 +70,7 @@ class UserMethod(Method):
 
 
 def make_user_method(spec: str, module: str, name: str, text: Optional[str]) -> Method:
-    """The class `name` of a module or of a .py file, made with `text` where there is one. Raises ApplrError."""
+    """Make the class `name` of a module or of a .py file, with `text` where there is one. Raises ApplrError."""
     try:
         made = getattr(user_module.load(module), name)
         made = made(text) if text is not None else made()
