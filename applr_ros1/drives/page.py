@@ -17,9 +17,9 @@ from applr_ros1.common.files import read_bytes
 from worlds.world import World
 
 TEMPLATE = Path(__file__).with_name("page.html")
-PERIOD = 0.2  # s between two poses of a drive
-MARGIN = 1.2  # m that are shown before and behind what was driven through
-ASIDE = 3.5  # m to its sides in which obstacles are shown; BARN's fields are 4.5 m wide
+POSE_PERIOD_S = 0.2  # between two poses of a drive
+MARGIN_M = 1.2  # that are shown before and behind what was driven through
+ASIDE_M = 3.5  # to its sides in which obstacles are shown; BARN's fields are 4.5 m wide
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Drive:
     trial    its number; drives of the same number stand side by side
     seconds  time it took [s]
     success, collided, reason: how it ended
-    poses    (n, 3) [m, m, rad], a row per PERIOD
+    poses    (n, 3) [m, m, rad], a row per POSE_PERIOD_S
     speeds   (n,) forward speed [m/s] at each of them
     decided  (d,) times [s] of decisions
     actions  (d, k) the parameters after each of them, from -1 to 1 within their ranges; None where they are not known
@@ -82,7 +82,7 @@ def page(
         "title": title,
         "methods": [{"name": name, "color": color} for name, color in methods.items()],
         "parameters": list(parameters),
-        "period": PERIOD,
+        "period": POSE_PERIOD_S,
         "body": list(body),
         "marked": marked,
         "worlds": [_scene(scene) for scene in scenes],
@@ -99,8 +99,10 @@ def _scene(scene: Scene) -> Dict[str, Any]:
     circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
     boxes = _near(world.boxes, np.hypot(world.boxes[:, 3], world.boxes[:, 4]) / 2.0, low, high)
     sides = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
-    times = (scene.begins + PERIOD * np.arange(max(len(drive["p"]) for drive in drives))).tolist()  # of the poses
-    margin = ASIDE if np.ptp(driven[:, 0]) > np.ptp(driven[:, 1]) else MARGIN  # courses along x: as much beside them
+    most = max(len(drive["p"]) for drive in drives)
+    times = (scene.begins + POSE_PERIOD_S * np.arange(most)).tolist()
+    along_x = np.ptp(driven[:, 0]) > np.ptp(driven[:, 1])
+    margin = ASIDE_M if along_x else MARGIN_M
     return {
         "name": scene.name,
         "view": _whole([sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100),
@@ -132,7 +134,7 @@ def _drive(drive: Drive) -> Dict[str, Any]:
 
 def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The obstacles (n, ...) whose circles of `radius` (n,) reach the box that was driven through, or its sides."""
-    reach = ASIDE + radius[:, None]
+    reach = ASIDE_M + radius[:, None]
     return obstacles[np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)]
 
 

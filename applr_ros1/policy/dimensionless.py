@@ -22,7 +22,7 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check
 from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.form import PAPER, Form, PaperForm, short
-from applr_ros1.policy.layout import TURN, Layout
+from applr_ros1.policy.layout import TURN_RAD, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
@@ -188,9 +188,9 @@ class DimensionlessForm(Form):
 
 
 def _layout(robot: Robot, width: float) -> Layout:
-    laser, step = robot.laser, TURN / SECTORS
+    laser, step = robot.laser, TURN_RAD / SECTORS
     first, last = laser.first_angle + laser.pose[2], laser.last_angle + laser.pose[2]
-    half = math.pi if last - first + 1.5 * laser.increment >= TURN else min(-first, last)
+    half = math.pi if last - first + 1.5 * laser.increment >= TURN_RAD else min(-first, last)
     beams = 2 * min(SECTORS // 2, int(half / step + 0.5))
     if beams < 2:
         raise ApplrError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
@@ -223,7 +223,7 @@ def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float,
     sides = branch(tree, "local_costmap")
     acceleration = min(base.max_acceleration, values["acc_lim_x"])
     turning = min(base.max_yaw_acceleration, values["acc_lim_theta"])
-    view = min(laser.last_angle - laser.first_angle + laser.increment, TURN) / TURN
+    view = min(laser.last_angle - laser.first_angle + laser.increment, TURN_RAD) / TURN_RAD
     return np.array(
         [
             math.log2(width / 0.5),

@@ -16,11 +16,11 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 
-ANGLE_TOLERANCE = 0.02  # [rad] by which a scan may end before the layout does
-COARSEST = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
+ANGLE_TOLERANCE_RAD = 0.02  # by which a scan may end before the layout does
+COARSEST_RAD = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
 MAX_BEAMS = 8192
 ORDER = ["scan", "phi", "theta"]  # of the parts of an observation
-TURN = 2.0 * math.pi
+TURN_RAD = 2.0 * math.pi
 
 
 class ObservationError(ApplrError):
@@ -52,7 +52,7 @@ class Layout:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
                 raise ObservationError("layout: %s is %r; give a finite number" % (name, value))
-        if not 0.0 < self.angle_max - self.angle_min <= TURN:
+        if not 0.0 < self.angle_max - self.angle_min <= TURN_RAD:
             raise ObservationError(
                 "layout: angles go from %g to %g rad; give growing ones, a full turn at most"
                 % (self.angle_min, self.angle_max)
@@ -111,7 +111,7 @@ class Layout:
             angle_increment: From one range to the next [rad]; less than 0 where the scanner turns clockwise.
 
         Raises:
-            ObservationError: The scan does not cover the layout, is coarser than COARSEST, or has no geometry.
+            ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or has no geometry.
         """
         ranges = np.asarray(ranges, dtype=np.float32)
         zero = ranges == 0.0
@@ -134,23 +134,23 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
         raise ObservationError(
             "scan has %d beams from %g rad every %g rad: no geometry; check the laser's driver" % (count, first, step)
         )
-    if abs(step) > COARSEST:
+    if abs(step) > COARSEST_RAD:
         raise ObservationError(
             "scan has a beam every %.3f rad: at most %.3f are needed; use a finer scanner or setting"
-            % (abs(step), COARSEST)
+            % (abs(step), COARSEST_RAD)
         )
     last, half = first + step * (count - 1), 0.5 * layout.step
     if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     # each range once in every turn, and by direction; turns beside the layout's own are in its sectors too
-    turns = TURN * np.arange(-2, 3)
+    turns = TURN_RAD * np.arange(-2, 3)
     angles = (first + step * np.arange(count) + turns[:, None]).ravel()
     order = np.argsort(angles, kind="stable")
     angles, source = angles[order], np.tile(np.arange(count), len(turns))[order]
     middles = layout.angle_min + layout.step * np.arange(layout.beams)
     right = np.clip(np.searchsorted(angles, middles), 1, len(angles) - 1)
     nearest = right - (middles - angles[right - 1] <= angles[right] - middles)
-    covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE
+    covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
     if not covered.all():
         raise ObservationError(
             "scan of %d beams covers %.3f to %.3f rad: the policy looks from %.3f to %.3f; missing: %s"
@@ -173,4 +173,4 @@ def _gaps(middles: np.ndarray, covered: np.ndarray) -> str:
 
 
 def _wrapped(angles: np.ndarray) -> np.ndarray:
-    return (angles + math.pi) % TURN - math.pi
+    return (angles + math.pi) % TURN_RAD - math.pi

@@ -13,8 +13,8 @@ from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.parameter_space import SPACE
 
 MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
-RANGE_CAP = 2.0  # [m] at the Jackal's scale; the paper caps the scan there
-LOOKAHEAD = 1.0  # [m] at the Jackal's scale
+RANGE_CAP_M = 2.0  # at the Jackal's scale; the paper caps the scan there
+LOOKAHEAD_M = 1.0  # at the Jackal's scale
 WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
 
 
@@ -36,7 +36,7 @@ def layout_of(robot):
         if half <= step:
             raise ObservationError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
         beams = min(MOST_BEAMS, int(round(2.0 * half / step)) + 1)
-    return Layout(beams, -half, half, RANGE_CAP * scale, LOOKAHEAD * scale)
+    return Layout(beams, -half, half, RANGE_CAP_M * scale, LOOKAHEAD_M * scale)
 
 
 LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m

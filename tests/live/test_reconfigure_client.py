@@ -42,7 +42,7 @@ def connected(fake):
 
 @pytest.fixture
 def client(connected, monkeypatch):
-    monkeypatch.setattr(reconfigure_client, "ANNOUNCED", 5.0)
+    monkeypatch.setattr(reconfigure_client, "ANNOUNCED_S", 5.0)
     if rospy.has_param("/fake"):
         rospy.delete_param("/fake")
     assert applied(connected, THETA_0)

@@ -39,7 +39,7 @@ def viewer(ros):
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """Services of a busy machine take their time."""
-    monkeypatch.setattr("applr_ros1.nodes.viewer.listening.ANSWER", LONGEST)
+    monkeypatch.setattr("applr_ros1.nodes.viewer.listening.ANSWER_S", LONGEST)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
 def test_go_begins_at_the_start_again_and_the_course_ends_at_its_end(viewer, monkeypatch, x, resets):
     """The course's end is at x = 3 m, its goal behind it."""
     tab, done = viewer._world, []
-    monkeypatch.setattr("applr_ros1.nodes.viewer.world.SETTLING", 0.0)
+    monkeypatch.setattr("applr_ros1.nodes.viewer.world.SETTLING_S", 0.0)
     monkeypatch.setattr(tab, "course", Course((0.0, 0.0, 0.0), (3.5, 0.0, 0.0), None, 0.5, np.zeros((0, 2))))
     monkeypatch.setattr(viewer.listener, "frame_pose", lambda _: (0.0, 0.0, 0.0))
     for name in ("reset", "stop"):

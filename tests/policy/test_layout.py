@@ -6,7 +6,7 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.policy.actor import load, save
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.layout import ANGLE_TOLERANCE, Layout, ObservationError
+from applr_ros1.policy.layout import ANGLE_TOLERANCE_RAD, Layout, ObservationError
 from applr_ros1.policy.methods import make
 from tests.support.refusals import refused
 
@@ -70,7 +70,7 @@ def test_zeros_of_older_drivers_are_no_measurement_and_hide_nothing_beside_them(
     [
         (541, -1.57, 1.57, "missing: -2.356 to -1.59. and 1.59. to 2.356"),
         (360, 0.0, 3.14, "missing: -2.356 to -0.0"),
-        (720, -2.356 + 2 * ANGLE_TOLERANCE, 2.356, "missing: -2.356 to -2.3"),
+        (720, -2.356 + 2 * ANGLE_TOLERANCE_RAD, 2.356, "missing: -2.356 to -2.3"),
         (100, -np.pi, np.pi, "finer scanner"),
         (1, 0.0, 0.0, "no geometry"),
         (0, 0.0, 0.0, "no geometry"),

@@ -24,8 +24,8 @@ from applr_ros1.nodes.transforms import LaserMount, Transforms
 from applr_ros1.policy.observation import LAYOUT, ObservationError
 from applr_ros1.robots import JACKAL
 
-MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
-STATUS_AGE = 2.0  # s: without a status for so long, move_base counts as gone
+MAX_AGE_S = 1.0  # an older scan or pose is no basis for a decision
+STATUS_AGE_S = 2.0  # without a status for so long, move_base counts as gone
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
@@ -92,14 +92,14 @@ class RobotInputs:
     def goal(self, now):
         """Return the id of the goal that move_base pursues; None when there is none or move_base is gone."""
         with self._lock:
-            if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE:
+            if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S:
                 return None
             return self._goal
 
     def has_lost_move_base(self, now):
-        """Return whether move_base, which has published its status before, has not done so for STATUS_AGE seconds."""
+        """Return whether move_base, which has published its status before, has not done so for STATUS_AGE_S seconds."""
         with self._lock:
-            return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE
+            return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
 
     def snapshot(self, now, layout=LAYOUT):
         """Return a Snapshot at ROS time `now`; the scan is resampled to `layout`.
@@ -145,15 +145,15 @@ class RobotInputs:
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
         if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
             return conversions.pose_of(odometry.pose.pose)
-        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry), MAX_AGE))
+        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry), MAX_AGE_S))
 
     def _moving(self, msg, frame, now):
         """(k, 4) x, y, vx, vy in `frame` of what moves, and the message's stamp; () where there is none of now."""
-        if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE:
+        if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
             return ()
         x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
         if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
-            place = conversions.pose_of(self._transforms.newest(frame, msg.header.frame_id, MAX_AGE))
+            place = conversions.pose_of(self._transforms.newest(frame, msg.header.frame_id, MAX_AGE_S))
             x, y = transform_point(place, x, y)
             vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
         return np.column_stack([x, y, vx, vy]), msg.header.stamp
@@ -224,7 +224,7 @@ def _poses(packed):
 
 def _check_age(what, topic, now, stamp):
     age = (now - stamp).to_sec()
-    if abs(age) > MAX_AGE:
+    if abs(age) > MAX_AGE_S:
         raise ObservationError(
             f"{what} on {topic} is {age:.2f} s old"
             if age > 0

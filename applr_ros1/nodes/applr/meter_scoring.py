@@ -16,8 +16,8 @@ from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.distance_weights import PLANNER, factor_of, indices_of, multipliers_of
 
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
-PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
-CLOUDS = 20  # clouds that fit no kind of weights, after which the search is given up
+PATIENCE_S = 1.0  # of ROS time that a course's first decision waits for a cloud
+ODD_CLOUDS = 20  # clouds that fit no kind of weights, after which the search is given up
 FIELDS = ("x", "y", "z", "path", "goal", "occ", "total")  # what the names of a cost_cloud's fields begin with
 
 
@@ -59,7 +59,7 @@ class MeterScoring:
         """
         if self._at is not None and self.choice != AUTO and self._factor is None:
             self._factor = self._resolution() if self.choice == TRUE else 1.0
-        wanted = self._at is not None and driving and self._factor is None and self._odd < CLOUDS
+        wanted = self._at is not None and driving and self._factor is None and self._odd < ODD_CLOUDS
         if wanted and self._since is None:
             self._since = now
         if wanted and self._subscriber is None:
@@ -83,7 +83,7 @@ class MeterScoring:
         """Return whether a cloud that would tell may be about to come."""
         since = self._since
         listens = self._subscriber is not None and self._factor is None and since is not None
-        return listens and (now - since).to_sec() < PATIENCE
+        return listens and (now - since).to_sec() < PATIENCE_S
 
     def line(self, now: rospy.Time) -> str:
         """Say what is known and done; "" before there was an occasion to find out."""
@@ -99,9 +99,9 @@ class MeterScoring:
             how = "found from cost_cloud" if self.choice == AUTO else f"as said by meter_scoring:={self.choice}"
             return f"the planner's distance weights count per {'cell' if self._factor == 1.0 else 'metre'} ({how})"
         why = "" if self._since is None else f"no cost_cloud on {self._topic()}"
-        if self._odd >= CLOUDS:
+        if self._odd >= ODD_CLOUDS:
             why = f"the cost_cloud on {self._topic()} fits neither kind"
-        if not why or (self.waits(now) and self._odd < CLOUDS):
+        if not why or (self.waits(now) and self._odd < ODD_CLOUDS):
             return ""
         return "the planner's distance weights are taken to be what the set was made for: " + why
 

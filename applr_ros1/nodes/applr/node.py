@@ -22,11 +22,11 @@ from applr_ros1.policy.observation import ObservationError, goal_angle, local_go
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 
-TICK = 0.05  # s of ROS time between looks at the clock
-LATE = 0.1  # share of a period after which a decision counts as late
+TICK_S = 0.05  # of ROS time between looks at the clock
+LATE_SHARE = 0.1  # of a period after which a decision counts as late
 GONE = "move_base has stopped publishing its status: is it still running?"
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
-LOST_AFTER = 3  # periods without a usable decision after which the policy counts as lost
+LOST_PERIODS = 3  # without a usable decision after which the policy counts as lost
 
 
 class ApplrNode:
@@ -159,8 +159,8 @@ class ApplrNode:
                 self._begin_course(rospy.Time.now())
 
     def _nap(self, now):
-        left = TICK if self._due is None else (self._due - now).to_sec()
-        return left if 0.001 < left < TICK else TICK
+        left = TICK_S if self._due is None else (self._due - now).to_sec()
+        return left if 0.001 < left < TICK_S else TICK_S
 
     def tick(self, now):
         """Look at the clock: begin and end courses, and decide when a decision is due."""
@@ -208,7 +208,7 @@ class ApplrNode:
         if self._last is None:
             self._due = now  # a course's first decision waits for its first plan, and the others count from it
         late = (now - self._due).to_sec()
-        self.counts["late"] += late > LATE * self.period
+        self.counts["late"] += late > LATE_SHARE * self.period
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
@@ -236,8 +236,8 @@ class ApplrNode:
         self.counts[kind] += 1
         self._failures += 1
         self._say(line)
-        if self._failures == LOST_AFTER and not self.method.static:
-            self._say(f"no decision for {LOST_AFTER} periods: back to theta_0")
+        if self._failures == LOST_PERIODS and not self.method.static:
+            self._say(f"no decision for {LOST_PERIODS} periods: back to theta_0")
             self.client.request(self.space.theta0)
 
     def _base(self):
@@ -292,7 +292,7 @@ class ApplrNode:
         elif self.trouble == GONE:
             self._say("")
         trouble = self.trouble or self.degraded
-        lost = bool(self.degraded) or self._failures >= LOST_AFTER or bool(theta is None and trouble)
+        lost = bool(self.degraded) or self._failures >= LOST_PERIODS or bool(theta is None and trouble)
         if theta is None:
             trouble = trouble or "waiting for the parameter servers of move_base"
         self.topics.diagnostics(

@@ -23,11 +23,11 @@ from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.parameter_space import SPACE, Space, Target, are_in_force
 
 # deadlines are wall time, whatever the clock of ROS does
-DEADLINE = 1.0  # s for one call of all servers
-ANNOUNCED = 0.4  # s between a server's answer and its message on parameter_updates
-RETRY = 0.25  # s between attempts
+DEADLINE_S = 1.0  # for one call of all servers
+ANNOUNCED_S = 0.4  # between a server's answer and its message on parameter_updates
+RETRY_S = 0.25  # between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
-PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; none while move_base starts
+MOST_SEARCHES = 15  # failed searches for the servers, a second apart, before they are reported
 # no texts: for one, the library evaluates as Python what the server says of its choices (edit_method)
 _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float}
 
@@ -77,11 +77,11 @@ class Server:
         self._starts = 0  # of the server, as far as they were noticed
         self._known = 1  # its start since which the values are known; 0: a call has shown nothing of them
         self._updates = 0  # how often it published values
-        self._client = Client(name, DEADLINE, self._on_update, self._on_description)
+        self._client = Client(name, DEADLINE_S, self._on_update, self._on_description)
         self.close = self._client.close
         try:
             for hear in (self._client.get_parameter_descriptions, self._client.get_configuration):
-                if hear(DEADLINE) is None:
+                if hear(DEADLINE_S) is None:
                     raise rospy.ROSException("does not publish its parameters: is it stopped?")
             self.settings = [(i, target.sign, self._own_name(target)) for i, target in targets]
         except Exception:
@@ -133,7 +133,7 @@ class Server:
         """The answer alone is not believed: every server publishes on parameter_updates what it has then."""
         starts, updates, self._known = self._starts, self._updates, 0
         try:
-            answer, until = self._client.update_configuration(dict(values)), time.monotonic() + ANNOUNCED
+            answer, until = self._client.update_configuration(dict(values)), time.monotonic() + ANNOUNCED_S
             answer = {name: answer[name] for name in values}
             while not are_in_force(answer, self.values) and time.monotonic() < until:
                 time.sleep(0.002)
@@ -275,7 +275,7 @@ class ReconfigureClient:
                 low[i], high[i] = max(low[i], least), min(high[i], most)
         return low, high
 
-    def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
+    def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> ApplyReport:
         """Set theta (n,): one call to each server that has not got its values, side by side, with answers verified.
 
         What is sent is theta times `multipliers`, within the servers' bounds. A server whose values are in force is
@@ -288,7 +288,7 @@ class ReconfigureClient:
         """
         return self._apply(self.space.clip(theta), seconds)
 
-    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
+    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> ApplyReport:
         until = time.monotonic() + seconds
         with self._lock:
             if not self.connected:
@@ -346,7 +346,7 @@ class ReconfigureClient:
         self._stopped = True
         self._wake.set()
         if self._thread.is_alive():
-            self._thread.join(2 * DEADLINE + 0.1)  # an attempt that is under way takes no longer
+            self._thread.join(2 * DEADLINE_S + 0.1)  # an attempt that is under way takes no longer
 
     def close(self) -> None:
         """End the thread and unsubscribe from all servers."""
@@ -357,16 +357,16 @@ class ReconfigureClient:
     def _run(self) -> None:
         failures = 0
         while not self._stopped:
-            pause, theta = 4 * RETRY, self._requested
+            pause, theta = 4 * RETRY_S, self._requested
             try:
                 if self.connected:
                     if theta is not None:
                         self._attempt(theta)
-                        pause = RETRY
+                        pause = RETRY_S
                 else:
                     trouble = self.connect()
                     failures = 0 if self.starting else failures + 1
-                    if not trouble or failures >= PATIENCE:
+                    if not trouble or failures >= MOST_SEARCHES:
                         self._on_trouble(trouble)
                     pause = pause if trouble else 0.0
             except Exception as e:  # whatever it is, the thread that talks to the planner goes on

@@ -28,7 +28,7 @@ from applr_ros1.common.arguments import boolean, frame_prefix, number_within, po
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.drives import drawing
-from applr_ros1.drives.page import PERIOD, Drive, Scene, page
+from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
@@ -39,9 +39,9 @@ from . import send_goal
 from .launcher import given_arguments, launch_arguments, own_stack, say
 
 STATUS = "/move_base/status"
-EVERY = 2.0  # simulated seconds between lines of progress
+PROGRESS_PERIOD_S = 2.0  # of simulated time between lines of progress
 REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
-STALLED_AFTER = 20.0  # wall seconds without a new pose
+STALLED_S = 20.0  # of wall time without a new pose
 OWN = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
 COLOR = "#2ca02c"  # of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
@@ -131,7 +131,7 @@ def _leave(picture, record, robot, world, result):
 
     def play():
         end = record.track[-1, 0]
-        times = np.unique(np.append(np.arange(0.0, end, PERIOD), end))
+        times = np.unique(np.append(np.arange(0.0, end, POSE_PERIOD_S), end))
         columns = (*record.track[:, 1:3].T, np.unwrap(record.track[:, 3]), record.track[:, 4])
         *poses, speeds = (np.interp(times, record.track[:, 0], column) for column in columns)
         actions = np.array([space.to_action(theta) for theta in record.theta])
@@ -216,12 +216,12 @@ class Observer:
                 ended = f"move_base gave up: {text}"
             if now > newest:
                 newest, heard = now, time.monotonic()
-            elif time.monotonic() - heard > STALLED_AFTER:
+            elif time.monotonic() - heard > STALLED_S:
                 raise ApplrError("the simulation stands still")
-            if now - printed >= EVERY:
-                printed += EVERY
+            if now - printed >= PROGRESS_PERIOD_S:
+                printed += PROGRESS_PERIOD_S
                 to_go = math.dist(course.goal[:2], (x, y)) if course.finish_y is None else max(0.0, course.finish_y - y)
-                touched = "   contact" if self.contacts and now - self.contacts[-1] < EVERY else ""
+                touched = "   contact" if self.contacts and now - self.contacts[-1] < PROGRESS_PERIOD_S else ""
                 say(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{touched}")
         self._client.cancel_goal()
         return seconds, ended

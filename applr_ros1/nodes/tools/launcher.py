@@ -23,7 +23,7 @@ from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
-UP_WITHIN = 900.0  # wall seconds for one part to come up: the first time it compiles kernels, maybe on a busy machine
+UP_WITHIN_S = 900.0  # of wall time for one part to come up: the first time it compiles kernels, maybe on a busy machine
 COMPILES = "waiting for {}, which compiles its kernels at its first start (about a minute)"
 
 
@@ -148,7 +148,7 @@ class Stack(roslaunch.pmon.ProcessListener):
                 raise ApplrError(f"{otherwise} within {seconds:g} s")
             time.sleep(pause)
 
-    def wait_until_up(self, part, condition, seconds=UP_WITHIN, pause=0.02):
+    def wait_until_up(self, part, condition, seconds=UP_WITHIN_S, pause=0.02):
         """The same for a part of the stack to come up, and say what it may be doing."""
         with announced(COMPILES.format(part), say, first=10.0):
             self.wait(condition, seconds, f"{part} does not come up", pause)

@@ -19,9 +19,9 @@ from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import Transforms
 from applr_ros1.policy.observation import ObservationError
 
-KEPT = 50  # messages of a topic between two looks
-TOUCHED = 0.5  # wall seconds for which an element that was changed stays as it is
-ANSWER = 1.0  # wall seconds that a service has to appear
+KEPT_MESSAGES = 50  # messages of a topic between two looks
+TOUCHED_S = 0.5  # of wall time for which an element that was changed stays as it is
+ANSWER_S = 1.0  # of wall time that a service has to appear
 Say = Callable[[str], None]  # shows one line to everybody who looks
 
 
@@ -50,13 +50,15 @@ class Listener:
     def fresh(self, topic: str, kind: Any) -> List[Any]:
         """The messages that have come since the last look, oldest first; their arrays are numpy's."""
         if topic not in self._queues:
-            new = self._queues[topic] = deque(maxlen=KEPT)
+            new = self._queues[topic] = deque(maxlen=KEPT_MESSAGES)
 
             def keep(message: Any) -> None:
                 new.append(message._buff)
                 self._times[topic] = time.monotonic(), rospy.get_time()
 
-            self._subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT, buff_size=2**24))
+            self._subscribers.append(
+                rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT_MESSAGES, buff_size=2**24)
+            )
         queue, found = self._queues[topic], []
         while queue:
             message = kind()
@@ -116,7 +118,7 @@ def by_hand(element: Any, work: Callable[[Any], Any]) -> None:
 
 def show(element: Any, value: Any) -> None:
     """Set an element of the page, unless a person may have just changed it and `by_hand` has not read it yet."""
-    if time.time() - element.update_timestamp > TOUCHED:
+    if time.time() - element.update_timestamp > TOUCHED_S:
         element.value = value
 
 
@@ -131,7 +133,7 @@ def call(say: Say, name: str, kind: Any, *request: Any) -> bool:
     """Call a service. Returns whether it did what was asked; says why not."""
     name = rospy.resolve_name(name)
     try:
-        rospy.wait_for_service(name, ANSWER)
+        rospy.wait_for_service(name, ANSWER_S)
         answer = rospy.ServiceProxy(name, kind)(*request)
         problem = "" if getattr(answer, "success", True) else answer.message
     except rospy.ROSException:

@@ -25,8 +25,8 @@ from applr_ros1.robots import JACKAL, Robot, load
 from . import admission, panel, pilot, scene, world
 from .listening import Listener, by_hand
 
-RATE = 10.0  # Hz of wall time with a page open
-IDLE = 0.2  # s between looks for a page
+RATE_HZ = 10.0  # of wall time with a page open
+IDLE_S = 0.2  # between looks for a page
 ACCENT = (28, 126, 214)
 HINT = (
     "A click on the ground sets a goal. A slider makes you the one who sets the parameters. "
@@ -88,20 +88,20 @@ class Viewer:
             client.add_notification("applr_ros1", text, auto_close_seconds=8.0, color="orange")
 
     def spin(self) -> None:
-        """Draw until shutdown, at RATE while a page is open."""
+        """Draw until shutdown, at RATE_HZ while a page is open."""
         report = Throttled(rospy.logerr)
         while not rospy.is_shutdown():
             began = time.monotonic()
             if not self.server.get_clients():
                 self.listener.close()
-                time.sleep(IDLE)
+                time.sleep(IDLE_S)
                 continue
             try:
                 with self.server.atomic():
                     self.draw()
             except Exception as problem:  # one message that cannot be drawn does not end the page
                 report(f"viewer: {type(problem).__name__}: {problem}")
-            time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
+            time.sleep(max(0.0, began + 1.0 / RATE_HZ - time.monotonic()))
 
     def draw(self) -> None:
         """Bring the page up to date."""
@@ -130,14 +130,14 @@ class Viewer:
     def _write_status(self, goal: Any, speed: float, driving: bool) -> None:
         """Bring the lines above the tabs up to date."""
         silence = self.panel.silence()
-        if self._ready and time.monotonic() - self._moved > panel.SILENT:
+        if self._ready and time.monotonic() - self._moved > panel.SILENT_S:
             silence.insert(0, "the clock stands still")
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [f"{self._robot.name} in {self._world.name}" if self._world.name else self._robot.name]
         lines += [] if self._ready else [STARTS]
         arrived = goal is not None and goal.goal_id.id == self._world.ended
         doing = panel.ARRIVED if arrived else self.panel.doing(goal)
-        lines += [f"{doing}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"]
+        lines += [f"{doing}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
         lines += [f"parameters by {self.pilot.who}"]
         lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
         text = "\n".join([*lines, *silence])

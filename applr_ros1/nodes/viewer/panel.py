@@ -22,8 +22,8 @@ ARRIVED = "arrived"
 WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", ARRIVED, "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
-SILENT = 3.0  # seconds after which a topic counts as silent, the clock as standing
-STANDING = 0.02  # m/s, below which the speed is noise
+SILENT_S = 3.0  # after which a topic counts as silent, the clock as standing
+STANDING_M_S = 0.02  # below which the speed is noise
 
 
 def goal_status(listener: Listener) -> Any:
@@ -74,7 +74,7 @@ class Panel:
 
     def doing(self, goal: Any) -> str:
         """Say what move_base does. goal: its GoalStatus, None without one."""
-        if self._listener.age(STATUS) > SILENT:
+        if self._listener.age(STATUS) > SILENT_S:
             return "move_base does not answer"
         return "waits for a goal" if goal is None else WORDS[goal.status]
 
@@ -86,12 +86,12 @@ class Panel:
     def silence(self) -> List[str]:
         """List what does not answer, a line each."""
         age, robot, lines = self._listener.age, self._robot, []
-        if age(STATUS) > SILENT:
+        if age(STATUS) > SILENT_S:
             lines.append(f"no move_base: nothing on {rospy.resolve_name(STATUS)}")
         elif self._pilot.trouble:
             lines.append(self._pilot.trouble)
         for what, topic in (("scan", robot.topics.scan), ("odometry", robot.topics.odometry)):
-            if age(topic) > SILENT:
+            if age(topic) > SILENT_S:
                 lines.append(f"no {what}: nothing on {rospy.resolve_name(topic)}")
         if not self._pilot.method:
             lines.append("no applr node: nobody sets the parameters")

@@ -18,7 +18,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
 
-from .listening import ANSWER, Listener, Say, call, publish
+from .listening import ANSWER_S, Listener, Say, call, publish
 
 HAND = "hand"
 METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
@@ -56,7 +56,7 @@ class Pilot:
         """Take in the applr node's diagnostics."""
         for message in self._listener.fresh(DIAGNOSTICS, DiagnosticArray):
             for status in message.status:
-                if status.name == self._status and time.monotonic() - self._asked > ANSWER:
+                if status.name == self._status and time.monotonic() - self._asked > ANSWER_S:
                     method = {pair.key: pair.value for pair in status.values}.get("method", "")
                     self.method = HAND if method == "off" else method
                     self.trouble = status.message if status.level != DiagnosticStatus.OK else ""

@@ -30,13 +30,13 @@ OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
 TRACKED = "applr/movers"  # an arrow for each
 LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers", "trail")
 HIDDEN = ("global costmap",)  # at first
-TRAIL = 2000  # points
-STEP = 0.03  # m between two of them
-JUMP = 0.5  # m between two points that belong to different trajectories, or drives
+TRAIL_POINTS = 2000
+TRAIL_STEP_M = 0.03  # between two of its points
+JUMP_M = 0.5  # between two points that belong to different trajectories, or drives
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 MARKS = (215, 25, 180)  # where movers will be
 SIDES = 20  # of a drawn cylinder
-FINISH = 2.25  # m from the middle of a finish line to its ends, at the robot's scale
+FINISH_M = 2.25  # from the middle of a finish line to its ends, at the robot's scale
 VIEWS = {"behind": (3.5, 2.5, 1.0), "above": (1e-3, 9.0, 0.0), "free": None}  # m back, up, and looked at ahead
 
 
@@ -112,7 +112,7 @@ class Scene:
         """Draw where a course ends: its finish line, or the circle about its goal. course: in the world's frame."""
         points = np.zeros((0, 2))
         if course is not None and course.finish_y is not None:
-            half = FINISH * self._robot.world_scale
+            half = FINISH_M * self._robot.world_scale
             points = np.array([(course.start[0] + side, course.finish_y) for side in (-half, half)])
         elif course is not None:
             around = np.linspace(0.0, 2.0 * math.pi, SIDES + 1)
@@ -192,7 +192,7 @@ class Scene:
             return
         rows = np.frombuffer(message.data, "<f4").reshape(-1, message.point_step // 4)
         flat, costs = lifted(_moved(place, rows[:, :2].astype(np.float64)), 0.03), rows[:, -1]
-        joined = (costs[1:] == costs[:-1]) & (np.hypot(*(flat[1:] - flat[:-1])[:, :2].T) < JUMP)
+        joined = (costs[1:] == costs[:-1]) & (np.hypot(*(flat[1:] - flat[:-1])[:, :2].T) < JUMP_M)
         low, high = np.percentile(costs, (0, 90))
         shades = colours((costs - low) / max(high - low, 1e-9))
         segments, shades = (np.stack([rows[:-1], rows[1:]], axis=1)[joined] for rows in (flat, shades))
@@ -213,10 +213,10 @@ class Scene:
             return
         x, y, _ = self.pose
         moved = math.hypot(x - self._trail[-1][0], y - self._trail[-1][1]) if self._trail else math.inf
-        if moved > JUMP:
+        if moved > JUMP_M:
             self._trail = []
-        if moved > STEP:
-            self._trail = [*self._trail[1 - TRAIL :], (x, y, speed)]
+        if moved > TRAIL_STEP_M:
+            self._trail = [*self._trail[1 - TRAIL_POINTS :], (x, y, speed)]
             rows = np.array(self._trail)
             self._trail_line.path(rows[:, :2], 0.015, colours(rows[:, 2] / self._robot.base.max_speed))
 

@@ -14,7 +14,7 @@ from applr_ros1.robots.geometry import wheel_places
 from .listening import Listener
 
 RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # from low to high
-PERIOD = 0.5  # wall seconds between two pictures of a costmap
+PICTURE_PERIOD_S = 0.5  # of wall time between two pictures of a costmap
 
 
 def colours(share: Any) -> np.ndarray:
@@ -113,8 +113,8 @@ class Costmap:
             self._changed = True
 
     def draw(self, listener: Listener) -> None:
-        """Draw what is new, at most once in PERIOD."""
-        due = self._changed and time.monotonic() - self._drawn >= PERIOD
+        """Draw what is new, at most once in PICTURE_PERIOD_S."""
+        due = self._changed and time.monotonic() - self._drawn >= PICTURE_PERIOD_S
         place = listener.frame_pose(self._frame) if due else None
         if place is None:
             return

@@ -29,7 +29,7 @@ LISTED = (
     *(f"dynamic:{n}" for n in range(MOVING_WORLDS)),
 )
 FACTORS = (0.1, 5.0)  # of real time
-SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps see the world again
+SETTLING_S = 1.0  # of wall time between a reset and the next goal: the costmaps see the world again
 
 
 class WorldTab:
@@ -101,7 +101,7 @@ class WorldTab:
             self._say("no course of this world is known: set a goal by a click")
             return
         if self._is_done(pose) and self.reset():
-            time.sleep(SETTLING)
+            time.sleep(SETTLING_S)
         self._course_goal = self._send(course_goal(self.course), self._odom)
 
     def end_course(self, pose: Optional[Pose], goal: str) -> None:

@@ -14,7 +14,7 @@ class FixedParameters(Method):
     """One set of parameters throughout.
 
     Args:
-        values: (n,); clipped to the ranges.
+        values: (n,), within the ranges.
         space: The parameters.
         per_cell: As Method says.
     """
@@ -22,7 +22,7 @@ class FixedParameters(Method):
     static = True
 
     def __init__(self, values: np.ndarray, space: Space = SPACE, per_cell: bool = False):
-        self.values, self.space, self.per_cell = space.clip(values), space, per_cell
+        self.values, self.space, self.per_cell = np.array(values, dtype=np.float64), space, per_cell
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """Return the set."""
