@@ -19,7 +19,6 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.parameters import check
 from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.form import PAPER, Form, PaperForm, short
 from applr_ros1.policy.layout import TURN_RAD, Layout
@@ -65,7 +64,7 @@ class DimensionlessForm(Form):
         if period is None:
             raise ValueError("the dimensionless observation depends on the decision period: state it")
         super().__init__(robot, period, base)
-        tree = check.complete(robot.parameters())
+        tree = robot.all_parameters()
         self.width = _padded_width(tree["local_costmap"])
         self.layout, self.scale = _layout(robot, self.width), self.width / JACKAL_WIDTH
         self.pace = self.scale * JACKAL_SPEED / robot.base.max_speed

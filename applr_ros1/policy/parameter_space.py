@@ -15,7 +15,6 @@ from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots.check import space_findings
 
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
@@ -247,7 +246,7 @@ def space_of(robot):
             differs; one line.
         ParameterError: The robot's parameter files cannot be used.
     """
-    tree = complete(robot.parameters())
+    tree = robot.all_parameters()
     for finding in space_findings(robot, tree):
         raise ApplrError(f"robot {robot.name}: {finding}")
     theta0 = [branch(tree, p.sets[0].server)[p.sets[0].name] for p in robot.space]

@@ -16,6 +16,7 @@ from typing_extensions import Annotated, Literal, get_args
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
+from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots.parameter_files import read_parameters
 
 FILE = "robot.yaml"
@@ -401,6 +402,10 @@ class Robot:
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
         """The move_base parameters of its files, nested, later values before earlier ones; a copy."""
         return copy.deepcopy(self._tree(with_map))
+
+    def all_parameters(self) -> Dict[str, Any]:
+        """Return the parameters without a map with every absent one at its default (check.complete); a copy."""
+        return complete(self.parameters())
 
     def _tree(self, with_map: bool = False) -> Dict[str, Any]:
         joined: Dict[str, Any] = {}
