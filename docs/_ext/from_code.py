@@ -137,9 +137,8 @@ def robot_sections():
     from applr_ros1.robots.robot import RobotFile
 
     kinds = {name: field.annotation for name, field in RobotFile.model_fields.items()}
-    return "\n\n".join(
-        _section(name, kind) for name, kind in kinds.items() if getattr(kind, "__module__", "") == RobotFile.__module__
-    )
+    on_page = "move_base", "parameter_space", "world_scale"  # described by hand
+    return "\n\n".join(_section(name, kind) for name, kind in kinds.items() if name not in on_page)
 
 
 def _section(name, kind):
