@@ -1,4 +1,4 @@
-"""What every package uses: errors that end a command in one line, files whole or refused, angles and boxes."""
+"""What every package uses: errors in one line, files whole or refused, angles and boxes, long work announced."""
 
 import ast
 import builtins
@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -16,6 +17,7 @@ from applr_ros1.common import angles, files, user_module, yaml_files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
+from applr_ros1.common.progress import announced
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
 
@@ -169,6 +171,30 @@ def test_an_error_names_the_line_that_raised_it(tmp_path):
     assert one_line(ApplrError("9 is not 8")) == "9 is not 8"
 
 
+def test_quick_work_is_silent_and_an_error_passes_through():
+    lines = []
+    with pytest.raises(KeyError), announced("compiling", lines.append, first=5.0):
+        raise KeyError
+    assert lines == []
+
+
+def test_work_that_an_error_ended_is_not_called_done():
+    lines = []
+    with pytest.raises(IndexError), announced("compiling", lines.append, first=0.02):
+        [][time.sleep(0.1) or 0]
+    assert lines == ["compiling"]
+
+
+def test_long_work_is_announced_and_never_silent_for_long():
+    lines = []
+    with announced("compiling kernels (about a minute)", lines.append, first=0.05, every=0.1):
+        time.sleep(0.4)
+    assert lines[0] == "compiling kernels (about a minute)"
+    assert len(lines) in (4, 5, 6)
+    assert lines[1].startswith("still compiling kernels: ")
+    assert lines[-1] == "done compiling kernels: took 0 s"
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize("raised", ["ROSException", "AttributeError"])
 def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch, raised):
@@ -197,6 +223,7 @@ from importlib.machinery import PathFinder
 import applr_ros1
 assert not {"numpy", "numba", "pydantic", "yaml"} & set(sys.modules), "import applr_ros1 brings more than itself"
 from applr_ros1.common.extras import EXTRAS
+from applr_ros1.common.progress import announced
 class NotInstalled(PathFinder):
     @staticmethod
     def find_spec(name, *more):
