@@ -178,27 +178,40 @@ def test_roslaunch_refuses_values_of_the_wrong_type():
     assert not done.stdout
 
 
+THERE = r"is there already; give another name"  # no bag is written over, and none where nobody looks for it
+
+
 @pytest.mark.fault("23a")
 @pytest.mark.parametrize(
-    ("words", "line"),
+    ("command", "words", "line"),
     [
-        (["wrold:=generated:7"], "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, world, "),
-        (["world:=generated:300"], "generated:300"),
-        (["method:=faster"], "method 'faster' is not known"),
-        (["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
-        (["goal:=none"], "the demo needs sim:=true"),
-        (["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
-        (["picture:=/no/such/folder/a.png"], "give a .png file in a folder that can be written"),
+        (
+            demo,
+            ["wrold:=generated:7"],
+            "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, ",
+        ),
+        (demo, ["world:=generated:300"], "generated:300"),
+        (demo, ["method:=faster"], "method 'faster' is not known"),
+        (demo, ["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
+        (demo, ["goal:=none"], "the demo needs sim:=true"),
+        (demo, ["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
+        (demo, ["picture:=/no/such/folder/a.png"], "give a .png file in a folder that can be written"),
+        (play, ["world:=generated:999"], "no worlds"),
+        (play, ["robot:=foo"], "robot foo: give"),
+        (record, ["{0}/there.bag"], THERE),
+        (record, ["{0}/begun.bag"], THERE),
+        (record, ["a.bag", "__name:=record"], "record is a.bag: .*give the path from the root"),
     ],
 )
-def test_the_demo_refuses_a_wrong_argument_in_one_line(words, line, capsys, monkeypatch):
+def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, line, tmp_path, capsys, monkeypatch):
+    for module, name in ((demo, "own_stack"), (play, "own_stack"), (record, "become")):
+        monkeypatch.setattr(module, name, lambda *_: pytest.fail("it starts"))
+    (tmp_path / "there.bag").touch()
+    (tmp_path / "begun.bag.active").touch()
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr("sys.argv", ["demo.py", *words])
-    assert run_main(demo.main, "demo") == 1
-    said = capsys.readouterr().err
-    assert said.startswith("demo: ")
-    assert line in said
-    assert said.count("\n") == 1
+    monkeypatch.setattr("sys.argv", ["command", *(word.format(tmp_path) for word in words)])
+    assert run_main(command.main, "it") == 1
+    assert re.fullmatch(f"it: .*{line}.*\n", capsys.readouterr().err)
 
 
 def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
@@ -265,29 +278,6 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
         play.main()
     assert opened == ["http://127.0.0.1:8081/secret/"]
     assert there == ["the page", "move_base"]
-
-
-@pytest.mark.parametrize(("word", "line"), [("world:=generated:999", "no worlds"), ("robot:=foo", "robot foo: give")])
-def test_play_refuses_a_wrong_world_or_robot_before_anything_starts(word, line, monkeypatch):
-    monkeypatch.setattr(play, "own_stack", lambda _: pytest.fail("the stack starts"))
-    monkeypatch.setattr("sys.argv", ["play.py", word])
-    refused(lambda: play.main(), line)
-
-
-def test_a_recording_loses_nothing(tmp_path, monkeypatch):
-    """No bag is written over, and none is written where nobody looks for it."""
-    monkeypatch.setattr(record, "become", lambda *_: pytest.fail("rosbag starts"))
-    (tmp_path / "there.bag").touch()
-    (tmp_path / "begun.bag.active").touch()
-    there, absolute = "is there already; give another name", r"record is a\.bag: .*give the path from the root"
-    for words, line in (
-        ([str(tmp_path / "there.bag")], there),
-        ([str(tmp_path / "begun.bag")], there),
-        (["a.bag", "__name:=record"], absolute),
-    ):
-        monkeypatch.setattr("sys.argv", ["record.py", *words])
-        with pytest.raises(ApplrError, match=line):
-            record.main()
 
 
 def test_the_demo_ends_when_a_node_has_failed_or_a_person_ends_it():

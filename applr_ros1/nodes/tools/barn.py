@@ -46,9 +46,9 @@ GAZEBO_LAUNCH, CONTROLLER_LAUNCH = "gazebo_launch.launch", "move_base_DWA.launch
 STATIC_WORLDS = 300  # worlds 0 to 299 are BARN's, 300 to 359 DynaBARN's
 WORLDS = 360
 OURS = Path(__file__).resolve().parents[3] / "compat" / HELPER / "launch"
-LIMIT = 100.0  # [s] a run
-SPEED = 2.0  # [m/s] at which the optimal time is driven
-START_UP = 150.0  # wall seconds that a run may take beside the drive
+LIMIT_S = 100.0  # s of simulated time for a run
+SPEED_MPS = 2.0  # m/s at which the optimal time is driven
+START_UP_S = 150.0  # s of wall time that a run may take beside the drive
 METHOD = "APPLR_METHOD"  # variable of the environment that this package's controllers read
 RUN = "APPLR_BARN_RUN"  # variable by which the processes of a run are found: the runner's file
 ATTEMPTS = 2  # a run whose runner fails is started so often
@@ -164,7 +164,7 @@ def run_of(line: str, trial: int, route: float) -> Run:
         seconds, metric = (float(word) for word in words[4:6])
     except ValueError:
         raise ApplrError(f"the runner wrote {line[:80]!r}: no line of six numbers") from None
-    optimal = route / SPEED
+    optimal = route / SPEED_MPS
     scores = [round(score(bool(success), seconds, optimal, least), 4) for least in (2.0, 4.0)]
     return Run(world, trial, success, collided, timeout, seconds, metric, scores[0], scores[1], round(optimal, 4))
 
@@ -290,7 +290,7 @@ class Evaluation:
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
-        deadline = time.monotonic() + START_UP + LIMIT / options.real_time_factor
+        deadline = time.monotonic() + START_UP_S + LIMIT_S / options.real_time_factor
         while process.poll() is None and not self._stopped and time.monotonic() < deadline:
             time.sleep(0.1)
         late = process.poll() is None
