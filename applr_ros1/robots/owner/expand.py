@@ -12,14 +12,11 @@ import contextlib
 import json
 import math
 import operator
-import os
-import resource
-import subprocess
 import sys
 import types
-from subprocess import DEVNULL, PIPE
 from typing import Any, Callable, Dict, List, Mapping, Set, Tuple
 
+from applr_ros1.common import child
 from applr_ros1.common.errors import ApplrError, reason
 
 LIMITS = {"CPU": 5, "AS": 2**30, "FSIZE": 0, "NPROC": 0}  # s, bytes, bytes of a file that it writes, more processes
@@ -49,17 +46,11 @@ def expand(path: str, arguments: Mapping[str, str], packages: Mapping[str, str])
         arguments: Of the xacro file, by name.
         packages: Folders of ROS packages, by name.
     """
-    command = [sys.executable, os.path.abspath(__file__), path]
-    given = json.dumps({"arguments": dict(arguments), "packages": dict(packages)})
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    try:
-        answer = subprocess.run(
-            command, input=given, stdout=PIPE, stderr=DEVNULL, text=True, env=environment, timeout=PATIENCE, check=False
-        )
-        text, problem, missing = json.loads(answer.stdout)
-    except (subprocess.TimeoutExpired, ValueError):
+    answer = child.run([__file__, path], {"arguments": dict(arguments), "packages": dict(packages)}, LIMITS, PATIENCE)
+    if not answer:
         problem = f"it takes over {LIMITS['CPU']} s or {LIMITS['AS'] // 2**20} MB" + REMEDY.format(path)
         return "", problem, set()
+    text, problem, missing = json.loads(answer)
     return text, problem, set(missing)
 
 
@@ -68,7 +59,7 @@ def _program() -> List[Any]:
     import xacro
     from xacro import substitution_args
 
-    path, given = sys.argv[1], json.load(sys.stdin)
+    path, given = sys.argv[1], child.taken()
     missing: List[str] = []
 
     def folder(name: str) -> str:
@@ -89,8 +80,6 @@ def _program() -> List[Any]:
     index.get_package_share_directory = folder
     sys.modules.update({"ament_index_python": types.ModuleType("ament_index_python"), index.__name__: index})
     xacro.safe_eval, substitution_args._eval = of_xacro, of_eval
-    for name, limit in LIMITS.items():
-        resource.setrlimit(getattr(resource, "RLIMIT_" + name), (limit, limit))
     try:
         with contextlib.redirect_stdout(sys.stderr):  # what a file has to say, which can be endless
             text = xacro.process_file(path, mappings=given["arguments"]).toxml()
