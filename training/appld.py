@@ -27,7 +27,7 @@ from training.common.folders import make_folder
 from training.common.options import argument, option
 
 with extra(__name__):
-    from training.bags.reader import BagOptions, find
+    from training.bags.bag import BagOptions, bags_in
     from training.baselines.appld import classifier as appld_classifier
     from training.baselines.appld import fit as appld_fit
     from training.baselines.appld import segmentation as contexts
@@ -153,7 +153,7 @@ def run(arguments: List[str]) -> None:
     if not options.out.endswith(".safetensors"):
         raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
     try:
-        demonstrations = [read_demonstration(bag, options.topics(), options.robot) for bag in find(options.bags)]
+        demonstrations = [read_demonstration(bag, options.topics(), options.robot) for bag in bags_in(options.bags)]
         log = learn(demonstrations, options, arguments)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; nothing was written") from None

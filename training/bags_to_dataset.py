@@ -1,7 +1,7 @@
-"""Converts recorded drives to a dataset for offline training.
+"""Converts recorded drives with the applr node to a dataset for offline training.
 
-Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1 and ROS 2, from
-real robots and from simulation, can be mixed.
+Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1, those that
+`rosbags-convert` made of them, from real robots and from simulation, can be mixed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
-from applr_ros1.common.errors import ApplrError, reason, run_main
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.policy.form import PaperForm
 from training.common.command_line import parsed
@@ -19,11 +19,12 @@ from training.common.folders import make_folder
 from training.common.options import argument, checked, option
 from training.env.reward import Reward
 from training.replay.store import NAME, TrajectoryStore
-from training.replay.trajectory import MAX_NAME, TrajectoryError, TransitionLayout
+from training.replay.trajectory import MAX_NAME, TransitionLayout
 
 with extra(__name__):
-    from training.bags.episodes import BagReport, trajectories
-    from training.bags.reader import BagError, BagOptions, TopicNames, find, read_bag
+    from training.bags.bag import BagError, BagOptions, bags_in, read, refused
+    from training.bags.episodes import BagReport, transitions
+    from training.bags.topics import TopicNames
 
 
 def _reasons(skipped) -> str:
@@ -42,11 +43,10 @@ class DatasetOptions(BagOptions):
     reward: List[str] = option([],
         "Coefficient of the reward to use instead of its default, as NAME=VALUE; can be given several times. Names: "
         f"{', '.join(Reward.model_fields)}.")
-    plan: str = option(TopicNames.plan, "Topic of the global plans in the bags.")
     move_base: str = option(TopicNames.move_base,
-        "Name space of move_base in the bags, with its goals and the parameters of its servers.")
+        "Name space of move_base in the bags, with its goals.")
     applr: str = option(TopicNames.applr,
-        "Name space of the applr node in the bags, with whose observations the rebuilt ones are compared.")
+        "Name space of the applr node in the bags, with its decisions.")
     # fmt: on
 
 
@@ -64,7 +64,7 @@ def run(options: DatasetOptions) -> None:
     """
     reward = checked(Reward, dict(text.partition("=")[::2] for text in options.reward), "--reward")
     topics = options.topics()
-    bags, form = find(options.bags), PaperForm(options.robot)
+    bags, form = bags_in(options.bags), PaperForm(options.robot)
     layout = TransitionLayout(form.scan, form.size - form.scan, form.actions)
     store = TrajectoryStore(make_folder(options.out) / NAME, layout)
     if store.last:
@@ -73,43 +73,34 @@ def run(options: DatasetOptions) -> None:
     for bag in bags:
         reports.append(report := BagReport())
         try:
-            recording = read_bag(bag, topics, options.robot)
-            if recording.silent:
-                print(f"{bag}: {recording.silent}")
-            for trajectory in trajectories(recording, reward, layout, report, options.finish):
-                trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
-                trajectory.check(layout)
-                store.append(trajectory)
+            recorded = read(bag, topics, ranges=False)
+            with refused(bag):
+                for trajectory in transitions(recorded, options.robot, reward, layout, report, options.finish):
+                    trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
+                    trajectory.check(layout)
+                    store.append(trajectory)
         except BagError as error:
             report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)
-        except TrajectoryError as error:
-            report.skipped[str(error)] += 1
-            print(error)
-        except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
-            report.skipped["damaged inside"] += 1
-            print(f"{bag}: damaged inside ({reason(error)})")
-        print(
-            f"{bag}: {report.transitions} transitions in {report.episodes} episodes, {report.verified} observations "
-            f"equal to the node's{_reasons(report.skipped)}"
-        )
-    skipped = sum((report.skipped for report in reports), Counter())
+        skipped = _reasons(report.skipped)
+        print(f"{bag}: {report.transitions} transitions in {report.episodes} episodes{skipped}")
+    all_skipped = sum((report.skipped for report in reports), Counter())
     if not store.transitions:
         store.close()
         (Path(options.out) / NAME).unlink()
         if not any(Path(options.out).iterdir()):
             Path(options.out).rmdir()
-        raise BagError(f"no transition could be used{_reasons(skipped)}")
-    about = ("episodes", "verified", "transitions", "skipped")
-    read = [{"name": bag.name, **{name: vars(report)[name] for name in about}} for bag, report in zip(bags, reports)]
-    source: Dict[str, Any] = {"bags": read, "robot": options.robot.name, **reward.model_dump()}
+        raise BagError(f"no transition could be used{_reasons(all_skipped)}")
+    about = ("episodes", "transitions", "skipped")
+    made = [{"name": bag.name, **{name: vars(report)[name] for name in about}} for bag, report in zip(bags, reports)]
+    source: Dict[str, Any] = {"bags": made, "robot": options.robot.name, **reward.model_dump()}
     periods = sorted(set().union(*(report.periods for report in reports)))
     if len(periods) == 1:
         source["decision_period"] = round(periods[0], 3)
     else:
         print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in periods)} s")
     store.note("source", source)
-    store.note("skipped", skipped)
+    store.note("skipped", all_skipped)
     print(f"{options.out}: {store.transitions} transitions")
     store.close()
 

@@ -13,7 +13,7 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from training.bags.reader import read_bag
+from training.bags.bag import read
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def written(path, messages):
                 bag.write(topic, message, rospy.Time(second, 1))
         for i, (topic, message) in enumerate(messages):
             bag.write("/" + topic, message, rospy.Time(104, i))
-    return read_bag(path)
+    return read(path)
 
 
 def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
@@ -59,8 +59,9 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
     assert [m.movers.to_nsec() % 10**9 for topic, m in published if topic == "applr/decision"] == [4, 4]
-    recording = written(tmp_path / "a.bag", published)
-    decisions = [{key: d[key] for key in d if key not in ("at", "observation")} for d in recording.decisions]
+    bag = written(tmp_path / "a.bag", published)
+    decisions = [d._asdict() for d in bag.decisions]
+    observations = [(decision.pop("at"), decision.pop("observation"))[1] for decision in decisions]
     assert decisions == [
         {
             "number": number,
@@ -68,15 +69,14 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             "stamp": (100 + number) * 10**9 + 5,
             "scan": (100 + number) * 10**9 + 1,
             "odometry": (100 + number) * 10**9 + 2,
-            "plan": (100 + number) * 10**9 + 3,
             "before": SPACE.as_dict(THETA_0),
             "after": chosen,
         }
         for number, chosen in ((1, SPACE.as_dict(theta)), (2, {}))
     ]
-    for number, decision in enumerate(recording.decisions, 1):
-        assert decision["observation"].dtype == np.float32
-        assert np.array_equal(decision["observation"], np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
+    for number, observation in enumerate(observations, 1):
+        assert observation.dtype == np.float32
+        assert np.array_equal(observation, np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
 
 
 def test_fields_of_the_parameters_are_named_for_plotting():

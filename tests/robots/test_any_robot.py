@@ -17,8 +17,8 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.check import of_setup
 from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, train
-from training.bags import reader as bags
-from training.bags.reader import TopicNames
+from training.bags.bag import read
+from training.bags.topics import TopicNames
 from training.env.episode import Episode
 from training.evaluation.store import read_trials
 from training.tune import parameter_file
@@ -193,7 +193,7 @@ def test_recorded_and_read_back(crate, tmp_path):
         outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
         while not outcome.over:
             outcome = episode.decide(space.high)
-    read_back = bags.read_bag(tmp_path / "a.bag", topics, robot).parameters
+    read_back = read(tmp_path / "a.bag", topics).parameters(space)
     assert set(read_back) == set(space.servers)
     assert read_back[""][-1][1]["planner_patience"] == 20.0
 

@@ -32,12 +32,6 @@ class StackWriter(BagWriter):
         for name, text in _OTHERS.items():
             self.store.register(get_types_from_msg(text, name))
 
-    def plan(self, time: float, plan, frame: str = "") -> None:
-        """Write a global plan: (n, 3) x, y [m], yaw [rad] in a frame, else in the robot's odometry frame."""
-        header = self._header(time, frame or self.robot.frames.odom)
-        poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
-        self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
-
     def contact(self, time: float) -> None:
         """Write that the robot touches something."""
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
@@ -78,7 +72,7 @@ class StackWriter(BagWriter):
         self._put(self.topics.move_base + "/result", "move_base_msgs/msg/MoveBaseActionResult", time, *fields)
 
     def decision(self, time, number, goal, observation, seen, before, after):
-        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry", "plan"} [s], two {name: value}."""
+        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry"} [s], two {name: value}."""
         kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
         if kinds[1] not in self.store.types:
             for kind in kinds:
@@ -93,7 +87,7 @@ class StackWriter(BagWriter):
         place = [np.nan] * 5  # pose and local goal, which no reader needs
         observation = np.asarray(observation, np.float32)
         fields = header, number, goal, *times, *place, observation, *sets, ""
-        self._put(self.topics.applr + "/decision", kinds[1], time, *fields)
+        self._put(self.topics.decision, kinds[1], time, *fields)
 
     def _status(self, goal_id, status):
         identity = self._make("actionlib_msgs/msg/GoalID", self._time(0.0), goal_id)
@@ -106,7 +100,7 @@ class RecordingEpisode(Episode):
     def __init__(self, simulator, move_base, writer: BagWriter, **options):
         super().__init__(simulator, move_base, writer.robot, **options)
         self.writer = writer
-        self.courses = 0
+        self.courses = self.decisions = 0
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
         self._scanned: Optional[float] = None  # time of the newest scan in the bag
 
@@ -120,13 +114,17 @@ class RecordingEpisode(Episode):
         self._goal_id = f"course {self.courses} in {world.name}"
         self._parameters(-0.5)  # before the goal is sent
         self.writer.goal(self._now, self.goal)
-        self._look(outcome, self.move_base.make_plan(self.simulator.state.odom_pose, self.goal, 0.0))
+        self._look()
         return outcome
 
     def decide(self, theta) -> Outcome:
         """Drive one decision period and write what the nodes would have published in it."""
+        now, observation, before = self._now, self.context().observation, self.outcome.theta
         outcome = super().decide(theta)
-        self._look(outcome, self.move_base.global_plan)
+        seen, sets = {"scan": now, "odometry": now}, map(self.space.as_dict, (before, outcome.theta))
+        self.writer.decision(now, self.decisions, self._goal_id, observation, seen, *sets)
+        self.decisions += 1
+        self._look()
         if outcome.over:
             status = SUCCEEDED if outcome.success else ABORTED if outcome.aborted else PREEMPTED
             self.writer.result(self._now, self._goal_id, status)
@@ -156,15 +154,13 @@ class RecordingEpisode(Episode):
                 self.writer.contact(self._ahead + state.time)
         return cycle, state
 
-    def _look(self, outcome, plan) -> None:
+    def _look(self) -> None:
         """What the coming decision sees."""
         now, state = self._now, self.simulator.state
         self.writer.status(now, self._goal_id)
         self.writer.odometry(now, state.odom_pose, state.odom_twist)
         self.writer.scan(now, self._seen)
         self._scanned = now
-        if plan is not None and len(plan):
-            self.writer.plan(now, plan)
 
     def _parameters(self, later: float) -> None:
         for server in self.space.servers:

@@ -1,9 +1,7 @@
-"""Rebuilds the transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from a Recording, goal by goal.
+"""Transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from the decisions in a Bag, goal by goal.
 
-bags_to_dataset.py calls it. Two kinds of bags are read. Where the applr node's decisions were recorded they say which
-messages a decision saw and what the planner had; each observation is rebuilt from these very messages and compared with
-the node's. Elsewhere the servers' parameter_updates say what the planner had, and decisions are taken to fall every two
-seconds from a goal's first plan on.
+bags_to_dataset.py calls it. A decision of the applr node holds what it saw, what the planner had, and what was chosen;
+the action's status, the odometry and the scans of the bag say what came of it.
 """
 
 from __future__ import annotations
@@ -20,18 +18,17 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
-from training.bags.reader import SECOND, Recording
+from applr_ros1.policy.observation import ObservationError, observe
+from applr_ros1.robots import JACKAL, Robot
+from training.bags.bag import SECOND, Bag, BagError, Decision
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest, progress
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 SUCCEEDED, ABORTED = 3, (4, 5)  # actionlib
-MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
-JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
-EARLIER = SECOND // 4  # an update that was recorded within this time of a decision is its result
-CLOSE = 1e-5  # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
+MAX_AGE_S = 1.0  # older scans and poses say nothing about a decision
+JUMP_M = 0.3  # beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
 
 
 class Skipped(ApplrError):
@@ -40,11 +37,10 @@ class Skipped(ApplrError):
 
 @dataclass
 class BagReport:
-    """What became of a bag."""
+    """The account of what became of a bag."""
 
     episodes: int = 0
     transitions: int = 0
-    verified: int = 0  # observations equal to the node's own
     periods: Set[float] = field(default_factory=set)  # of its decisions [s]
     skipped: Counter[str] = field(default_factory=Counter)  # transitions that are not used, by reason
 
@@ -68,88 +64,103 @@ class Goal:
 
 
 @dataclass
-class RebuiltObservation:
-    """An observation to be rebuilt from messages, and what came of it.
+class Sample:
+    """A decision, or the end of a course, where none was made.
 
     Attributes:
         at: ROS time [ns].
-        decision: what the node published, if it made and recorded one.
-        end: the course ends here, and no decision was made.
-        scan, pose, plan: indices of the messages that the observation is made of; -1 for none.
-        same: whether these are the messages that the node saw; else the nearest ones that were recorded.
-        trouble: why it cannot be rebuilt (outcome is None), or why the transition that ends here cannot be used.
+        decision: The decision; at the end the last one.
+        is_end: The course ends here.
+        trouble: Why it cannot be used (outcome is None), or why the transition that ends here cannot.
     """
 
     at: int
-    decision: Optional[dict] = None
-    end: bool = False
-    scan: int = -1
+    decision: Decision
+    is_end: bool = False
+    scan: int = -1  # indices in the bag
     pose: int = -1
-    plan: int = -1
-    same: bool = False
     trouble: str = ""
-    outcome: Optional[Outcome] = None
+    theta: Optional[np.ndarray] = None
     observation: Optional[np.ndarray] = None
+    outcome: Optional[Outcome] = None
 
 
-def trajectories(
-    recording: Recording,
+def transitions(
+    bag: Bag,
+    robot: Robot = JACKAL,
     reward: Reward = Reward(),
     layout: TransitionLayout = TransitionLayout(),
     report: Optional[BagReport] = None,
     finish: Optional[float] = None,
 ) -> Iterator[Trajectory]:
-    """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
+    """Yield a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
 
-    finish: metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
-    goal lies beyond the finish line); None: only move_base's own result counts.
+    Args:
+        bag: What was recorded.
+        robot: Who drove.
+        reward: Of each transition.
+        layout: Of what is yielded.
+        report: Is filled.
+        finish: Metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
+            goal lies beyond the finish line); None: only move_base's own result counts.
+
+    Raises:
+        BagError: The bag lacks what is needed.
     """
+    if not bag.decisions:
+        remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
+        raise BagError(f"{bag.path}: no decisions on {bag.topics.decision}: {remedy}")
+    for what, topic, times in (
+        ("scans", bag.topics.scan, bag.scans.at),
+        ("odometry", bag.topics.odometry, bag.odometry.at),
+    ):
+        if not len(times):
+            raise BagError(f"{bag.path}: no {what} on {topic}")
+    if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
+        raise BagError(f"{bag.path}: recorded on another clock than its messages'; set use_sim_time where you record")
     report = report if report is not None else BagReport()
-    courses = []
-    for goal in goals(recording, report.skipped):
+    form = PaperForm(robot)
+    for number, goal in enumerate(goals(bag, report.skipped)):
         try:
-            _check_motion(recording, goal)
-            _finish(recording, goal, finish)
-            courses.append((goal, _samples(recording, goal)))
-            report.periods.add(goal.period)
+            _check_motion(bag, goal)
+            _finish(bag, goal, finish)
+            samples = _samples(bag, goal)
         except Skipped as reason:
             report.skipped[str(reason)] += 1
-    scans = recording.scans(m.scan for _, samples in courses for m in samples if not m.trouble)
-    for number, (goal, samples) in enumerate(courses):
+            continue
+        report.periods.add(goal.period)
         for i, sample in enumerate(samples):
             if sample.trouble:
                 continue
             try:
-                rebuild_observation(recording, goal, samples, i, scans[sample.scan])
-                if _equals_the_nodes(recording, sample, scans[sample.scan]):
-                    report.verified += 1
+                _look(bag, form, samples, i)
                 if i and samples[i - 1].outcome is not None:
-                    label_outcome(recording, goal, samples[i - 1], sample)
-                    sample.trouble = _unusable(recording, goal, samples, i)
+                    _label(bag, robot, goal, samples[i - 1], sample)
+                    sample.trouble = _unusable(bag, form, goal, samples, i)
             except ObservationError as error:
-                sample.outcome, sample.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
+                sample.outcome, sample.trouble = None, f"a decision's scan is unusable ({str(error).split(':')[0]})"
             except Skipped as reason:
                 sample.outcome, sample.trouble = None, str(reason)
         for run in split_at_gaps(samples, report.skipped):
-            yield _trajectory(recording, goal, number, run, reward, layout, report)
+            yield _trajectory(bag, form, goal, number, run, reward, layout, report)
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
-def goals(recording: Recording, skipped: Counter[str]) -> List[Goal]:
-    """The goals that were pursued, by the action's status; where one cannot be used, or is none, the reason counts."""
+def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
+    """Return the goals that were pursued, by the action's status; why one cannot be used, or there is none, counts."""
     spans: List[List] = []  # [id, start, end]
     before = ""
-    for at, running in recording.status:
+    for at, running in bag.status:
         if before:  # it was pursued until now
             spans[-1][2] = at
         if running and running != before:
             spans.append([running, at, at])
         before = running
-    found, period = [], decision_period(recording)
+    found, period = [], decision_period(bag)
     for goal, start, end in spans:
-        targets = [g for g in recording.goals if start - 2 * SECOND <= g[0] <= start + SECOND]
-        targets = targets or [g for g in recording.goals if g[0] <= end]
-        at, status = recording.results.get(goal, (end, None))
+        targets = [g for g in bag.goals if start - 2 * SECOND <= g[0] <= start + SECOND]
+        targets = targets or [g for g in bag.goals if g[0] <= end]
+        at, status = bag.results.get(goal, (end, None))
         if targets:
             end = end if status is None else min(end, at)
             found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4], period))
@@ -160,15 +171,15 @@ def goals(recording: Recording, skipped: Counter[str]) -> List[Goal]:
     return found
 
 
-def decision_period(recording: Recording) -> float:
-    """The decision period [s]: the median interval of a goal's recorded decisions, in whole control cycles.
+def decision_period(bag: Bag) -> float:
+    """Return the decision period [s]: the median interval of a goal's decisions, in whole control cycles.
 
-    Where none were recorded it is the paper's.
+    Where no goal has two of them it is the paper's.
     """
     stamps: Dict[str, List[int]] = {}
-    for decision in recording.decisions:
-        if 0 <= decision["stamp"] <= recording.end:  # a bag may state anything
-            stamps.setdefault(decision["goal"], []).append(decision["stamp"])
+    for decision in bag.decisions:
+        if 0 <= decision.stamp <= bag.end:  # a bag may state anything
+            stamps.setdefault(decision.goal, []).append(decision.stamp)
     intervals = np.concatenate([np.zeros(0), *(np.diff(times) for times in stamps.values())])
     intervals = intervals[intervals > 0]
     if not len(intervals):
@@ -176,209 +187,148 @@ def decision_period(recording: Recording) -> float:
     return round(max(1, round(float(np.median(intervals)) / SECOND / CONTROL_PERIOD)) * CONTROL_PERIOD, 9)
 
 
-def _check_motion(recording, goal) -> None:
+def _check_motion(bag: Bag, goal: Goal) -> None:
     """Raises Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
-    during = (recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end)
-    stamps, pose = recording.odometry.stamp[during], recording.odometry.pose[during]
+    during = (bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)
+    stamps, pose = bag.odometry.stamp[during], bag.odometry.pose[during]
     if len(stamps) < 2 or not np.isfinite(pose).all():
         raise Skipped("odometry is not finite" if len(stamps) > 1 else "no odometry while the goal was pursued")
     gaps = np.diff(stamps)
     if (gaps < 0).any() or (gaps == 0).mean() > 0.1:
         raise Skipped("the clock jumped")
-    if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP + 5.0 * gaps / SECOND).any():
+    if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP_M + 5.0 * gaps / SECOND).any():
         raise Skipped("the odometry jumped")
-    stamps = recording.scan_stamp[(recording.scan_at >= goal.start) & (recording.scan_at <= goal.end)]
+    stamps = bag.scans.stamp[(bag.scans.at >= goal.start) & (bag.scans.at <= goal.end)]
     if (np.diff(stamps) < 0).any():
         raise Skipped("the clock jumped")
 
 
-def _finish(recording, goal, finish: Optional[float]) -> None:
+def _finish(bag: Bag, goal: Goal, finish: Optional[float]) -> None:
     """Ends the course where the robot has got `finish` metres towards the goal."""
     if finish is None:
         return
-    during = np.flatnonzero((recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end))
-    poses = np.array([_pose(recording, i, goal.frame, goal.end)[:2] for i in during])
+    during = np.flatnonzero((bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)).tolist()
+    poses = np.array([_pose(bag, i, goal.frame, goal.end)[:2] for i in during])
     towards = np.array(goal.xy) - poses[0]
     past = (poses - poses[0]) @ towards >= finish * np.hypot(*towards)
     if past.any():
-        goal.end, goal.status = int(recording.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
+        goal.end, goal.status = int(bag.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
 
 
-def _samples(recording, goal) -> List[RebuiltObservation]:
-    """The samples at which decisions were made, and the end of the course.
-
-    The course ends where the goal was reached or given up, or, if it was cut off by a time limit, a whole period after
-    the last decision.
-    """
-    made = [d for d in recording.decisions if d["goal"] == goal.id and d["stamp"] <= goal.end]
-    if made:
-        samples = [_sample(recording, goal, d["stamp"], d) for d in made]
-    else:
-        plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
-        if not len(plans):
-            raise Skipped("no global plan was recorded for the goal")
-        times = range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
-        samples = [_sample(recording, goal, at) for at in times]
-    if goal.end - samples[-1].at > (0 if goal.ended else 0.9 * goal.period * SECOND):
-        samples.append(_sample(recording, goal, goal.end))
-        samples[-1].end = True
+def _samples(bag: Bag, goal: Goal) -> List[Sample]:
+    """The decisions, and the end of the course where the goal was reached or given up."""
+    made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
+    samples = [Sample(decision.stamp, decision) for decision in made]
+    if made and goal.ended and goal.end > made[-1].stamp:
+        samples.append(Sample(goal.end, made[-1], is_end=True))
     if len(samples) < 2:
-        raise Skipped("shorter than one decision")
+        raise Skipped("shorter than one decision" if made else "no decision was recorded for the goal")
+    scans, stamps = bag.scans, bag.odometry.stamp
+    for one in samples:
+        named = [] if one.is_end else [_last(scans.stamp == one.decision.scan), _last(stamps == one.decision.odometry)]
+        if min(named, default=-1) < 0:  # at the end, or in a bag of fewer messages than the node got
+            scan = _last(scans.stamp <= one.at)
+            named = [scan, int(np.argmin(np.abs(stamps - scans.stamp[scan])))]
+        one.scan, one.pose = named
+        for what, index, times in (("scan", one.scan, scans.stamp), ("odometry", one.pose, stamps)):
+            if index < 0 or abs(int(times[index]) - one.at) > MAX_AGE_S * SECOND:
+                one.trouble = f"no {what} for a decision"
     return samples
 
 
-def _sample(recording, goal, at, decision=None) -> RebuiltObservation:
-    sample, odometry = RebuiltObservation(at, decision), recording.odometry.stamp
-    if decision:
-        sample.scan = _last(recording.scan_stamp == decision["scan"])
-        sample.pose = _last(odometry == decision["odometry"])
-        sample.plan = _last(recording.plan_stamp == decision["plan"])
-        sample.same = min(sample.scan, sample.pose, sample.plan) >= 0
-    if not sample.same:  # no decision was recorded, or a bag of fewer messages than the node got
-        sample.scan = _last(recording.scan_stamp <= at)
-        sample.pose = int(np.argmin(np.abs(odometry - recording.scan_stamp[sample.scan])))
-        sample.plan = _last(recording.plan_at <= at)
-    for what, index, stamps in (("scan", sample.scan, recording.scan_stamp), ("odometry", sample.pose, odometry)):
-        if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
-            sample.trouble = f"no {what} for a decision"
-    if sample.plan < 0 or recording.plan_at[sample.plan] < goal.start - SECOND // 2:
-        sample.trouble = "no global plan for a decision"
-    return sample
-
-
-def _last(which) -> int:
+def _last(which: np.ndarray) -> int:
     """The last index at which `which` (n,) holds; -1 for none."""
     found = np.flatnonzero(which)
     return int(found[-1]) if len(found) else -1
 
 
 # -- samples -----------------------------------------------------------------------------------------------------------
-def rebuild_observation(recording, goal, samples, i, scan) -> None:
-    """Fills sample i with what was seen at it; Skipped or ObservationError where it cannot be rebuilt."""
-    sample, layout, laser = samples[i], recording.layout, recording.robot.laser
-    ranges, phi = _look(recording, sample, scan, layout)
-    at_end = sample.end and i
-    theta = theta_after(recording, goal, samples[i - 1], sample) if at_end else theta_before(recording, sample)
-    sample.observation = observe(ranges, phi, theta, recording.space, layout)
-    near = nearest(recording.nearest[[sample.scan]], laser.range_min)
+def _look(bag: Bag, form: PaperForm, samples: List[Sample], i: int) -> None:
+    """Fills sample i with what was seen at it. Raises Skipped or ObservationError where that cannot be used."""
+    sample, decision, beams = samples[i], samples[i].decision, form.layout.beams
+    sample.theta = _after(form, decision) if sample.is_end else _theta(form, decision.before)
+    seen = decision.observation
+    if not (np.abs(seen) <= 1.0).all():
+        raise Skipped("the observation of a decision is not within [-1, 1]")
+    sectors = len(seen) - 1 - form.actions
+    if sectors != beams:
+        seen = _in_the_papers_form(seen, form, sectors, sample.theta)
+    sample.observation = np.concatenate([seen[: beams + 1], form.action(sample.theta)]).astype(np.float32)
+    near = nearest(bag.scans.nearest[[sample.scan]], form.robot.laser.range_min)
     seconds = (sample.at - samples[0].at) / SECOND
-    sample.outcome = Outcome(ranges, phi, theta, last_scan_min=near, decision_min=near, decisions=i, time_s=seconds)
+    sample.outcome = Outcome(
+        seen[:beams], 0.0, sample.theta, last_scan_min=near, decision_min=near, decisions=i, time_s=seconds
+    )
 
 
-def _look(recording, sample, scan, layout) -> Tuple[np.ndarray, float]:
-    """Ranges (beams,) [m] of a scan as a layout has them, and the angle of the local goal [rad]."""
-    frame, points = recording.plans[sample.plan]
-    pose = _pose(recording, sample.pose, frame, sample.at)
-    first = scan.angle_min + recording.robot.laser.pose[2]
-    ranges = layout.resample(scan.ranges, first, scan.angle_increment)
-    return ranges, goal_angle(local_goal(points, pose, layout.lookahead))
+def _in_the_papers_form(seen: np.ndarray, form: PaperForm, sectors: int, theta: np.ndarray) -> np.ndarray:
+    """What a policy in the dimensionless form was shown, as the paper's form has it: the nearest of its sectors."""
+    layout = DimensionlessForm(form.robot, PERIOD).layout
+    if sectors != layout.beams:
+        raise Skipped("a decision was made with a scan of other beams than the robot's")
+    ranges = form.layout.resample(0.5 * (seen[:sectors] + 1.0) * layout.range_cap, layout.angle_min, layout.step)
+    return observe(ranges, seen[sectors] * math.pi, theta, form.space, form.layout)
 
 
-def theta_before(recording, sample) -> np.ndarray:
-    """The parameters theta_{t-1} (k,) that the planner had when a decision was made."""
-    if sample.decision:
-        return _whole(recording, sample.decision["before"])
-    return _announced(recording, sample.at, EARLIER)
+def _after(form: PaperForm, decision: Decision) -> np.ndarray:
+    """The parameters (k,) that the planner had after a decision; those before it where it was refused."""
+    return _theta(form, decision.after or decision.before)
 
 
-def theta_after(recording, goal, before, after) -> np.ndarray:
-    """theta_t (k,): what the planner had between two samples. It arrives within half a period or not at all."""
-    if before.decision:
-        return _whole(recording, before.decision["after"] or before.decision["before"])
-    return _announced(recording, min(before.at + round(0.5 * goal.period * SECOND), after.at))
-
-
-def _whole(recording, values) -> np.ndarray:
+def _theta(form: PaperForm, values: Dict[str, float]) -> np.ndarray:
     """{name: value} of a decision → theta (k,)."""
-    theta = np.array([values.get(name, math.nan) for name in recording.space.names])
+    theta = np.array([values.get(name, math.nan) for name in form.space.names])
     if not np.isfinite(theta).all():
         raise Skipped("the planner's parameters are not known")
     return theta
 
 
-def _announced(recording, at, lag=0) -> np.ndarray:
-    """(k,) what the servers had announced `lag` before a time, or else first until then. Inflation: the local one's.
-
-    A server that announced nothing in the whole bag has what the robot's files say.
-    """
-    theta = np.array(recording.space.theta0)
-    for i, name in enumerate(recording.space.names):
-        target = recording.space.targets[name][0]
-        if target.server not in recording.parameters:
-            continue
-        updates = [(time, values) for time, values in recording.parameters.get(target.server, ()) if time <= at]
-        if not updates:
-            raise Skipped("the planner's parameters are not known")
-        values = ([values for time, values in updates if time <= at - lag] or [updates[0][1]])[-1]
-        theta[i] = next(values[n] for n in target.names if n in values)
-    if not np.isfinite(theta).all():
-        raise Skipped("parameters are not finite")
-    return theta
-
-
-def _equals_the_nodes(recording, sample, scan) -> bool:
-    """Whether the node's own observation was recorded and is the rebuilt one; Skipped where it is another.
-
-    A policy in another form than the paper's sees the scan in that form's layout.
-    """
-    if not sample.same or not len(sample.decision["observation"]):
-        return False
-    seen, rebuilt = sample.decision["observation"], sample.observation
-    layout = DimensionlessForm(recording.robot, PERIOD).layout
-    if len(seen) - len(rebuilt) == layout.beams - recording.layout.beams:
-        theta = sample.outcome.theta
-        rebuilt = observe(*_look(recording, sample, scan, layout), theta, recording.space, layout)
-    if seen.shape != rebuilt.shape or not np.allclose(seen, rebuilt, rtol=0.0, atol=CLOSE):
-        raise Skipped("a rebuilt observation differs from the node's")
-    return True
-
-
-def label_outcome(recording, goal, before, sample) -> None:
-    """The parts of an Outcome that a transition has: progress, clearance, contact, the end."""
+def _label(bag: Bag, robot: Robot, goal: Goal, before: Sample, sample: Sample) -> None:
+    """Fills the parts of an Outcome that a transition has: progress, clearance, contact, the end."""
     outcome = sample.outcome
-    here = _pose(recording, sample.pose, goal.frame, sample.at)
-    there = _pose(recording, before.pose, goal.frame, before.at)
+    assert outcome is not None
+    here = _pose(bag, sample.pose, goal.frame, sample.at)
+    there = _pose(bag, before.pose, goal.frame, before.at)
     outcome.progress, outcome.progress_y = progress(goal.xy, there, here)
     outcome.seconds = (sample.at - before.at) / SECOND
-    during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= sample.at)
+    during = (bag.scans.stamp > before.at) & (bag.scans.stamp <= sample.at)
     if during.any():
-        outcome.decision_min = nearest(recording.nearest[during], recording.robot.laser.range_min)
-    outcome.contact = any(before.at < at <= sample.at for at in recording.collisions)
+        outcome.decision_min = nearest(bag.scans.nearest[during], robot.laser.range_min)
+    outcome.contact = any(before.at < at <= sample.at for at in bag.collisions)
     if goal.ended and sample.at == goal.end:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
 
-def _unusable(recording, goal, samples, i) -> str:
+def _unusable(bag: Bag, form: PaperForm, goal: Goal, samples: List[Sample], i: int) -> str:
     """Why the transition that ends at sample i cannot be used; "" when it can."""
     before, after = samples[i - 1], samples[i]
-    seconds, last = (after.at - before.at) / SECOND, i == len(samples) - 1
-    if seconds > 1.5 * goal.period or (seconds < 0.5 * goal.period and not last):
+    seconds, is_last = (after.at - before.at) / SECOND, i == len(samples) - 1
+    if seconds > 1.5 * goal.period or (seconds < 0.5 * goal.period and not is_last):
         return "a decision's period is not that of the others"
-    stamps = recording.scan_stamp[
-        (recording.scan_stamp >= before.at - MAX_AGE * SECOND) & (recording.scan_stamp <= after.at)
-    ]
-    if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
+    stamps = bag.scans.stamp[(bag.scans.stamp >= before.at - MAX_AGE_S * SECOND) & (bag.scans.stamp <= after.at)]
+    if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
         return "scans are missing"
-    if not np.array_equal(theta_after(recording, goal, before, after), after.outcome.theta):
+    assert after.theta is not None
+    if not np.array_equal(_after(form, before.decision), after.theta):
         return "parameters were changed between decisions"
     return ""
 
 
-def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
+def _pose(bag: Bag, index: int, frame: str, at: int) -> Tuple[float, float, float]:
     """Odometry number `index` as (x, y, yaw) in `frame`, through a recorded transform where frames differ."""
-    x, y, a = recording.odometry.pose[index].tolist()
-    if not frame or frame == recording.odometry.frame:
+    x, y, a = bag.odometry.pose[index].tolist()
+    if not frame or frame == bag.odometry.frame:
         return x, y, a
-    known = [t for time, t in recording.transforms.get((frame, recording.odometry.frame), ()) if time <= at]
+    known = [t for time, t in bag.transforms.get((frame, bag.odometry.frame), ()) if time <= at]
     if not known:
-        raise Skipped("no transform between the plan's frame and the odometry's")
+        raise Skipped("no transform between the goal's frame and the odometry's")
     return (*transform_point(known[-1], x, y), a + known[-1][2])
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def split_at_gaps(samples, skipped: Counter[str]) -> Iterator[List[RebuiltObservation]]:
-    """Runs of samples with usable transitions between them; the trouble of the others counts in `skipped`."""
-    run: List[RebuiltObservation] = []
+def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
+    """Yield runs of samples with usable transitions between them; the trouble of the others counts in `skipped`."""
+    run: List[Sample] = []
     for sample in samples:
         if sample.trouble:
             skipped[sample.trouble] += 1
@@ -391,11 +341,11 @@ def split_at_gaps(samples, skipped: Counter[str]) -> Iterator[List[RebuiltObserv
         yield run
 
 
-def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
-    actions, rewards, form = [], [], PaperForm(recording.robot)
+def _trajectory(bag, form, goal, number, run, reward, layout, report) -> Trajectory:
+    actions, rewards = [], []
     for before, after in zip(run, run[1:]):
-        action = form.action(theta_after(recording, goal, before, after))
-        change = float(np.abs(action - form.action(before.outcome.theta)).mean())
+        action = form.action(_after(form, before.decision))
+        change = float(np.abs(action - form.action(before.theta)).mean())
         limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
         rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
         actions.append(action)
@@ -403,7 +353,7 @@ def _trajectory(recording, goal, number, run, reward, layout, report) -> Traject
     report.episodes += 1
     report.transitions += len(rewards)
     info = {
-        "actor": "bag:" + recording.path.name[:180],
+        "actor": "bag:" + bag.path.name[:180],
         "episode": number,
         "goal": goal.id[:180],
         "from": run[0].outcome.decisions,

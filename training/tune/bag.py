@@ -19,7 +19,8 @@ from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot, measured
 from applr_ros1.robots.check import contradictions
 from applr_ros1.robots.measured import Fields
-from training.bags.reader import BagError, TopicNames, find, refused
+from training.bags.bag import BagError, bags_in, refused
+from training.bags.topics import TopicNames
 from training.env.episode import TIME_LIMIT, Episode, counting_cells
 from training.tune.recorded_drive import Drive, DrivenCourse, RecordedDrive
 from worlds import World
@@ -122,11 +123,11 @@ def read(paths: Sequence[Any], robot: Robot, copies: int = 6) -> Recorded:
     Raises:
         BagError: None of them holds a course.
     """
-    topics = replace(TopicNames.of(robot), plan="")  # plans are long, and nothing here needs them
+    topics = TopicNames.of(robot)
     drives: List[RecordedDrive] = []
     courses: List[DrivenCourse] = []
     said: Dict[str, List[str]] = {}  # by remark the bags of which it is true
-    for path in find(paths):
+    for path in bags_in(paths):
         try:
             with refused(path):
                 drive = RecordedDrive(path, robot, topics)

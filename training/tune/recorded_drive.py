@@ -10,7 +10,7 @@ import re
 from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import geometry_fault
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.parameters.check import complete
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, measured
 from applr_ros1.robots.measured import Fields, Value
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.bags.reader import SECOND, BagError, Poses, TopicNames, read_messages, topics_in
+from training.bags.bag import SECOND, BagError, Poses, Scans, read
+from training.bags.topics import TopicNames
 from worlds import Course, World
 from worlds.dynabarn import arena_course
 from worlds.seen import REACH, Scan, Seen, seen
@@ -101,15 +103,18 @@ class RecordedDrive:
         self.fields: Fields = {}
         self.remarks: List[str] = []
         self.lacks = False
-        self.bag = read_messages(path, topics_in(path, topics), robot)
-        read = [topic for topic, wanted in zip(self.bag.topics.main, topics.main) if topic != wanted]
-        if read:
-            self.remarks.append(f"not recorded under the names of robot.yaml, and read instead: {', '.join(read)}")
+        self.bag, self.space = read(path, topics, search=True), space_of(robot)
+        self.parameters = self.bag.parameters(self.space)
+        instead = [topic for topic, wanted in zip(self.bag.topics.main, topics.main) if topic != wanted]
+        if instead:
+            self.remarks.append(f"not recorded under the names of robot.yaml, and read instead: {', '.join(instead)}")
         if self.bag.cut_short:
             self.remarks.append("it is cut short: what is whole of it is read")
         self._find_the_odometry(topics.odometry)
-        if self.bag.silent:
-            self._lacks(self.bag.silent)
+        servers = dict(self.space.places()) if not self.bag.decisions else ()
+        silent = ", ".join(server or "move_base" for server in servers if server not in self.parameters)
+        if silent:
+            self._lacks(f"no parameter_updates of {silent}: values of the robot's files are taken")
         self._find_the_map()
         self._place_scans()
         self.way = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
@@ -129,15 +134,15 @@ class RecordedDrive:
             bag.odometry = _poses_of_tf(bag.transforms, frames.odom, frames.base)
             self._lacks(f"nothing on {wanted}: poses are those of tf")
         driven = bag.odometry
-        for what, times in ((topics.scan, bag.scan_at), (f"{wanted} nor in {topics.tf}", driven.stamp)):
+        for what, times in ((topics.scan, bag.scans.at), (f"{wanted} nor in {topics.tf}", driven.stamp)):
             if not len(times):
                 raise BagError(f"{self.path}: nothing on {what}: record it")
-        clocks = (bag.scan_at - bag.scan_stamp, driven.at - driven.stamp)
+        clocks = (bag.scans.at - bag.scans.stamp, driven.at - driven.stamp)
         if max(abs(np.median(behind)) for behind in clocks) > SECOND:
             self.remarks.append("recorded on another clock than its messages': the times of recording are taken")
-            bag.scan_stamp, driven.stamp = bag.scan_at, driven.at
+            bag.scans, driven = bag.scans._replace(stamp=bag.scans.at), driven._replace(stamp=driven.at)
         if not driven.twist.any():
-            driven.twist = _twists(driven.stamp, driven.pose)
+            driven = driven._replace(twist=_twists(driven.stamp, driven.pose))
         good = np.flatnonzero((np.abs(np.column_stack([driven.pose, driven.twist])) < NOWHERE).all(axis=1))
         seconds, steps = np.diff(driven.stamp[good]) / SECOND, np.diff(driven.pose[good, :2], axis=0)
         apart = np.hypot(*steps.T) > JUMP + FASTEST * seconds
@@ -149,7 +154,7 @@ class RecordedDrive:
         if len(part) < SOME:
             raise BagError(f"{self.path}: {len(part)} possible poses in a row on {topics.odometry}: record a drive")
         rows = {name: getattr(driven, name)[part] for name in ("at", "stamp", "pose", "twist")}
-        bag.odometry = replace(driven, **rows)
+        bag.odometry = driven._replace(**rows)
 
     def _find_the_map(self) -> None:
         """Sets the frame of the poses, and where the odometry's frame was in it: [(from [ns], pose), ...]."""
@@ -190,30 +195,30 @@ class RecordedDrive:
 
     def _place_scans(self) -> None:
         """Sets times (n,) [ns] and poses (n, 3) of the robot at its scans, and the scans."""
-        bag, odometry = self.bag, self.bag.odometry
-        inside = (bag.scan_stamp >= odometry.stamp[0]) & (bag.scan_stamp <= odometry.stamp[-1])
-        messages = {i: m for i, m in bag.scans(np.flatnonzero(inside).tolist()).items() if _is_a_scan(m)}
-        if len(messages) < SOME:
-            raise BagError(f"{self.path}: {len(messages)} scans while there is odometry: record a drive, on one clock")
-        wanted, lost, poses = list(messages), 0, []
+        scans, odometry = self.bag.scans, self.bag.odometry
+        inside = (scans.stamp >= odometry.stamp[0]) & (scans.stamp <= odometry.stamp[-1])
+        wanted = [i for i in np.flatnonzero(inside).tolist() if _is_a_scan(scans, i)]
+        if len(wanted) < SOME:
+            raise BagError(f"{self.path}: {len(wanted)} scans while there is odometry: record a drive, on one clock")
+        lost, poses = 0, []
         track = [*odometry.pose[:, :2].T, np.unwrap(odometry.pose[:, 2])]
-        self.code = _no_return([messages[i] for i in wanted[:: math.ceil(len(wanted) / 50)]])
-        laser, inverted = self._laser(messages[wanted[0]].header.frame_id.lstrip("/"))
+        self.code = _no_return(scans, wanted[:: math.ceil(len(wanted) / 50)])
+        laser, inverted = self._laser(scans.frame)
         matcher, self.scans = ScanMatcher(), []  # type: ScanMatcher, List[Scan]
         for i in wanted:
-            message, stamp = messages[i], bag.scan_stamp[i]
-            pose = compose(self._above(stamp), tuple(np.interp(stamp, odometry.stamp, values) for values in track))
-            ranges = np.array(message.ranges, dtype=np.float32)
-            ranges[(ranges == np.float32(self.code)) | (ranges >= message.range_max)] = np.inf
-            ranges[ranges < message.range_min] = np.nan
-            first, step, limits = message.angle_min, message.angle_increment, (message.range_min, message.range_max)
+            stamp, ranges = scans.stamp[i], scans.of(i)
+            first, step, low, high = scans.geometry[i].tolist()
+            at = _pose([np.interp(stamp, odometry.stamp, values) for values in track])
+            pose = compose(self._above(stamp), at)
+            ranges[(ranges == np.float32(self.code)) | (ranges >= high)] = np.inf
+            ranges[ranges < low] = np.nan
             if inverted:
-                first, ranges = -first - (len(ranges) - 1) * step, ranges[::-1].copy()
-            matcher.see(LaserScan(stamp / SECOND, first, step, *limits, ranges, compose(pose, laser)))
+                first, ranges[:] = -first - (len(ranges) - 1) * step, ranges[::-1].copy()
+            matcher.see(LaserScan(stamp / SECOND, first, step, low, high, ranges, compose(pose, laser)))
             lost += matcher.lost
             poses.append(matcher.corrected(pose))
             self.scans.append(Scan(compose(poses[-1], laser), first, step, ranges))
-        self.times, self.poses = bag.scan_stamp[wanted], np.array(poses)
+        self.times, self.poses = scans.stamp[wanted], np.array(poses)
         if lost:
             self.remarks.append(f"scans contradict the poses {lost} times: the world may be wrong there")
 
@@ -252,7 +257,7 @@ class RecordedDrive:
             if not known:
                 self.remarks.append(f"nothing says where a goal in the frame {frame[:60]!r} is: {FARTHEST}")
             end = min((end for end in ends if end > at), default=at)
-            found.append((at, end, compose(change, tuple(pose)) if change is not None and known else None))
+            found.append((at, end, compose(change, _pose(pose)) if change is not None and known else None))
         return found
 
     def _in_frame(self, frame: str, at: int) -> Optional[Pose]:
@@ -289,26 +294,26 @@ class RecordedDrive:
             World(f"{name}-wall", np.vstack([free, dark]), np.empty((0, 5)), course),
         )
         theta = np.array([self._theta(at) for at in times.tolist()])
-        servers = {server: _last(rows, begin) for server, rows in bag.parameters.items()}
+        servers = {server: _last(rows, begin) for server, rows in self.parameters.items()}
         drive = Drive.of(times / SECOND, poses)
         return DrivenCourse(name, worlds, drive, poses, theta, servers, bool(bag.decisions))
 
     def _theta(self, at: int) -> np.ndarray:
         """The parameters (k,) in force at a time [ns]; what the bag does not say is as in the robot's files."""
-        bag, theta = self.bag, self.bag.space.theta0.copy()
-        decided: dict = next((made for made in reversed(bag.decisions) if made["at"] <= at), {})
-        said = decided.get("after") or decided.get("before") or {}
-        for i, name in enumerate(bag.space.names):
-            target = bag.space.targets[name][0]
-            values = _last(bag.parameters.get(target.server, [(0, {})]), at)
-            theta[i] = said.get(name, next((values[known] for known in target.names if known in values), theta[i]))
+        theta = self.space.theta0.copy()
+        made = [decision for decision in self.bag.decisions if decision.at <= at]
+        decided = (made[-1].after or made[-1].before) if made else {}
+        for i, name in enumerate(self.space.names):
+            target = self.space.targets[name][0]
+            values = _last(self.parameters.get(target.server, [(0, {})]), at)
+            theta[i] = decided.get(name, next((values[known] for known in target.names if known in values), theta[i]))
         return theta
 
     # -- the robot ---------------------------------------------------------------------------------
     def measure(self) -> None:
         """Fills `fields` with what the drive says of those of robot.yaml."""
         odometry, fields = self.bag.odometry, self.fields
-        told = np.array(self.bag.commands, dtype=np.float64).reshape(-1, 3)
+        told = np.column_stack(self.bag.commands).astype(np.float64)
         told = told[(told[:, 0] >= odometry.stamp[0]) & (told[:, 0] <= odometry.stamp[-1])]
         told = told[(np.abs(told[:, 1:]) < NOWHERE).all(axis=1)]
         if len(told) < SOME or np.ptp(told[:, 0]) < SHORT * SECOND or np.ptp(told[:, 1]) < measured.LEAST:
@@ -392,17 +397,17 @@ def _near(circles, path):
     return circles[away.min(axis=1) < REACH] if len(circles) else circles
 
 
-def _no_return(messages) -> float:
+def _no_return(scans: Scans, some: Sequence[int]) -> float:
     """What scans state where nothing returns; NaN where that is +inf, or everything returns."""
-    ranges = np.concatenate([np.asarray(message.ranges, dtype=np.float64) for message in messages])
-    odd = ranges[np.isfinite(ranges) & ((ranges == 0.0) | (ranges >= messages[0].range_max))]
+    ranges = np.concatenate([scans.of(i).astype(np.float64) for i in some])
+    odd = ranges[np.isfinite(ranges) & ((ranges == 0.0) | (ranges >= scans.geometry[some[0], 3]))]
     codes, counts = np.unique(odd, return_counts=True)
     return float(codes[np.argmax(counts)]) if len(odd) > 0.01 * len(ranges) else math.nan
 
 
-def _is_a_scan(m) -> bool:
-    limits = m.range_min, m.range_max
-    return not geometry_fault(LaserScan(0.0, m.angle_min, m.angle_increment, *limits, m.ranges, (0.0, 0.0, 0.0)))
+def _is_a_scan(scans: Scans, i: int) -> bool:
+    first, step, low, high = scans.geometry[i].tolist()
+    return not geometry_fault(LaserScan(0.0, first, step, low, high, scans.of(i), (0.0, 0.0, 0.0)))
 
 
 def _name(frame: str) -> str:

@@ -7,10 +7,9 @@ import tracemalloc
 
 import lz4.frame
 import pytest
-from rosbags.rosbag2 import storage_mcap
 
 from training import appld, bags_to_dataset, demonstrate, tune_robot
-from training.bags import reader
+from training.bags import bag
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import Demonstrator
 
@@ -64,15 +63,20 @@ def bag_with_chunk(path, packed, method, message=b"bool data\n"):
 @pytest.mark.fault("18a")
 @pytest.mark.parametrize("method", ["bz2", "lz4"])
 def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, method, monkeypatch, measured):
-    monkeypatch.setattr(reader, "MAX_UNPACKED", 1 << 22)
-    pack = bz2.compress if method == "bz2" else lz4.frame.compress
-    bag_with_chunk(tmp_path / "bomb.bag", pack(bytes(1 << 26)), method.encode())
+    monkeypatch.setattr(bag, "LIMITS", {**bag.LIMITS, "AS": 2**30})
+    piece = bytes(1 << 26)
+    if method == "bz2":
+        packed = bz2.compress(piece) * 16
+    else:
+        pack = lz4.frame.LZ4FrameCompressor()
+        packed = b"".join([pack.begin(), *(pack.compress(piece) for _ in range(16)), pack.flush()])
+    bag_with_chunk(tmp_path / "bomb.bag", packed, method.encode())
     tracemalloc.start()
     try:
-        with pytest.raises(reader.BagError, match="bomb.bag: .*unpacks to more than 4 MiB"):
-            reader.read_bag(tmp_path / "bomb.bag")
+        with pytest.raises(bag.BagError, match="bomb.bag: (reading it takes over .* or 1024 MiB|damaged)"):
+            bag.read(tmp_path / "bomb.bag")
         peak = tracemalloc.get_traced_memory()[1]
-        measured("memory for an archive of 64 MiB, bound 4 MiB", peak / 2**20, "MiB")
+        measured("memory for an archive of 1 GiB, bound 1 GiB in a child", peak / 2**20, "MiB")
         assert peak < 1 << 24
     finally:
         tracemalloc.stop()
@@ -83,36 +87,18 @@ def test_code_in_a_message_definition_is_not_run(tmp_path):
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
     for number, message in enumerate((code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")):
         bag_with_chunk(tmp_path / f"{number}.bag", lz4.frame.compress(b""), b"lz4", message.encode())
-        with pytest.raises(reader.BagError):
-            reader.read_bag(tmp_path / f"{number}.bag")
+        with pytest.raises(bag.BagError):
+            bag.read(tmp_path / f"{number}.bag")
     assert not (tmp_path / "ran").exists()
 
 
 def test_messages_of_another_definition_are_one_line(tmp_path):
-    with BagWriter(tmp_path / "a.bag") as bag:
-        bag.scan(1.0, [1.0] * 720)
-        bag._put("/applr/decision", "std_msgs/msg/String", 1.0, "left")
-    with pytest.raises(reader.BagError, match="a.bag: .*no attribute 'before'") as refused:
-        reader.read_bag(tmp_path / "a.bag")
+    with BagWriter(tmp_path / "a.bag") as writer:
+        writer.scan(1.0, [1.0] * 720)
+        writer._put("/applr/decision", "std_msgs/msg/String", 1.0, "left")
+    with pytest.raises(bag.BagError, match="a.bag: .*no attribute 'before'") as refused:
+        bag.read(tmp_path / "a.bag")
     assert "\n" not in str(refused.value)
-
-
-def test_compressed_data_are_what_they_were():
-    data = os.urandom(1 << 18) + bytes(1 << 18)
-    assert reader.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
-    assert reader.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
-    zstd = storage_mcap.zstd
-    assert reader.unpack(zstd.ZstdDecompressor, zstd.compress(data)) == data
-    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:10_000]):
-        with pytest.raises(EOFError):
-            reader.unpack(bz2.BZ2Decompressor, cut)
-
-
-def test_a_bag_that_is_compressed_as_a_whole_is_refused_before_it_is_unpacked(tmp_path):
-    about = "rosbag2_bagfile_information:\n  compression_mode: FILE\n  compression_format: zstd\n"
-    (tmp_path / "metadata.yaml").write_text(about)
-    with pytest.raises(reader.BagError, match="compressed; rosbags-convert"):
-        reader.read_bag(tmp_path)
 
 
 @pytest.mark.fault("18c")
@@ -122,8 +108,8 @@ def test_bags_that_are_no_files(tmp_path):
     (tmp_path / "ros2").mkdir()
     os.mkfifo(tmp_path / "ros2" / "metadata.yaml")
     for name in ("pipe.bag", "device.bag", "ros2"):
-        with pytest.raises(reader.BagError, match="is a pipe or device"):
-            reader.read_bag(tmp_path / name)
+        with pytest.raises(bag.BagError, match="is a pipe or device"):
+            bag.read(tmp_path / name)
 
 
 @pytest.mark.fault("18d")
@@ -132,6 +118,6 @@ def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Demonstrator, "command", stopped)
-    bag = tmp_path / "part.bag"
-    assert demonstrate.main([str(bag), "--world", "generated:0", "--simulator", "kinematic"]) == 130
-    assert not bag.exists()
+    part = tmp_path / "part.bag"
+    assert demonstrate.main([str(part), "--world", "generated:0", "--simulator", "kinematic"]) == 130
+    assert not part.exists()

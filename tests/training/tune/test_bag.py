@@ -12,7 +12,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import measured
 from applr_ros1.robots.folder import load
 from tests.support.recording import RecordingEpisode, StackWriter
-from training.bags.reader import BagError, TopicNames
+from training.bags.bag import BagError
+from training.bags.topics import TopicNames
 from training.env.episode import counting_cells
 from training.tune import bag
 from worlds import Course, World
@@ -70,7 +71,7 @@ def driven():
         state = simulator.advance(0.05)
         tape.odometry(episode._now, state.odom_pose, state.odom_twist)
         tape.scan(episode._now, simulator.scan())
-    return tape.events, outcome
+    return [event for event in tape.events if event[0] != "decision"], outcome
 
 
 def written(path, events, topics=Tape.topics, chunk=1 << 20):
@@ -263,8 +264,8 @@ def test_a_robots_topics_may_lie_in_a_namespace_or_have_other_names(driven, reco
 def test_of_two_odometries_that_have_other_names_the_one_with_more_messages_is_read():
     there = {"/front/scan": ("LaserScan", 9), "/wheels/odom": ("Odometry", 9), "/odometry/filtered": ("Odometry", 18)}
     connections = [SimpleNamespace(topic=t, msgtype=f"x/{kind}", msgcount=n) for t, (kind, n) in there.items()]
-    found = TopicNames(odometry="/odom", plan="").found(connections)
-    assert (found.scan, found.odometry, found.plan) == ("/front/scan", "/odometry/filtered", "")
+    found = TopicNames(odometry="/odom").found(connections)
+    assert (found.scan, found.odometry) == ("/front/scan", "/odometry/filtered")
 
 
 def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):

@@ -12,8 +12,10 @@ from typing import Any, Dict, Tuple
 
 import numpy as np
 
+from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.reader import SECOND, BagError, Recording, TopicNames, read_messages, refused
+from training.bags.bag import SECOND, Bag, BagError, read, refused
+from training.bags.topics import TopicNames
 from training.env.episode import CONTROL_PERIOD
 
 DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
@@ -67,26 +69,24 @@ def read_demonstration(path, topics: TopicNames = TopicNames(), robot: Robot = J
     Where no command was recorded, the odometry's twist one cycle later stands for it.
     """
     with refused(path):
-        recording = read_messages(path, topics, robot)
-        for what, topic, found in (
-            ("scan", topics.scan, recording.scan_at),
-            ("odometry", topics.odometry, recording.odometry.at),
-        ):
+        bag = read(path, topics)
+        for what, topic, found in (("scan", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
             if len(found) < 2:
                 raise BagError(f"no {what} on {topic}")
-        return _instants(recording)
+        return _instants(bag, robot)
 
 
-def _instants(recording: Recording) -> Demonstration:
-    chosen, odometry = _beats(recording.scan_stamp), recording.odometry
-    when, stamps = recording.scan_stamp[chosen], odometry.stamp
+def _instants(bag: Bag, robot: Robot) -> Demonstration:
+    scans, odometry = bag.scans, bag.odometry
+    chosen, layout = _beats(scans.stamp), layout_of(robot)
+    when, stamps = scans.stamp[chosen], odometry.stamp
     if len(chosen) > MAX_INSTANTS:
         raise BagError(f"longer than {MAX_INSTANTS // 1200} minutes of scans; cut it (rosbag filter)")
     if np.any(np.diff(when) <= 0) or not np.isfinite(odometry.pose).all() or not np.isfinite(odometry.twist).all():
         raise BagError("its clock jumps back, or its odometry is not finite; record it anew")
     nearest = np.clip(np.searchsorted(stamps, when), 1, len(stamps) - 1)
     nearest -= np.abs(stamps[nearest - 1] - when) <= np.abs(stamps[nearest] - when)
-    command = _commands(recording.commands, when) if recording.commands else _next(odometry.twist[nearest])
+    command = _commands(*bag.commands, when) if len(bag.commands[0]) else _next(odometry.twist[nearest])
     used = np.abs(stamps[nearest] - when) < 0.1 * SECOND
     moving = np.flatnonzero((np.abs(command).max(axis=1) > DRIVING_SPEED) & used)
     if len(moving) * CONTROL_PERIOD < SHORTEST:
@@ -96,28 +96,26 @@ def _instants(recording: Recording) -> Demonstration:
     span = np.arange(moving[0], moving[-1] + 1)
     span = span[used[span]]
     pose = odometry.pose[nearest[span]]
-    goals = [pose for _, frame, *pose in recording.goals if frame == odometry.frame]
+    goals = [pose for _, frame, *pose in bag.goals if frame == odometry.frame]
     goal = tuple(goals[-1] if goals else pose[-1].tolist())
     if not all(math.isfinite(v) for v in goal):
         raise BagError("its goal is not finite")
-    scans = recording.scans(chosen)
-    geometries = {(len(s.ranges), s.angle_min, s.angle_increment, s.range_min, s.range_max) for s in scans.values()}
-    if len(geometries) > 1:
+    if len({(len(scans.of(i)), *scans.geometry[i].tolist()) for i in chosen.tolist()}) > 1:
         raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
-    (_, first, increment, low, high), turned = geometries.pop(), recording.robot.laser.pose[2]
-    ranges = np.array([scans[i].ranges for i in chosen[span].tolist()], np.float32)
+    first, increment, low, high = scans.geometry[chosen[0]].tolist()
+    ranges = np.array([scans.of(i) for i in chosen[span].tolist()])
     return Demonstration(
-        recording.path.name,
+        bag.path.name,
         (when[span] - when[span[0]]) / SECOND,
         (first, increment, low, high),
         ranges,
-        np.array([recording.layout.resample(row, first + turned, increment) for row in ranges]),
+        np.array([layout.resample(row, first + robot.laser.pose[2], increment) for row in ranges]),
         pose,
         odometry.twist[nearest[span]],
         command[span],
         goal,
-        recording.source or {"demonstrator": "not stated"},
-        recording.robot,
+        bag.source or {"demonstrator": "not stated"},
+        robot,
     )
 
 
@@ -131,10 +129,8 @@ def _beats(stamps) -> np.ndarray:
     return np.array(chosen)
 
 
-def _commands(given, when) -> np.ndarray:
+def _commands(at, values, when) -> np.ndarray:
     """(n, 2): the newest command given by the end of each instant; 0 where it is older than HELD."""
-    at = np.array([row[0] for row in given], dtype=np.int64)
-    values = np.array([row[1:] for row in given], dtype=np.float64)
     last = np.searchsorted(at, when + int(0.9 * CONTROL_PERIOD * SECOND), side="right") - 1
     fresh = (last >= 0) & (when - at[last] < HELD * SECOND)
     return np.where(fresh[:, None] & np.isfinite(values[last]), values[last], 0.0)

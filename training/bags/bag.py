@@ -1,0 +1,251 @@
+"""The content of a bag, ROS 1 or ROS 2, as arrays: what a robot with move_base recorded of its drives.
+
+episodes.py makes transitions of it, recorded_drive.py the courses that tune drives again, APPLD its demonstrations.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Dict, Iterator, List, NamedTuple, Set, Tuple
+
+import numpy as np
+
+from applr_ros1.common import child
+from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.policy.parameter_space import Space
+from training.bags.topics import TopicNames
+from training.common.command_line import AnyRobot
+from training.common.options import Options, option
+
+SECOND = 1_000_000_000  # ns
+LIMITS = {"CPU": 60, "AS": 2**32, "FSIZE": 2**32, "NPROC": 0}  # s, bytes, bytes of a file that is written, processes
+SECONDS_PER_GB = 200.0  # that are added to the first
+METADATA = "metadata.yaml"  # of a ROS 2 bag
+
+
+class BagError(ApplrError):
+    """A bag that cannot be used as a whole; one line with which and why."""
+
+
+class BagOptions(Options):
+    """Of which robot bags are, and where they hold what it recorded."""
+
+    robot: AnyRobot
+    scan: str = option("", "Topic of the laser scans in the bags. Default: the robot's.")
+    odometry: str = option("", "Topic of the odometry in the bags. Default: the robot's.")
+    command: str = option("", "Topic of the velocity commands in the bags. Default: the robot's.")
+
+    def topics(self) -> TopicNames:
+        """Return the robot's topics, and what is given instead."""
+        given = {name: value for name, value in self if value and hasattr(TopicNames, name)}
+        return replace(TopicNames.of(self.robot), **given)
+
+
+class Poses(NamedTuple):
+    """Odometry: at (n,), stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+
+    at: np.ndarray
+    stamp: np.ndarray
+    pose: np.ndarray
+    twist: np.ndarray
+    frame: str
+
+
+class Scans(NamedTuple):
+    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges and their frame.
+
+    geometry (n, 4): angle of the first range and between ranges [rad], smallest and largest range [m]. ranges: float32
+    [m] of all scans, one behind the other, as the laser gave them; scan i begins at starts[i]. Empty where not asked.
+    """
+
+    at: np.ndarray
+    stamp: np.ndarray
+    nearest: np.ndarray
+    geometry: np.ndarray
+    starts: np.ndarray
+    ranges: np.ndarray
+    frame: str
+
+    def of(self, i: int) -> np.ndarray:
+        """Return the ranges (m,) of scan i, which share the memory of all."""
+        return self.ranges[self.starts[i] : self.starts[i + 1]]
+
+
+class Decision(NamedTuple):
+    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}."""
+
+    at: int
+    number: int
+    goal: str
+    stamp: int
+    scan: int
+    odometry: int
+    before: Dict[str, float]
+    after: Dict[str, float]
+    observation: np.ndarray  # (n,) float32
+
+
+@dataclass
+class Bag:
+    """The content of a bag in order of recording.
+
+    Times are int64 nanoseconds. `at` is when a message was recorded, `stamp` is the time in its header.
+
+    Attributes:
+        goals: (at, frame, x, y, yaw) of each message with a goal.
+        status: (at, id of the running goal or "").
+        results: By id of a goal when it ended, and its actionlib status.
+        commands: (n,) times and (n, 2) v [m/s], w [rad/s].
+        updates: By topic (at, {name: value}) of each message with a server's parameters.
+        source: Who demonstrated, and where.
+        collisions: When a contact was reported.
+        transforms: By parent and child (at, (x, y, yaw)); inverted are those whose child hangs upside down.
+        cut_short: There is no more of it than its first chunks.
+        end: Time of the last message.
+    """
+
+    path: Path
+    topics: TopicNames
+    scans: Scans
+    odometry: Poses
+    commands: Tuple[np.ndarray, np.ndarray]
+    goals: List[Tuple[int, str, float, float, float]]
+    status: List[Tuple[int, str]]
+    results: Dict[str, Tuple[int, int]]
+    updates: Dict[str, List[Tuple[int, Dict[str, Any]]]]
+    decisions: List[Decision]
+    transforms: Dict[Tuple[str, str], List[Tuple[int, Tuple[float, float, float]]]]
+    inverted: Set[Tuple[str, str]]
+    collisions: List[int]
+    source: Dict[str, Any]
+    cut_short: bool
+    end: int
+
+    def parameters(self, space: Space) -> Dict[str, List[Tuple[int, Dict[str, Any]]]]:
+        """Return {server as a parameter space names it: [(at, {name: value}), ...]}.
+
+        Layers have any name: a server's updates are those in the same place that know the space's parameters.
+        """
+        found: Dict[str, List[Tuple[int, Dict[str, Any]]]] = {}
+        for topic, rows in self.updates.items():
+            server = topic[len(self.topics.move_base) : -len("/parameter_updates")].lstrip("/")
+            place = server.rpartition("/")[0]
+            for wanted in space.servers:
+                names = [target.names for _, target in space.targets_of(wanted)]
+                if wanted.rpartition("/")[0] == place:
+                    known = [row for row in rows if all(any(name in row[1] for name in given) for given in names)]
+                    if known:
+                        found[wanted] = sorted([*found.get(wanted, ()), *known], key=lambda row: row[0])
+        return found
+
+
+def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: bool = True) -> Bag:
+    """Read a bag in a child process with limits of memory and time.
+
+    Args:
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a file in it.
+        topics: Names of what was recorded.
+        search: Whether topics that are not recorded are looked for under other names (TopicNames.found).
+        ranges: Whether the ranges of scans are wanted.
+
+    Raises:
+        BagError: It cannot be read, or reading it takes too much.
+    """
+    place = Path(path)
+    if place.suffix in (".mcap", ".db3") and (place.parent / METADATA).exists():
+        place = place.parent
+    size = sum(file.stat().st_size for file in (place.iterdir() if place.is_dir() else [place]) if file.exists())
+    limits = {**LIMITS, "CPU": int(LIMITS["CPU"] + SECONDS_PER_GB * size / 1e9)}
+    given = {"path": str(place), "topics": vars(topics), "how": {"search": search, "ranges": ranges}}
+    environment = {"OPENBLAS_NUM_THREADS": "1"}
+    with TemporaryDirectory() as folder, open(Path(folder) / "answer.npz", "w+b") as answer:
+        program, patience_s = str(Path(__file__).with_name("messages.py")), 60.0 + 4.0 * limits["CPU"]
+        if child.run([program], given, limits, patience_s, answer, {**environment, "TMPDIR": folder}) is None:
+            too_much = f"over {limits['CPU']} s or {limits['AS'] >> 20} MiB"
+            raise BagError(f"{path}: reading it takes {too_much}; record fewer topics, or shorter")
+        answer.seek(0)
+        try:
+            with np.load(answer, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+        except (ValueError, zipfile.BadZipFile) as error:
+            raise BagError(f"{path}: what was read of it is incomplete ({error}); is the disk full?") from None
+    about = json.loads(arrays["about"].tobytes())
+    if "error" in about:
+        remedy = "; it was not closed: give it the ending .bag" if place.suffix == ".active" else ""
+        raise BagError(f"{path}: {about['error']}{remedy}")
+    return _bag(Path(path), about, arrays)
+
+
+def _bag(path: Path, about: Dict[str, Any], a: Dict[str, np.ndarray]) -> Bag:
+    frames, pairs = about["frames"], [(parent, child) for parent, child in about["pairs"]]
+    starts = np.concatenate([[0], np.cumsum(a["scan_count"])])
+    scan = {name: a[f"scan_{name}"] for name in ("at", "stamp", "nearest", "geometry")}
+    odometry = {name: a[f"odometry_{name}"] for name in ("at", "stamp", "pose", "twist")}
+    updates: Dict[str, List[Tuple[int, Dict[str, Any]]]] = {}
+    for at, topic, values in about["updates"]:
+        updates.setdefault(topic, []).append((at, values))
+    transforms: Dict[Tuple[str, str], List[Tuple[int, Tuple[float, float, float]]]] = {}
+    for at, pair, pose in zip(a["tf_at"].tolist(), a["tf_pair"].tolist(), a["tf_pose"].tolist()):
+        transforms.setdefault(pairs[pair], []).append((at, tuple(pose)))
+    decisions, first = [], 0
+    for *known, before, after, count in about["decisions"]:
+        observation, first = a["observations"][first : first + count], first + count
+        decisions.append(Decision._make([*known, dict(zip(*before)), dict(zip(*after)), observation]))
+    ended = [(at, *end) for at, _, ends in reversed(about["status"]) for end in ends]  # the first one counts
+    return Bag(
+        path,
+        TopicNames(**about["topics"]),
+        Scans(**scan, starts=starts, ranges=a["ranges"], frame=frames.get("scan", "")),
+        Poses(**odometry, frame=frames.get("odometry", "odom")),
+        (a["command_at"], a["command_command"]),
+        [tuple(goal) for goal in about["goals"]],
+        [(at, running) for at, running, _ in about["status"]],
+        {goal: (at, status) for at, goal, status in ended + about["results"]},
+        updates,
+        decisions,
+        transforms,
+        {(parent, child) for parent, child in about["inverted"]},
+        [at for (at,) in about["collisions"]],
+        about["source"][0][1] if about["source"] else {},
+        about["cut_short"],
+        about["end"],
+    )
+
+
+@contextmanager
+def refused(path) -> Iterator[None]:
+    """Around what makes sense of a bag: its errors become a BagError that names the bag."""
+    try:
+        yield
+    except ApplrError as error:
+        raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    except (ArithmeticError, LookupError, ValueError) as error:  # numbers that no drive has
+        raise BagError(f"{path}: damaged inside ({reason(error)})") from None
+
+
+def bags_in(paths) -> List[Path]:
+    """Return the bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted.
+
+    Raises:
+        BagError: A path does not exist, or there are no bags.
+    """
+    found = []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise BagError(f"{path}: there is no such file or folder; give .bag or .mcap files or ROS 2 bag folders")
+        holds_bags = path.is_dir() and not (path / METADATA).exists()
+        found += [inside for inside in sorted(path.rglob("*")) if _is_bag(inside)] if holds_bags else [path]
+    if not found:
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there; give .bag or .mcap files or ROS 2 bag folders")
+    return found
+
+
+def _is_bag(path: Path) -> bool:
+    if path.suffix == ".mcap":
+        return not (path.parent / METADATA).exists()
+    return path.name.endswith((".bag", ".bag.active")) or (path / METADATA).exists()
