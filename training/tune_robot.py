@@ -55,6 +55,7 @@ from worlds import World, sdf_writer
 from worlds.loading import FORMS, specs
 
 with extra(__name__):
+    from training.bags.courses import read
     from training.tune import bag
     from training.tune.search import Saved, SetTrials, blocks_of, finalists, last_race, said, search, without_idle
 
@@ -190,8 +191,8 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     Raises:
         ApplrError: the bags hold no course, or the simulator does not agree with them.
     """
-    found = bag.read(options.bag, options.robot, copies=COPIES)
-    check = found.check(seed=options.seed)
+    found = read(options.bag, options.robot, copies=COPIES)
+    check = bag.check(found, seed=options.seed)
     fields = [
         f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
         for (section, name), value in found.fields.items()

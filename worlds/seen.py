@@ -1,6 +1,6 @@
 """A place as a robot's scans saw it: what stands there, what has gone, and what nothing was seen of.
 
-training/tune/bag.py calls it with the scans of a recorded drive, placed in one frame.
+training/bags/drive.py calls it with the scans of a recorded drive, placed in one frame.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What drives say of a robot: how its base follows commands, brakes and turns, and what its scanner states.
 
-measure_braking.py drives for it, training/tune/bag.py reads it from bags; owner/write.py writes it into robot.yaml.
+measure_braking.py drives for it, training/bags/drive.py reads it from bags; owner/write.py writes it into robot.yaml.
 """
 
 from __future__ import annotations

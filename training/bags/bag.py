@@ -1,6 +1,6 @@
 """The content of a bag, ROS 1 or ROS 2, as arrays: what a robot with move_base recorded of its drives.
 
-episodes.py makes transitions of it, recorded_drive.py the courses that tune drives again, APPLD its demonstrations.
+episodes.py makes transitions of it, drive.py the courses that tune drives again, APPLD its demonstrations.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import measured
 from applr_ros1.robots.folder import load
 from tests.support.recording import RecordingEpisode, StackWriter
+from training.bags import courses
 from training.bags.bag import BagError
 from training.bags.topics import TopicNames
 from training.env.episode import counting_cells
@@ -84,7 +85,7 @@ def written(path, events, topics=Tape.topics, chunk=1 << 20):
 
 @pytest.fixture(scope="module")
 def recorded(driven, tmp_path_factory):
-    return bag.read([written(tmp_path_factory.mktemp("bags") / "lane.bag", driven[0])], JACKAL)
+    return courses.read([written(tmp_path_factory.mktemp("bags") / "lane.bag", driven[0])], JACKAL)
 
 
 def in_world(points):
@@ -115,21 +116,21 @@ def test_the_world_is_what_stood_there_and_the_course_what_was_driven(recorded, 
 
 def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven):
     (course,) = recorded.courses
-    assert course.drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
-    check = recorded.check(drives=1)
+    assert course.pace.time_s == pytest.approx(driven[1].time_s, abs=0.8)
+    check = bag.check(recorded, drives=1)
     assert check.agrees, check
     assert "believe differences of more than" in check.sentence
     fastest = np.array([parameter.name == "max_vel_x" for parameter in JACKAL.space])
     slow = course._replace(theta=np.where(fastest, 0.25, course.theta))
-    check = replace(recorded, courses=[slow]).check(drives=1)
+    check = bag.check(replace(recorded, courses=[slow]), drives=1)
     assert not check.agrees
     assert "may not hold" in check.sentence
 
 
 def test_each_drive_of_the_check_draws_its_own_noise_half_of_them_with_the_unseen_as_wall(recorded, monkeypatch):
     (course,), driven = recorded.courses, []
-    monkeypatch.setattr(bag, "simulated", lambda *how: driven.append((how[3], how[2].name)) or course.drive)
-    assert recorded.check(drives=2, seed=5).agrees
+    monkeypatch.setattr(bag, "simulated", lambda *how: driven.append((how[3], how[2].name)) or course.pace)
+    assert bag.check(recorded, drives=2, seed=5).agrees
     free, dark = (world.name for world in course.worlds)
     assert driven == [(5, free), (6, dark), (7, free), (8, dark)]
 
@@ -239,10 +240,10 @@ def often(events):
     ids=["goal", "command", "parameters", "jump", "clock", "map", "person", "laser", "frame"],
 )
 def test_what_is_wrong_is_one_line_and_the_course_is_found(driven, tmp_path, change, remark):
-    found = bag.read([written(tmp_path / "a.bag", change(driven[0]))], JACKAL, copies=0)
+    found = courses.read([written(tmp_path / "a.bag", change(driven[0]))], JACKAL, copies=0)
     assert [remark in line for line in found.remarks].count(True) == 1, found.remarks
     (course,) = found.courses
-    assert course.drive.path_m > 4.0
+    assert course.pace.path_m > 4.0
     assert clearance(found.worlds[0], found.worlds[0].course.path).min() > 0.15
     if change is not jump and change.__name__ != "change":  # nothing where nothing stands
         assert clearance(WORLD, in_world(found.worlds[0].cylinders[:, :2])).max() < 0.2
@@ -254,10 +255,10 @@ def test_a_robots_topics_may_lie_in_a_namespace_or_have_other_names(driven, reco
     names = {name: "/two" + topic for name, topic in vars(Tape.topics).items()}
     other = replace(Tape.topics, scan="/laser", command="/nav_vel")
     for name, topics in {"space": TopicNames(**names), "other": other}.items():
-        found = bag.read([written(tmp_path / f"{name}.bag", driven[0], topics)], JACKAL, copies=0)
+        found = courses.read([written(tmp_path / f"{name}.bag", driven[0], topics)], JACKAL, copies=0)
         assert f"{name}.bag: not recorded under" in found.remarks[0]
         assert f"read instead: {topics.scan}, " in found.remarks[0]
-        assert found.courses[0].drive == recorded.courses[0].drive
+        assert found.courses[0].pace == recorded.courses[0].pace
         assert found.fields == recorded.fields
 
 
@@ -269,37 +270,37 @@ def test_of_two_odometries_that_have_other_names_the_one_with_more_messages_is_r
 
 
 def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):
-    mapped = bag.read([written(tmp_path / "map.bag", in_a_map(0.1, 0.0)(driven[0]))], JACKAL, copies=0)
+    mapped = courses.read([written(tmp_path / "map.bag", in_a_map(0.1, 0.0)(driven[0]))], JACKAL, copies=0)
     assert mapped.worlds[0].course.start[2] == pytest.approx(START[2] + 0.3, abs=0.04)
     assert 0.0 < mapped.fields["odometry", "scale_error"].value < 0.05
     poses = [
         ("transform", at, "odom", "base_link", *args[:1], {}) for name, at, *args in driven[0] if name == "odometry"
     ]
-    by_tf = bag.read(
+    by_tf = courses.read(
         [written(tmp_path / "tf.bag", [*without("odometry", "result", "status")(driven[0]), *poses])], JACKAL, copies=0
     )
-    assert by_tf.courses[0].drive.time_s == pytest.approx(driven[1].time_s, abs=0.8)
+    assert by_tf.courses[0].pace.time_s == pytest.approx(driven[1].time_s, abs=0.8)
     assert by_tf.fields["simulation", "command_delay"].value == pytest.approx(DELAY, abs=0.05)
 
 
 def test_of_a_bag_that_is_cut_short_what_is_whole_is_read(driven, recorded, tmp_path):
     path = written(tmp_path / "cut.bag", driven[0], chunk=1 << 15)
     path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
-    found = bag.read([path], JACKAL, copies=0)
+    found = courses.read([path], JACKAL, copies=0)
     assert "cut.bag: it is cut short: what is whole of it is read" in found.remarks
-    assert 1.5 < found.courses[0].drive.path_m < recorded.courses[0].drive.path_m
+    assert 1.5 < found.courses[0].pace.path_m < recorded.courses[0].pace.path_m
 
 
 def test_each_goal_of_a_bag_is_a_course(driven, tmp_path):
     later = [(name, 5.0, *args) if name == "goal" else (name, at, *args) for name, at, *args in driven[0]]
     first = ("goal", 0.9, (1.5, 1.2, 0.0), {})
-    found = bag.read([written(tmp_path / "two.bag", [first, *later])], JACKAL, copies=0)
+    found = courses.read([written(tmp_path / "two.bag", [first, *later])], JACKAL, copies=0)
     assert [world.name for world in found.worlds] == ["two_1", "two_1-wall", "two_2", "two_2-wall"]
     one, two = (course.worlds[0].course for course in found.courses)
     assert np.hypot(*np.subtract(one.goal[:2], two.start[:2])) < one.goal_tolerance + 0.3
     assert one.goal_tolerance < 1.0
     assert two.goal[:2] == pytest.approx((4.5, 1.4), abs=0.01)
-    assert found.courses[0].drive.path_m + found.courses[1].drive.path_m < 6.0
+    assert found.courses[0].pace.path_m + found.courses[1].pace.path_m < 6.0
 
 
 def test_bags_that_cannot_be_used_are_remarks_beside_one_that_can(driven, tmp_path):
@@ -307,7 +308,7 @@ def test_bags_that_cannot_be_used_are_remarks_beside_one_that_can(driven, tmp_pa
     for name, change in {"stands": standing, "blind": without("scan"), "lost": without("odometry")}.items():
         written(tmp_path / f"{name}.bag", change(driven[0]))
     (tmp_path / "cut.bag").write_bytes((tmp_path / "good.bag").read_bytes()[:9000])
-    found = bag.read([tmp_path], JACKAL, copies=0)
+    found = courses.read([tmp_path], JACKAL, copies=0)
     assert [course.name for course in found.courses] == ["good"]
     assert found.robot.laser.no_return == 0.0
     for name, remark in (
@@ -318,13 +319,13 @@ def test_bags_that_cannot_be_used_are_remarks_beside_one_that_can(driven, tmp_pa
     ):
         assert any(line.startswith(f"{name}.bag: ") and remark in line for line in found.remarks), found.remarks
     with pytest.raises(BagError, match="blind.bag: nothing on .* rosbag record"):
-        bag.read([tmp_path / "blind.bag"], JACKAL)
+        courses.read([tmp_path / "blind.bag"], JACKAL)
 
 
 def test_a_measured_value_that_contradicts_the_robot_is_left_out(driven, tmp_path):
     robot = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"range_max": 60.0}))
     far = changed(driven[0], "scan", lambda ranges, at: np.where(np.asarray(ranges) < 4.0, ranges, 40.0))
-    found = bag.read([written(tmp_path / "a.bag", far)], robot, copies=0)
+    found = courses.read([written(tmp_path / "a.bag", far)], robot, copies=0)
     assert found.remarks[0].startswith("measured laser.no_return 40 m"), found.remarks
     assert "is left out: laser.no_return is 40" in found.remarks[0]
     assert found.robot.laser.no_return is None

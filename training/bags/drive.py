@@ -1,6 +1,6 @@
 """One bag of a drive: where the robot was at each scan, the courses that it drove, and what that says of the robot.
 
-bag.py joins several of them.
+courses.py joins several of them.
 """
 
 from __future__ import annotations
@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -23,29 +21,28 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, measured
 from applr_ros1.robots.measured import Fields, Value
-from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.bags.bag import SECOND, BagError, Poses, Scans, read
+from training.bags.bag import SECOND, Bag, BagError, Poses, Scans
+from training.bags.response import second_on
 from training.bags.topics import TopicNames
 from worlds import Course, World
-from worlds.dynabarn import arena_course
 from worlds.seen import REACH, Scan, Seen, seen
 
-FIRST = 0.1  # [m]: a drive's time begins where the robot has come so far
-LEAST_WAY = 1.0  # [m] of a drive
-FAR = 1.5  # [m] from its goal a drive has not reached it
-JUMP, FASTEST = 0.3, 5.0  # [m, m/s]: poses farther apart than this much and that fast are a jump,
-PAUSE = 5.0  # [s]: and so is a longer time between two, as where a clock is set
-NOWHERE = 1e6  # [m, m/s]: no pose is so far from its frame's origin, and nothing so fast
-OFTEN, MOST = 0.2, 1000  # s between two scans that a world is made of, and how many at most
-SPACING = 0.2  # [m] of the reference path's points
-PLACED = 0.03  # [m + rad]: as well as robot.yaml says where the scanner is
-PLANE = World("plane", np.empty((0, 3)), np.empty((0, 5)), arena_course())
+BEGUN_M = 0.1  # a drive's time begins where the robot has come so far
+LEAST_WAY_M = 1.0  # of a drive
+MISSED_M = 1.5  # from its goal a drive has not reached it
+JUMP_M, FASTEST_M_S = 0.3, 5.0  # poses farther apart than this much and that fast are a jump,
+PAUSE_S = 5.0  # and so is a longer time between two, as where a clock is set
+NOWHERE = 1e6  # [m, m/s] no pose is so far from its frame's origin, and nothing so fast
+SCAN_INTERVAL_S, SCAN_COUNT = 0.2, 1000  # of the scans that a world is made of, and how many at most
+PATH_STEP_M = 0.2  # between points of the reference path
+MOUNT_TOLERANCE = 0.03  # [m + rad] as well as robot.yaml says where the scanner is
 FARTHEST = "the course ends where it was farthest from its start"
-SOME, SHORT, PERSON = 15, 3.0, 0.05  # samples and s that a value needs; m^2 that must have gone before it is told
+SAMPLES, SAMPLED_S = 15, 3.0  # that a value needs
+GONE_M2 = 0.05  # that must have gone before something counts as moving
 
 
-class Drive(NamedTuple):
-    """How a drive went: time [s], way [m], largest speed [m/s], time in which it stood [s], whether it arrived."""
+class Pace(NamedTuple):
+    """Figures of a drive: time [s], way [m], largest speed [m/s], time in which it stood [s], whether it arrived."""
 
     time_s: float
     path_m: float
@@ -54,10 +51,10 @@ class Drive(NamedTuple):
     arrived: float = True
 
     @classmethod
-    def of(cls, time: np.ndarray, poses: np.ndarray, arrived: bool = True) -> Drive:
-        """From times (n,) [s] and poses (n, >= 2) [m], from the first FIRST metres on, in steps of OFTEN seconds."""
-        begin = time[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T) >= FIRST)]
-        grid = np.append(np.arange(begin, time[-1] - 0.5 * OFTEN, OFTEN), time[-1])
+    def of(cls, time: np.ndarray, poses: np.ndarray, arrived: bool = True) -> Pace:
+        """Measure times (n,) [s] and poses (n, >= 2) [m], from the first BEGUN_M on, in steps of SCAN_INTERVAL_S."""
+        begin = time[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T) >= BEGUN_M)]
+        grid = np.append(np.arange(begin, time[-1] - 0.5 * SCAN_INTERVAL_S, SCAN_INTERVAL_S), time[-1])
         x, y = (np.interp(grid, time, poses[:, k]) for k in (0, 1))
         steps, seconds = np.hypot(np.diff(x), np.diff(y)), np.maximum(np.diff(grid), 1e-3)
         standing = seconds[steps < 0.05 * seconds].sum()
@@ -79,18 +76,23 @@ class DrivenCourse(NamedTuple):
 
     name: str
     worlds: Tuple[World, World]
-    drive: Drive
+    pace: Pace
     poses: np.ndarray
     theta: np.ndarray
     servers: Dict[str, Dict[str, Any]]
     monitored: bool
 
 
-class RecordedDrive:
+class Drive:
     """A bag, its scans placed in the map's frame, or else the odometry's, and there laid over each other.
 
+    Args:
+        bag: With the ranges of its scans, which are changed in place.
+        robot: Who drove.
+        wanted: Names of the topics as robot.yaml has them.
+
     Attributes:
-        fields: What was measured, after measure().
+        fields: What was measured of the robot, after measure().
         remarks: What is wrong or not there.
         lacks: Whether something that is worth recording was not.
 
@@ -98,28 +100,28 @@ class RecordedDrive:
         BagError: It cannot be used.
     """
 
-    def __init__(self, path: Path, robot: Robot, topics: TopicNames):
-        self.path, self.robot, self.name = path, robot, re.sub(r"[^\w.+-]", "_", path.stem)
+    def __init__(self, bag: Bag, robot: Robot, wanted: TopicNames):
+        self.bag, self.robot, self.name = bag, robot, re.sub(r"[^\w.+-]", "_", bag.path.stem)
+        self.space = space_of(robot)
+        self.parameters = bag.parameters(self.space)
         self.fields: Fields = {}
         self.remarks: List[str] = []
         self.lacks = False
-        self.bag, self.space = read(path, topics, search=True), space_of(robot)
-        self.parameters = self.bag.parameters(self.space)
-        instead = [topic for topic, wanted in zip(self.bag.topics.main, topics.main) if topic != wanted]
+        instead = [topic for topic, name in zip(bag.topics.main, wanted.main) if topic != name]
         if instead:
             self.remarks.append(f"not recorded under the names of robot.yaml, and read instead: {', '.join(instead)}")
-        if self.bag.cut_short:
+        if bag.cut_short:
             self.remarks.append("it is cut short: what is whole of it is read")
-        self._find_the_odometry(topics.odometry)
-        servers = dict(self.space.places()) if not self.bag.decisions else ()
+        self._find_the_odometry(wanted.odometry)
+        servers = dict(self.space.places()) if not bag.decisions else ()
         silent = ", ".join(server or "move_base" for server in servers if server not in self.parameters)
         if silent:
             self._lacks(f"no parameter_updates of {silent}: values of the robot's files are taken")
         self._find_the_map()
         self._place_scans()
         self.way = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
-        if np.hypot(*np.ptp(self.poses[:, :2], axis=0)) < LEAST_WAY:
-            raise BagError(f"{path}: the robot stands: record a drive")
+        if np.hypot(*np.ptp(self.poses[:, :2], axis=0)) < LEAST_WAY_M:
+            raise BagError("the robot stands: record a drive")
 
     def _lacks(self, remark: str) -> None:
         self.lacks = True
@@ -127,48 +129,46 @@ class RecordedDrive:
 
     # -- where the robot was -----------------------------------------------------------------------
     def _find_the_odometry(self, wanted: str) -> None:
-        """Sets the bag's odometry to the longest stretch of it in which nothing jumps, on one clock with the scans."""
-        bag, topics, frames = self.bag, self.bag.topics, self.robot.frames
-        other = not topics.odometry.endswith(wanted) and _name(bag.odometry.frame) != frames.odom
-        if other or not len(bag.odometry.stamp):
-            bag.odometry = _poses_of_tf(bag.transforms, frames.odom, frames.base)
+        """Set the odometry to its longest stretch in which nothing jumps, and the scans' stamps to the same clock."""
+        bag, frames = self.bag, self.robot.frames
+        self.scans, driven = bag.scans, bag.odometry
+        if not len(driven.stamp) or not bag.topics.odometry.endswith(wanted) and _name(driven.frame) != frames.odom:
+            driven = _poses_of_tf(bag.transforms, frames.odom, frames.base)
             self._lacks(f"nothing on {wanted}: poses are those of tf")
-        driven = bag.odometry
-        for what, times in ((topics.scan, bag.scans.at), (f"{wanted} nor in {topics.tf}", driven.stamp)):
+        for what, times in ((bag.topics.scan, self.scans.at), (f"{wanted} nor in {bag.topics.tf}", driven.stamp)):
             if not len(times):
-                raise BagError(f"{self.path}: nothing on {what}: record it")
-        clocks = (bag.scans.at - bag.scans.stamp, driven.at - driven.stamp)
-        if max(abs(np.median(behind)) for behind in clocks) > SECOND:
+                raise BagError(f"nothing on {what}: record it")
+        if max(abs(np.median(one.at - one.stamp)) for one in (self.scans, driven)) > SECOND:
             self.remarks.append("recorded on another clock than its messages': the times of recording are taken")
-            bag.scans, driven = bag.scans._replace(stamp=bag.scans.at), driven._replace(stamp=driven.at)
+            self.scans, driven = self.scans._replace(stamp=self.scans.at), driven._replace(stamp=driven.at)
         if not driven.twist.any():
             driven = driven._replace(twist=_twists(driven.stamp, driven.pose))
         good = np.flatnonzero((np.abs(np.column_stack([driven.pose, driven.twist])) < NOWHERE).all(axis=1))
         seconds, steps = np.diff(driven.stamp[good]) / SECOND, np.diff(driven.pose[good, :2], axis=0)
-        apart = np.hypot(*steps.T) > JUMP + FASTEST * seconds
-        jumps = np.flatnonzero(apart | (seconds < 0.0) | (seconds > PAUSE)) + 1
+        apart = np.hypot(*steps.T) > JUMP_M + FASTEST_M_S * seconds
+        jumps = np.flatnonzero(apart | (seconds < 0.0) | (seconds > PAUSE_S)) + 1
         if len(jumps):
-            said = f"the odometry or its clock jumps {len(jumps)} times"
-            self.remarks.append(f"{said}: the longest stretch without is taken")
+            remark = f"the odometry or its clock jumps {len(jumps)} times"
+            self.remarks.append(f"{remark}: the longest stretch without is taken")
         part = max(np.split(good, jumps), key=len)
-        if len(part) < SOME:
-            raise BagError(f"{self.path}: {len(part)} possible poses in a row on {topics.odometry}: record a drive")
-        rows = {name: getattr(driven, name)[part] for name in ("at", "stamp", "pose", "twist")}
-        bag.odometry = driven._replace(**rows)
+        if len(part) < SAMPLES:
+            raise BagError(f"{len(part)} possible poses in a row on {bag.topics.odometry}: record a drive")
+        self.odometry = driven._replace(
+            **{name: getattr(driven, name)[part] for name in ("at", "stamp", "pose", "twist")}
+        )
 
     def _find_the_map(self) -> None:
-        """Sets the frame of the poses, and where the odometry's frame was in it: [(from [ns], pose), ...]."""
-        self.frame, self.placed = self.bag.odometry.frame, [(0, (0.0, 0.0, 0.0))]
+        """Set the frame of the poses, and where the odometry's frame was in it: [(from [ns], pose), ...]."""
+        self.frame, self.placed = self.odometry.frame, [(0, (0.0, 0.0, 0.0))]
         for (name, child), rows in self.bag.transforms.items():
             if child != self.frame or len(rows) < 2:
                 continue
-            jumps = sum(math.dist(a[:2], b[:2]) > JUMP for (_, a), (_, b) in zip(rows, rows[1:]))
+            jumps = sum(math.dist(a[:2], b[:2]) > JUMP_M for (_, a), (_, b) in zip(rows, rows[1:]))
             if not jumps:
                 self.frame, self.placed = name, rows
                 return
-            self.remarks.append(
-                f"the localisation in {name} jumps {jumps} times: scans are laid over each other instead"
-            )
+            remark = f"the localisation in {name} jumps {jumps} times"
+            self.remarks.append(f"{remark}: scans are laid over each other instead")
 
     def _above(self, at: int) -> Pose:
         """The pose of the odometry's frame in self.frame at a time [ns]."""
@@ -178,38 +178,36 @@ class RecordedDrive:
         """The scanner's pose in the base's frame and whether it hangs upside down: as tf has it, or else robot.yaml."""
         above = {child: (parent, rows[0][1]) for (parent, child), rows in self.bag.transforms.items()}
         pose, inverted, link, given = (0.0, 0.0, 0.0), False, frame, self.robot.laser.pose
-        for _ in range(len(above) + 1):
-            if _name(link) == self.robot.frames.base:
-                if inverted or math.dist(pose[:2], given[:2]) + abs(normalize_angle(pose[2] - given[2])) > PLACED:
-                    x, y, yaw = pose
-                    turned = f"{yaw:.2f} rad" + ", upside down" * inverted
-                    self.remarks.append(f"tf has {frame} at {x:.2f}, {y:.2f} m, {turned}: taken instead of laser.pose")
-                    return pose, inverted
-                break
+        while _name(link) != self.robot.frames.base:
             if link not in above:
-                break
-            if (above[link][0], link) in self.bag.inverted:
+                return given, False
+            parent, placed = above.pop(link)  # a frame may hang from itself
+            if (parent, link) in self.bag.inverted:
                 pose, inverted = (pose[0], -pose[1], -pose[2]), not inverted
-            pose, link = compose(above[link][1], pose), above[link][0]
-        return given, False
+            pose, link = compose(placed, pose), parent
+        x, y, yaw = pose
+        if not inverted and math.dist((x, y), given[:2]) + abs(normalize_angle(yaw - given[2])) <= MOUNT_TOLERANCE:
+            return given, False
+        turned = f"{yaw:.2f} rad" + ", upside down" * inverted
+        self.remarks.append(f"tf has {frame} at {x:.2f}, {y:.2f} m, {turned}: taken instead of laser.pose")
+        return pose, inverted
 
     def _place_scans(self) -> None:
-        """Sets times (n,) [ns] and poses (n, 3) of the robot at its scans, and the scans."""
-        scans, odometry = self.bag.scans, self.bag.odometry
+        """Set times (n,) [ns] and poses (n, 3) of the robot at its scans, and the scans as seen from there."""
+        scans, odometry = self.scans, self.odometry
         inside = (scans.stamp >= odometry.stamp[0]) & (scans.stamp <= odometry.stamp[-1])
-        wanted = [i for i in np.flatnonzero(inside).tolist() if _is_a_scan(scans, i)]
-        if len(wanted) < SOME:
-            raise BagError(f"{self.path}: {len(wanted)} scans while there is odometry: record a drive, on one clock")
-        lost, poses = 0, []
+        used = [i for i in np.flatnonzero(inside).tolist() if _is_a_scan(scans, i)]
+        if len(used) < SAMPLES:
+            raise BagError(f"{len(used)} scans while there is odometry: record a drive, on one clock")
         track = [*odometry.pose[:, :2].T, np.unwrap(odometry.pose[:, 2])]
-        self.code = _no_return(scans, wanted[:: math.ceil(len(wanted) / 50)])
+        by_odometry = np.column_stack([np.interp(scans.stamp[used], odometry.stamp, values) for values in track])
+        self.code = _no_return(scans, used[:: math.ceil(len(used) / 50)])
         laser, inverted = self._laser(scans.frame)
-        matcher, self.scans = ScanMatcher(), []  # type: ScanMatcher, List[Scan]
-        for i in wanted:
-            stamp, ranges = scans.stamp[i], scans.of(i)
-            first, step, low, high = scans.geometry[i].tolist()
-            at = _pose([np.interp(stamp, odometry.stamp, values) for values in track])
-            pose = compose(self._above(stamp), at)
+        matcher, lost, poses = ScanMatcher(), 0, []
+        self.seen: List[Scan] = []
+        for i, driven in zip(used, by_odometry):
+            stamp, ranges, (first, step, low, high) = scans.stamp[i], scans.of(i), scans.geometry[i].tolist()
+            pose = compose(self._above(stamp), _pose(driven))
             ranges[(ranges == np.float32(self.code)) | (ranges >= high)] = np.inf
             ranges[ranges < low] = np.nan
             if inverted:
@@ -217,22 +215,22 @@ class RecordedDrive:
             matcher.see(LaserScan(stamp / SECOND, first, step, low, high, ranges, compose(pose, laser)))
             lost += matcher.lost
             poses.append(matcher.corrected(pose))
-            self.scans.append(Scan(compose(poses[-1], laser), first, step, ranges))
-        self.times, self.poses = scans.stamp[wanted], np.array(poses)
+            self.seen.append(Scan(compose(poses[-1], laser), first, step, ranges))
+        self.times, self.poses = scans.stamp[used], np.array(poses)
         if lost:
             self.remarks.append(f"scans contradict the poses {lost} times: the world may be wrong there")
 
     # -- the courses -------------------------------------------------------------------------------
     def courses(self) -> List[DrivenCourse]:
-        """That of each goal. BagError where the robot has driven to none."""
-        often = OFTEN * SECOND / max(float(np.median(np.diff(self.times))), 1.0)
+        """Return the course of each goal. Raises BagError where the robot has driven to none."""
+        step = SCAN_INTERVAL_S * SECOND / max(float(np.median(np.diff(self.times))), 1.0)
         back, front, right, left = geometry.bounding_box(self.robot)
         inner, outer = min(front, -back, left, -right), math.hypot(max(front, -back), max(left, -right))
-        every = max(1, int(often), math.ceil(len(self.times) / MOST))
-        place = seen(self.scans[::every], self.poses[:, :2], inner, outer)
+        every = max(1, int(step), math.ceil(len(self.times) / SCAN_COUNT))
+        place = seen(self.seen[::every], self.poses[:, :2], inner, outer)
         if not len(place.surfaces):
             self.remarks.append(f"no scan shows anything within {REACH:g} m: the course is open floor")
-        if place.gone > PERSON:
+        if place.gone > GONE_M2:
             self.remarks.append(f"something moved: {place.gone:.1f} m^2 that were free later are left out")
         goals = self._goals()
         found = [self._course(n + 1, *goal, place) for n, goal in enumerate(goals)]
@@ -240,7 +238,7 @@ class RecordedDrive:
         if len(courses) < len(goals):
             self.remarks.append(f"{len(goals) - len(courses)} of {len(goals)} goals were hardly driven to: left out")
         if not courses:
-            raise BagError(f"{self.path}: no goal was driven to ({'; '.join(self.remarks)})")
+            raise BagError(f"no goal was driven to ({'; '.join(self.remarks)})")
         return courses
 
     def _goals(self) -> List[Tuple[int, int, Optional[Pose]]]:
@@ -253,31 +251,30 @@ class RecordedDrive:
         ends = [*(goal[0] for goal in news), *(at for at, _ in bag.results.values()), bag.end]
         for at, frame, *pose in news:
             change = self._in_frame(frame, at)
-            known = change is not None and bool(np.isfinite(pose).all())
-            if not known:
+            goal = compose(change, _pose(pose)) if change is not None and np.isfinite(pose).all() else None
+            if goal is None:
                 self.remarks.append(f"nothing says where a goal in the frame {frame[:60]!r} is: {FARTHEST}")
-            end = min((end for end in ends if end > at), default=at)
-            found.append((at, end, compose(change, _pose(pose)) if change is not None and known else None))
+            found.append((at, min((end for end in ends if end > at), default=at), goal))
         return found
 
     def _in_frame(self, frame: str, at: int) -> Optional[Pose]:
         """The pose of a frame in self.frame at a time [ns]; None where no tf says it."""
         if frame in ("", self.frame):
             return (0.0, 0.0, 0.0)
-        if frame == self.bag.odometry.frame:
+        if frame == self.odometry.frame:
             return self._above(at)
-        rows = [pose for time, pose in self.bag.transforms.get((frame, self.bag.odometry.frame), ()) if time <= at]
+        rows = [pose for time, pose in self.bag.transforms.get((frame, self.odometry.frame), ()) if time <= at]
         return inverse(rows[-1]) if rows else None
 
     def _course(self, number: int, begin: int, end: int, goal: Optional[Pose], place: Seen) -> Optional[DrivenCourse]:
         during = (self.times >= begin) & (self.times <= end)
-        poses, times, bag = self.poses[during], self.times[during], self.bag
-        if len(poses) < 3 or np.hypot(*np.ptp(poses[:, :2], axis=0)) < LEAST_WAY:
+        poses, times = self.poses[during], self.times[during]
+        if len(poses) < 3 or np.hypot(*np.ptp(poses[:, :2], axis=0)) < LEAST_WAY_M:
             return None
         short = np.hypot(*(poses[:, :2] - goal[:2]).T).min() if goal else 0.0
-        if short > FAR:
+        if short > MISSED_M:
             self.remarks.append(f"goal {number} was not reached ({short:.1f} m): {FARTHEST}")
-        if not goal or short > FAR:
+        if not goal or short > MISSED_M:
             goal = _pose(poses[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T))])
         left = np.hypot(*(poses[:, :2] - goal[:2]).T)
         values = branch(complete(self.robot.parameters()), self.robot.local_planner)
@@ -285,18 +282,18 @@ class RecordedDrive:
         last = int(np.argmax(left <= tolerance)) + 1
         poses, times = poses[:last], times[:last]
         gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-        path = poses[np.unique(gone // SPACING, return_index=True)[1], :2]
+        path = poses[np.unique(gone // PATH_STEP_M, return_index=True)[1], :2]
         course = Course(_pose(poses[0]), _pose(goal), None, tolerance, path)
         free, dark = (_near(circles, path) for circles in (place.surfaces, place.unseen))
-        name = f"{self.name}_{number}" if len(bag.goals) > 1 else self.name
+        name = f"{self.name}_{number}" if len(self.bag.goals) > 1 else self.name
         worlds = (
             World(name, free, np.empty((0, 5)), course),
             World(f"{name}-wall", np.vstack([free, dark]), np.empty((0, 5)), course),
         )
         theta = np.array([self._theta(at) for at in times.tolist()])
         servers = {server: _last(rows, begin) for server, rows in self.parameters.items()}
-        drive = Drive.of(times / SECOND, poses)
-        return DrivenCourse(name, worlds, drive, poses, theta, servers, bool(bag.decisions))
+        pace = Pace.of(times / SECOND, poses)
+        return DrivenCourse(name, worlds, pace, poses, theta, servers, bool(self.bag.decisions))
 
     def _theta(self, at: int) -> np.ndarray:
         """The parameters (k,) in force at a time [ns]; what the bag does not say is as in the robot's files."""
@@ -311,36 +308,44 @@ class RecordedDrive:
 
     # -- the robot ---------------------------------------------------------------------------------
     def measure(self) -> None:
-        """Fills `fields` with what the drive says of those of robot.yaml."""
-        odometry, fields = self.bag.odometry, self.fields
-        told = np.column_stack(self.bag.commands).astype(np.float64)
-        told = told[(told[:, 0] >= odometry.stamp[0]) & (told[:, 0] <= odometry.stamp[-1])]
-        told = told[(np.abs(told[:, 1:]) < NOWHERE).all(axis=1)]
-        if len(told) < SOME or np.ptp(told[:, 0]) < SHORT * SECOND or np.ptp(told[:, 1]) < measured.LEAST:
-            self._lacks(f"hardly a command on {self.bag.topics.command}: nothing of the base is measured")
-        else:
-            fields.update(
-                measured.base(told[:, 0] / SECOND, told[:, 1:], odometry.stamp / SECOND, odometry.twist, SOME)
-            )
-            top = np.percentile(np.abs(odometry.twist), 99.5, axis=0)
-            braked = "" if ("monitor", "deceleration") in fields else ", and never braked hard (measure_braking.py)"
-            self.remarks.append(f"it drove up to {top[0]:.2f} m/s and {top[1]:.2f} rad/s{braked}")
-            metres, turned = second_on(self.robot, told, odometry)
-            self.remarks.append(
-                f"the same commands leave the simulated base {metres:.3f} m and {turned:.3f} rad off a second on"
-            )
+        """Fill `fields` with what the drive says of those of robot.yaml."""
+        self._measure_base()
         if not math.isnan(self.code) and self.code != self.robot.laser.no_return:
-            fields["laser", "no_return"] = Value(self.code, "m", 0.0, "most of the ranges that are none")
-        slow = [np.abs(np.interp(self.times, odometry.stamp, odometry.twist[:, k])) < measured.STILL[k] for k in (0, 1)]
+            self.fields["laser", "no_return"] = Value(self.code, "m", 0.0, "most of the ranges that are none")
+        self._measure_noise()
+        self._measure_drift()
+
+    def _measure_base(self) -> None:
+        odometry, (at, commands) = self.odometry, self.bag.commands
+        used = (at >= odometry.stamp[0]) & (at <= odometry.stamp[-1]) & (np.abs(commands) < NOWHERE).all(axis=1)
+        at, commands = at[used], commands[used]
+        if len(at) < SAMPLES or np.ptp(at) < SAMPLED_S * SECOND or np.ptp(commands[:, 0]) < measured.LEAST:
+            self._lacks(f"hardly a command on {self.bag.topics.command}: nothing of the base is measured")
+            return
+        given = at / SECOND, commands, odometry.stamp / SECOND, odometry.twist
+        self.fields.update(measured.base(*given, SAMPLES))
+        top = np.percentile(np.abs(odometry.twist), 99.5, axis=0)
+        braked = "" if ("monitor", "deceleration") in self.fields else ", and never braked hard (measure_braking.py)"
+        self.remarks.append(f"it drove up to {top[0]:.2f} m/s and {top[1]:.2f} rad/s{braked}")
+        metres, turned = second_on(self.robot, at, commands, odometry)
+        off = f"{metres:.3f} m and {turned:.3f} rad off a second on"
+        self.remarks.append(f"the same commands leave the simulated base {off}")
+
+    def _measure_noise(self) -> None:
+        stamps, twist = self.odometry.stamp, self.odometry.twist
+        slow = [np.abs(np.interp(self.times, stamps, twist[:, k])) < measured.STILL[k] for k in (0, 1)]
         still = np.flatnonzero((slow[0] & slow[1])[1:]) + 1
-        pairs = [(self.scans[i - 1].ranges, self.scans[i].ranges) for i in still]
+        pairs = [(self.seen[i - 1].ranges, self.seen[i].ranges) for i in still]
         with np.errstate(invalid="ignore"):  # inf - inf
             off = [np.abs(b - a) for a, b in pairs if len(a) == len(b)]
         noise = [1.4826 * np.median(row[row < 0.1]) / math.sqrt(2.0) for row in off if (row < 0.1).any()]
-        if len(noise) < SOME:
+        if len(noise) < SAMPLES:
             self.remarks.append("it hardly stands: the scanner's noise is not measured")
         else:
-            fields["laser", "noise"] = measured.middle(noise, "m", "scans standing")
+            self.fields["laser", "noise"] = measured.middle(noise, "m", "scans standing")
+
+    def _measure_drift(self) -> None:
+        odometry = self.odometry
         if self.frame == odometry.frame:
             self.remarks.append("no map in tf: the odometry's drift is not measured")
             return
@@ -351,34 +356,7 @@ class RecordedDrive:
         longer = abs(math.hypot(*by_odometry[:2]) - math.hypot(*by_map[:2])) / self.way
         turned = abs(normalize_angle(by_odometry[2] - by_map[2]))
         for name, value, unit in (("scale_error", longer, ""), ("heading_drift", turned, "rad")):
-            fields["odometry", name] = Value(value, unit, value, f"against the map after {self.way:.0f} m")
-
-
-def second_on(robot: Robot, told: np.ndarray, odometry: Poses) -> np.ndarray:
-    """Means of how far [m] and how much turned [rad] the simulated base is off after a second with the same commands.
-
-    Args:
-        robot: whose commands count as they reach the base.
-        told: (n, 3) commands: time [ns], [m/s], [rad/s].
-        odometry: where it was; every half second the simulated base begins there, with its motion.
-    """
-    simulation = robot.simulation.model_copy(update={"command_delay": 0.0})
-    simulator, off = KinematicSimulator(replace(robot, simulation=simulation)), []
-    t, pose = odometry.stamp / SECOND, odometry.pose
-    command = told[np.maximum(np.searchsorted(told[:, 0], odometry.stamp, side="right") - 1, 0), 1:]
-    for start in np.arange(t[0], t[-1] - 1.0, 0.5):
-        begin, end = np.searchsorted(t, (start, start + 1.0))
-        if t[begin] > start + 0.5:  # nothing was recorded then
-            continue
-        simulator.reset(PLANE, 0, pose[begin].tolist())
-        v, w = odometry.twist[begin].tolist()
-        simulator.set_motion((v, 0.0, w), (v, w), (0.0, 0.0))
-        for k in range(begin, end):
-            simulator.command(*command[k])
-            state = simulator.advance(max(t[k + 1] - t[k], 1e-4))
-        x, y, yaw = np.array(state.pose) - pose[end]
-        off.append((math.hypot(x, y), abs(normalize_angle(yaw))))
-    return np.mean(off, axis=0)
+            self.fields["odometry", name] = Value(value, unit, value, f"against the map after {self.way:.0f} m")
 
 
 def _pose(values) -> Pose:
@@ -387,7 +365,7 @@ def _pose(values) -> Pose:
 
 
 def _last(rows, at):
-    """What was said last until a time, or else first."""
+    """What was recorded last until a time, or else first."""
     return rows[max(0, bisect_right(rows, at, key=lambda row: row[0]) - 1)][1]
 
 
