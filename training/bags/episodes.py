@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Dict, Iterator, List, Optional, Set, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
@@ -45,8 +45,7 @@ class BagReport:
     skipped: Counter[str] = field(default_factory=Counter)  # transitions that are not used, by reason
 
 
-@dataclass
-class Goal:
+class Goal(NamedTuple):
     """One course as driven: when it began and ended, and how (actionlib status; None: the bag ended first)."""
 
     id: str
@@ -55,7 +54,6 @@ class Goal:
     status: Optional[int]
     frame: str
     xy: Tuple[float, float]
-    period: float  # between two decisions [s]
 
     @property
     def ended(self) -> bool:
@@ -70,18 +68,17 @@ class Sample:
     Attributes:
         at: ROS time [ns].
         decision: The decision; at the end the last one.
-        is_end: The course ends here.
         trouble: Why it cannot be used (outcome is None), or why the transition that ends here cannot.
+        pose: (x, y) [m] of the robot in the goal's frame.
+        theta: (k,) what the planner had.
     """
 
     at: int
     decision: Decision
-    is_end: bool = False
-    scan: int = -1  # indices in the bag
-    pose: int = -1
     trouble: str = ""
-    theta: Optional[np.ndarray] = None
-    observation: Optional[np.ndarray] = None
+    pose: Tuple[float, float] = (0.0, 0.0)
+    theta: np.ndarray = field(default_factory=lambda: np.empty(0))
+    observation: np.ndarray = field(default_factory=lambda: np.empty(0))
     outcome: Optional[Outcome] = None
 
 
@@ -107,42 +104,41 @@ def transitions(
     Raises:
         BagError: The bag lacks what is needed.
     """
-    if not bag.decisions:
-        remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
-        raise BagError(f"{bag.path}: no decisions on {bag.topics.decision}: {remedy}")
-    for what, topic, times in (
-        ("scans", bag.topics.scan, bag.scans.at),
-        ("odometry", bag.topics.odometry, bag.odometry.at),
-    ):
-        if not len(times):
-            raise BagError(f"{bag.path}: no {what} on {topic}")
-    if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
-        raise BagError(f"{bag.path}: recorded on another clock than its messages'; set use_sim_time where you record")
+    _check(bag)
     report = report if report is not None else BagReport()
-    form = PaperForm(robot)
+    form, period = PaperForm(robot), decision_period(bag)
     for number, goal in enumerate(goals(bag, report.skipped)):
         try:
             _check_motion(bag, goal)
-            _finish(bag, goal, finish)
-            samples = _samples(bag, goal)
+            goal = _finished(bag, goal, finish)
+            samples = _samples(bag, form, goal)
         except Skipped as reason:
             report.skipped[str(reason)] += 1
             continue
-        report.periods.add(goal.period)
-        for i, sample in enumerate(samples):
-            if sample.trouble:
-                continue
-            try:
-                _look(bag, form, samples, i)
-                if i and samples[i - 1].outcome is not None:
-                    _label(bag, robot, goal, samples[i - 1], sample)
-                    sample.trouble = _unusable(bag, form, goal, samples, i)
-            except ObservationError as error:
-                sample.outcome, sample.trouble = None, f"a decision's scan is unusable ({str(error).split(':')[0]})"
-            except Skipped as reason:
-                sample.outcome, sample.trouble = None, str(reason)
+        report.periods.add(period)
+        for before, after in zip(samples, samples[1:]):
+            if before.outcome and after.outcome:
+                _label(bag, robot, goal, before, after, after.outcome)
+                after.trouble = _unusable(bag, form, period, before, after, is_last=after is samples[-1])
         for run in split_at_gaps(samples, report.skipped):
-            yield _trajectory(bag, form, goal, number, run, reward, layout, report)
+            report.episodes += 1
+            report.transitions += len(run) - 1
+            trajectory = _trajectory(form, period, run, reward, layout)
+            trajectory.info.update(actor="bag:" + bag.path.name[:180], episode=number, goal=goal.id[:180])
+            yield trajectory
+
+
+def _check(bag: Bag) -> None:
+    """Raises BagError where a bag lacks what transitions are made of."""
+    topics = bag.topics
+    if not bag.decisions:
+        remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
+        raise BagError(f"no decisions on {topics.decision}: {remedy}")
+    for what, topic, times in (("scans", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
+        if not len(times):
+            raise BagError(f"no {what} on {topic}")
+    if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
+        raise BagError("recorded on another clock than its messages'; set use_sim_time where you record")
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
@@ -156,14 +152,14 @@ def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
         if running and running != before:
             spans.append([running, at, at])
         before = running
-    found, period = [], decision_period(bag)
+    found = []
     for goal, start, end in spans:
         targets = [g for g in bag.goals if start - 2 * SECOND <= g[0] <= start + SECOND]
         targets = targets or [g for g in bag.goals if g[0] <= end]
         at, status = bag.results.get(goal, (end, None))
         if targets:
             end = end if status is None else min(end, at)
-            found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4], period))
+            found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4]))
         else:
             skipped["the goal's position was not recorded"] += 1
     if not spans:
@@ -203,37 +199,58 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
         raise Skipped("the clock jumped")
 
 
-def _finish(bag: Bag, goal: Goal, finish: Optional[float]) -> None:
-    """Ends the course where the robot has got `finish` metres towards the goal."""
+def _finished(bag: Bag, goal: Goal, finish: Optional[float]) -> Goal:
+    """The goal, which ends where the robot has got `finish` metres towards it."""
     if finish is None:
-        return
+        return goal
     during = np.flatnonzero((bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)).tolist()
-    poses = np.array([_pose(bag, i, goal.frame, goal.end)[:2] for i in during])
+    poses = np.array([_place(bag, i, goal.frame, goal.end) for i in during])
     towards = np.array(goal.xy) - poses[0]
     past = (poses - poses[0]) @ towards >= finish * np.hypot(*towards)
-    if past.any():
-        goal.end, goal.status = int(bag.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
+    if not past.any():
+        return goal
+    return goal._replace(end=int(bag.odometry.stamp[during[np.argmax(past)]]), status=SUCCEEDED)
 
 
-def _samples(bag: Bag, goal: Goal) -> List[Sample]:
+# -- samples -----------------------------------------------------------------------------------------------------------
+def _samples(bag: Bag, form: PaperForm, goal: Goal) -> List[Sample]:
     """The decisions, and the end of the course where the goal was reached or given up."""
     made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
     samples = [Sample(decision.stamp, decision) for decision in made]
     if made and goal.ended and goal.end > made[-1].stamp:
-        samples.append(Sample(goal.end, made[-1], is_end=True))
+        samples.append(Sample(goal.end, made[-1]))
     if len(samples) < 2:
         raise Skipped("shorter than one decision" if made else "no decision was recorded for the goal")
-    scans, stamps = bag.scans, bag.odometry.stamp
-    for one in samples:
-        named = [] if one.is_end else [_last(scans.stamp == one.decision.scan), _last(stamps == one.decision.odometry)]
-        if min(named, default=-1) < 0:  # at the end, or in a bag of fewer messages than the node got
-            scan = _last(scans.stamp <= one.at)
-            named = [scan, int(np.argmin(np.abs(stamps - scans.stamp[scan])))]
-        one.scan, one.pose = named
-        for what, index, times in (("scan", one.scan, scans.stamp), ("odometry", one.pose, stamps)):
-            if index < 0 or abs(int(times[index]) - one.at) > MAX_AGE_S * SECOND:
-                one.trouble = f"no {what} for a decision"
+    for number, sample in enumerate(samples):
+        try:
+            scan, pose = _messages(bag, sample)
+            sample.pose = _place(bag, pose, goal.frame, sample.at)
+            _look(form, sample)
+            near = nearest(bag.scans.nearest[[scan]], form.robot.laser.range_min)
+            time_s = (sample.at - samples[0].at) / SECOND
+            seen = sample.observation[: form.scan], 0.0, sample.theta
+            sample.outcome = Outcome(*seen, last_scan_min=near, decision_min=near, decisions=number, time_s=time_s)
+        except ObservationError as error:
+            sample.trouble = f"a decision's scan is unusable ({str(error).split(':')[0]})"
+        except Skipped as reason:
+            sample.trouble = str(reason)
     return samples
+
+
+def _messages(bag: Bag, sample: Sample) -> Tuple[int, int]:
+    """Which scan and which odometry of the bag a sample is of.
+
+    They are those that the node names; at the end of a course, and in a bag of fewer messages, the nearest.
+    """
+    scans, poses, decision = bag.scans.stamp, bag.odometry.stamp, sample.decision
+    scan, pose = _last(scans == decision.scan), _last(poses == decision.odometry)
+    if sample.at != decision.stamp or min(scan, pose) < 0:
+        scan = _last(scans <= sample.at)
+        pose = int(np.argmin(np.abs(poses - scans[scan])))
+    for what, index, times in (("scan", scan, scans), ("odometry", pose, poses)):
+        if index < 0 or abs(int(times[index]) - sample.at) > MAX_AGE_S * SECOND:
+            raise Skipped(f"no {what} for a decision")
+    return scan, pose
 
 
 def _last(which: np.ndarray) -> int:
@@ -242,32 +259,25 @@ def _last(which: np.ndarray) -> int:
     return int(found[-1]) if len(found) else -1
 
 
-# -- samples -----------------------------------------------------------------------------------------------------------
-def _look(bag: Bag, form: PaperForm, samples: List[Sample], i: int) -> None:
-    """Fills sample i with what was seen at it. Raises Skipped or ObservationError where that cannot be used."""
-    sample, decision, beams = samples[i], samples[i].decision, form.layout.beams
-    sample.theta = _after(form, decision) if sample.is_end else _theta(form, decision.before)
-    seen = decision.observation
+def _look(form: PaperForm, sample: Sample) -> None:
+    """Set parameters and observation of a sample in the paper's form.
+
+    A policy in the dimensionless form was shown other sectors: of these the nearest in each beam is taken.
+    """
+    decision, seen = sample.decision, sample.decision.observation
+    is_end = sample.at != decision.stamp
+    sample.theta = _after(form, decision) if is_end else _theta(form, decision.before)
+    sectors = len(seen) - 1 - form.actions
     if not (np.abs(seen) <= 1.0).all():
         raise Skipped("the observation of a decision is not within [-1, 1]")
-    sectors = len(seen) - 1 - form.actions
-    if sectors != beams:
-        seen = _in_the_papers_form(seen, form, sectors, sample.theta)
-    sample.observation = np.concatenate([seen[: beams + 1], form.action(sample.theta)]).astype(np.float32)
-    near = nearest(bag.scans.nearest[[sample.scan]], form.robot.laser.range_min)
-    seconds = (sample.at - samples[0].at) / SECOND
-    sample.outcome = Outcome(
-        seen[:beams], 0.0, sample.theta, last_scan_min=near, decision_min=near, decisions=i, time_s=seconds
-    )
-
-
-def _in_the_papers_form(seen: np.ndarray, form: PaperForm, sectors: int, theta: np.ndarray) -> np.ndarray:
-    """What a policy in the dimensionless form was shown, as the paper's form has it: the nearest of its sectors."""
+    if sectors == form.scan:
+        sample.observation = np.append(seen[: sectors + 1], form.action(sample.theta)).astype(np.float32)
+        return
     layout = DimensionlessForm(form.robot, PERIOD).layout
     if sectors != layout.beams:
         raise Skipped("a decision was made with a scan of other beams than the robot's")
     ranges = form.layout.resample(0.5 * (seen[:sectors] + 1.0) * layout.range_cap, layout.angle_min, layout.step)
-    return observe(ranges, seen[sectors] * math.pi, theta, form.space, form.layout)
+    sample.observation = observe(ranges, seen[sectors] * math.pi, sample.theta, form.space, form.layout)
 
 
 def _after(form: PaperForm, decision: Decision) -> np.ndarray:
@@ -283,46 +293,40 @@ def _theta(form: PaperForm, values: Dict[str, float]) -> np.ndarray:
     return theta
 
 
-def _label(bag: Bag, robot: Robot, goal: Goal, before: Sample, sample: Sample) -> None:
-    """Fills the parts of an Outcome that a transition has: progress, clearance, contact, the end."""
-    outcome = sample.outcome
-    assert outcome is not None
-    here = _pose(bag, sample.pose, goal.frame, sample.at)
-    there = _pose(bag, before.pose, goal.frame, before.at)
-    outcome.progress, outcome.progress_y = progress(goal.xy, there, here)
-    outcome.seconds = (sample.at - before.at) / SECOND
-    during = (bag.scans.stamp > before.at) & (bag.scans.stamp <= sample.at)
+def _label(bag: Bag, robot: Robot, goal: Goal, before: Sample, after: Sample, outcome: Outcome) -> None:
+    """Set the parts of an Outcome that a transition has: progress, clearance, contact, the end."""
+    outcome.progress, outcome.progress_y = progress(goal.xy, before.pose, after.pose)
+    outcome.seconds = (after.at - before.at) / SECOND
+    during = (bag.scans.stamp > before.at) & (bag.scans.stamp <= after.at)
     if during.any():
         outcome.decision_min = nearest(bag.scans.nearest[during], robot.laser.range_min)
-    outcome.contact = any(before.at < at <= sample.at for at in bag.collisions)
-    if goal.ended and sample.at == goal.end:
+    outcome.contact = any(before.at < at <= after.at for at in bag.collisions)
+    if goal.ended and after.at == goal.end:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
 
-def _unusable(bag: Bag, form: PaperForm, goal: Goal, samples: List[Sample], i: int) -> str:
-    """Why the transition that ends at sample i cannot be used; "" when it can."""
-    before, after = samples[i - 1], samples[i]
-    seconds, is_last = (after.at - before.at) / SECOND, i == len(samples) - 1
-    if seconds > 1.5 * goal.period or (seconds < 0.5 * goal.period and not is_last):
+def _unusable(bag: Bag, form: PaperForm, period: float, before: Sample, after: Sample, is_last: bool) -> str:
+    """Why a transition cannot be used; "" when it can."""
+    seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
+    if seconds > 1.5 * period or (seconds < 0.5 * period and not is_last):
         return "a decision's period is not that of the others"
-    stamps = bag.scans.stamp[(bag.scans.stamp >= before.at - MAX_AGE_S * SECOND) & (bag.scans.stamp <= after.at)]
+    stamps = stamps[(stamps >= before.at - MAX_AGE_S * SECOND) & (stamps <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
         return "scans are missing"
-    assert after.theta is not None
     if not np.array_equal(_after(form, before.decision), after.theta):
         return "parameters were changed between decisions"
     return ""
 
 
-def _pose(bag: Bag, index: int, frame: str, at: int) -> Tuple[float, float, float]:
-    """Odometry number `index` as (x, y, yaw) in `frame`, through a recorded transform where frames differ."""
-    x, y, a = bag.odometry.pose[index].tolist()
+def _place(bag: Bag, index: int, frame: str, at: int) -> Tuple[float, float]:
+    """(x, y) of odometry number `index` in `frame`, through a recorded transform where frames differ."""
+    x, y, _ = bag.odometry.pose[index].tolist()
     if not frame or frame == bag.odometry.frame:
-        return x, y, a
+        return x, y
     known = [t for time, t in bag.transforms.get((frame, bag.odometry.frame), ()) if time <= at]
     if not known:
         raise Skipped("no transform between the goal's frame and the odometry's")
-    return (*transform_point(known[-1], x, y), a + known[-1][2])
+    return transform_point(known[-1], x, y)
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
@@ -341,22 +345,17 @@ def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List
         yield run
 
 
-def _trajectory(bag, form, goal, number, run, reward, layout, report) -> Trajectory:
-    actions, rewards = [], []
-    for before, after in zip(run, run[1:]):
+def _trajectory(
+    form: PaperForm, period: float, run: List[Sample], reward: Reward, layout: TransitionLayout
+) -> Trajectory:
+    """The transitions between the samples of a run."""
+    actions, rewards, outcomes = [], [], [sample.outcome for sample in run if sample.outcome]
+    for before, outcome in zip(run, outcomes[1:]):
         action = form.action(_after(form, before.decision))
         change = float(np.abs(action - form.action(before.theta)).mean())
-        limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
-        rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
+        limit = max(round(TIME_LIMIT / period), outcome.decisions)
+        rewards.append(reward(outcome, change, limit, period, scale=1.0)[0])
         actions.append(action)
-    last = run[-1].outcome
-    report.episodes += 1
-    report.transitions += len(rewards)
-    info = {
-        "actor": "bag:" + bag.path.name[:180],
-        "episode": number,
-        "goal": goal.id[:180],
-        "from": run[0].outcome.decisions,
-        "success": bool(last.success),
-    }
+    last = outcomes[-1]
+    info = {"from": outcomes[0].decisions, "success": bool(last.success)}
     return Trajectory.of(layout, [m.observation for m in run], actions, rewards, last.success or failed(last), info)
