@@ -161,7 +161,7 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
         place = place.parent
     size = sum(file.stat().st_size for file in (place.iterdir() if place.is_dir() else [place]) if file.exists())
     limits = {**LIMITS, "CPU": int(LIMITS["CPU"] + SECONDS_PER_GB * size / 1e9)}
-    given = {"path": str(place), "topics": vars(topics), "how": {"search": search, "ranges": ranges}}
+    given = {"path": str(place), "topics": vars(topics), "search": search, "ranges": ranges}
     environment = {"OPENBLAS_NUM_THREADS": "1"}
     with TemporaryDirectory() as folder, open(Path(folder) / "answer.npz", "w+b") as answer:
         program, patience_s = str(Path(__file__).with_name("messages.py")), 60.0 + 4.0 * limits["CPU"]
@@ -181,39 +181,32 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
     return _bag(Path(path), about, arrays)
 
 
-def _bag(path: Path, about: Dict[str, Any], a: Dict[str, np.ndarray]) -> Bag:
-    frames, pairs = about["frames"], [(parent, child) for parent, child in about["pairs"]]
-    starts = np.concatenate([[0], np.cumsum(a["scan_count"])])
-    scan = {name: a[f"scan_{name}"] for name in ("at", "stamp", "nearest", "geometry")}
-    odometry = {name: a[f"odometry_{name}"] for name in ("at", "stamp", "pose", "twist")}
-    updates: Dict[str, List[Tuple[int, Dict[str, Any]]]] = {}
-    for at, topic, values in about["updates"]:
-        updates.setdefault(topic, []).append((at, values))
-    transforms: Dict[Tuple[str, str], List[Tuple[int, Tuple[float, float, float]]]] = {}
-    for at, pair, pose in zip(a["tf_at"].tolist(), a["tf_pair"].tolist(), a["tf_pose"].tolist()):
-        transforms.setdefault(pairs[pair], []).append((at, tuple(pose)))
+def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Bag:
+    """A Bag of what messages.py answers."""
+
+    def table(name: str, *columns: str) -> Dict[str, np.ndarray]:
+        return {column: arrays[f"{name}_{column}"] for column in columns}
+
+    frames, pairs = about.pop("frames"), [tuple(pair) for pair in about.pop("pairs")]
+    starts = np.concatenate([[0], np.cumsum(arrays["scan_count"])])
+    scan = table("scan", "at", "stamp", "nearest", "geometry")
+    transforms: Dict[Any, List[Tuple[int, Any]]] = {pair: [] for pair in pairs}
+    for at, pair, pose in zip(*(values.tolist() for values in table("tf", "at", "pair", "pose").values())):
+        transforms[pairs[pair]].append((at, tuple(pose)))
     decisions, first = [], 0
-    for *known, before, after, count in about["decisions"]:
-        observation, first = a["observations"][first : first + count], first + count
+    for *known, before, after, count in about.pop("decisions"):
+        observation, first = arrays["observations"][first : first + count], first + count
         decisions.append(Decision._make([*known, dict(zip(*before)), dict(zip(*after)), observation]))
-    ended = [(at, *end) for at, _, ends in reversed(about["status"]) for end in ends]  # the first one counts
     return Bag(
         path,
-        TopicNames(**about["topics"]),
-        Scans(**scan, starts=starts, ranges=a["ranges"], frame=frames.get("scan", "")),
-        Poses(**odometry, frame=frames.get("odometry", "odom")),
-        (a["command_at"], a["command_command"]),
-        [tuple(goal) for goal in about["goals"]],
-        [(at, running) for at, running, _ in about["status"]],
-        {goal: (at, status) for at, goal, status in ended + about["results"]},
-        updates,
-        decisions,
-        transforms,
-        {(parent, child) for parent, child in about["inverted"]},
-        [at for (at,) in about["collisions"]],
-        about["source"][0][1] if about["source"] else {},
-        about["cut_short"],
-        about["end"],
+        TopicNames(**about.pop("topics")),
+        Scans(**scan, starts=starts, ranges=arrays["ranges"], frame=frames["scan"]),
+        Poses(**table("odometry", "at", "stamp", "pose", "twist"), frame=frames["odometry"]),
+        (arrays["command_at"], arrays["command_command"]),
+        decisions=decisions,
+        transforms=transforms,
+        inverted={tuple(pair) for pair in about.pop("inverted")},
+        **about,
     )
 
 

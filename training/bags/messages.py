@@ -38,7 +38,7 @@ def main() -> None:
         os.dup2(2, 1)  # what a library prints
         arrays: Dict[str, Any] = {}
         try:
-            about, arrays = _Messages(Path(given["path"]), TopicNames(**given["topics"]), **given["how"]).read()
+            about, arrays = _read(Path(given["path"]), TopicNames(**given["topics"]), given["search"], given["ranges"])
         except MemoryError:
             sys.exit(1)  # as where another limit ends this process
         except ApplrError as error:
@@ -48,68 +48,38 @@ def main() -> None:
         np.savez(answer, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
 
 
+def _read(path: Path, topics: TopicNames, search: bool, ranges: bool) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
+    """What _Messages read of a bag; with `search` topics that are not recorded are looked for under other names."""
+    reader = _opened(path)
+    with closing(reader):
+        if not reader.message_count:
+            raise ApplrError("holds no messages")
+        found = topics.found(reader.connections) if search else topics
+        about, arrays = _Messages(found, ranges).read(reader)
+    return {**about, "cut_short": isinstance(reader, UnindexedReader)}, arrays
+
+
 class _Messages:
-    """What is read of a bag, row by row.
+    """The messages of an open bag, as rows.
 
     Args:
-        path: A .bag file, a ROS 2 folder with metadata.yaml, or an .mcap file.
         topics: Names of what is read.
-        search: Whether topics that are not recorded are looked for under other names.
         ranges: Whether the ranges of scans are kept.
     """
 
-    def __init__(self, path: Path, topics: TopicNames, search: bool, ranges: bool):
-        self.path, self.topics, self.search, self.keep_ranges = path, topics, search, ranges
+    def __init__(self, topics: TopicNames, ranges: bool):
+        self.topics, self.keep_ranges = topics, ranges
         self.frames: Dict[str, str] = {}  # of scans and odometry
         self.pairs: Dict[Tuple[str, str], int] = {}  # of frames in tf, numbered
         self.inverted: List[Tuple[str, str]] = []
         self.ranges, self.observations = array("f"), array("f")
 
-    def read(self) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
-        """Return (what JSON holds, arrays); bag.py names them."""
-        reader, cut_short = _opened(self.path)
-        with closing(reader):
-            if self.search:
-                self.topics = self.topics.found(reader.connections)
-            if not reader.message_count:
-                raise ApplrError("holds no messages")
-            needed = [one for one in reader.connections if self.topics.needs(one.topic)]
-            is_ros1 = isinstance(reader, Reader)
-            store = _types(needed, is_ros1)
-            unpack = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
-            make_rows, end = self._makers(), 0
-            rows: Dict[str, List[tuple]] = {topic: [] for topic in make_rows}
-            updates: List[tuple] = []
-            for connection, end, raw in reader.messages(needed) if needed else ():
-                message = unpack(raw, connection.msgtype)
-                make = make_rows.get(connection.topic)
-                if make:
-                    rows[connection.topic] += [(end, *row) for row in make(message)]
-                else:
-                    updates.append((end, connection.topic, _values(message)))
-        base = self.topics.move_base
-        goals = rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"]
-        transforms = sorted(rows[self.topics.tf] + rows[self.topics.tf_static], key=lambda row: row[0])
-        about = {
-            **{"topics": vars(self.topics), "cut_short": cut_short, "end": end, "frames": self.frames},
-            **{"updates": updates, "goals": sorted(goals), "decisions": rows[self.topics.decision]},
-            **{"status": rows[base + "/status"], "results": rows[base + "/result"]},
-            **{"source": rows[self.topics.demonstration][-1:], "collisions": rows[self.topics.collision]},
-            **{"pairs": list(self.pairs), "inverted": self.inverted},
-        }
-        arrays = {
-            **_columns("scan", rows[self.topics.scan], at=1, stamp=1, nearest=1, geometry=4, count=1),
-            **_columns("odometry", rows[self.topics.odometry], at=1, stamp=1, pose=3, twist=2),
-            **_columns("command", rows[self.topics.command], at=1, command=2),
-            **_columns("tf", transforms, at=1, pair=1, pose=3),
-            **{name: np.frombuffer(getattr(self, name), np.float32) for name in ("ranges", "observations")},
-        }
-        return about, arrays
-
-    def _makers(self) -> Dict[str, Callable[[Any], Iterable[tuple]]]:
-        """By topic what makes the rows of a message; of all other topics it is parameters."""
-        topics, base = self.topics, self.topics.move_base
-        return {
+    def read(self, reader: Any) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
+        """Return (what JSON holds, arrays), by the names of fields of Bag and its tables."""
+        topics, base, end = self.topics, self.topics.move_base, 0
+        needed = [one for one in reader.connections if topics.needs(one.topic)]
+        unpack = _unpacker(needed, isinstance(reader, Reader))
+        make_rows: Dict[str, Callable[[Any], Iterable[tuple]]] = {
             topics.scan: self._scan,
             topics.odometry: self._odometry,
             base + "/status": _status,
@@ -124,6 +94,35 @@ class _Messages:
             topics.tf_static: self._tf,
             topics.decision: self._decision,
         }
+        rows: Dict[str, List[tuple]] = {one.topic: [] for one in needed}
+        rows.update((topic, []) for topic in make_rows)
+        for connection, end, raw in reader.messages(needed) if needed else ():
+            found = make_rows.get(connection.topic, _parameters)(unpack(raw, connection.msgtype))
+            rows[connection.topic] += [(end, *row) for row in found]
+        ended = [(at, *one) for at, _, ends in reversed(rows[base + "/status"]) for one in ends]  # the first one counts
+        about = {
+            "topics": vars(topics),
+            "goals": sorted(rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"]),
+            "status": [(at, running) for at, running, _ in rows[base + "/status"]],
+            "results": {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]},
+            "updates": {topic: made for topic, made in rows.items() if topic not in make_rows},
+            "decisions": rows[topics.decision],
+            "source": next((known for _, known in reversed(rows[topics.demonstration])), {}),
+            "collisions": [at for (at,) in rows[topics.collision]],
+            "end": end,
+            "frames": {"scan": "", "odometry": "odom", **self.frames},
+            "pairs": list(self.pairs),
+            "inverted": self.inverted,
+        }
+        transforms = sorted(rows[topics.tf] + rows[topics.tf_static], key=lambda row: row[0])
+        arrays = {
+            **_columns("scan", rows[topics.scan], at=1, stamp=1, nearest=1, geometry=4, count=1),
+            **_columns("odometry", rows[topics.odometry], at=1, stamp=1, pose=3, twist=2),
+            **_columns("command", rows[topics.command], at=1, command=2),
+            **_columns("tf", transforms, at=1, pair=1, pose=3),
+            **{name: np.frombuffer(getattr(self, name), np.float32) for name in ("ranges", "observations")},
+        }
+        return about, arrays
 
     def _scan(self, m):
         """NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
@@ -155,8 +154,8 @@ class _Messages:
         return [(int(m.number), m.goal, *stamps, before, after, len(observation))]
 
 
-def _opened(path: Path) -> Tuple[Any, bool]:
-    """A reader of a bag, open, and whether the bag is cut short."""
+def _opened(path: Path) -> Any:
+    """An open reader of a .bag file, a ROS 2 folder with metadata.yaml, or an .mcap file."""
     if not path.exists():
         raise ApplrError("not there")
     if path.is_file() and path.stat().st_size == 0:
@@ -164,24 +163,19 @@ def _opened(path: Path) -> Tuple[Any, bool]:
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise ApplrError(f"{file.name} is a pipe or device; give a regular file")
-    if path.suffix != ".bag":
-        reader: Any = rosbag2.Reader(path)
-        reader.open()
-        return reader, False
+    reader: Any = Reader(path) if path.suffix == ".bag" else rosbag2.Reader(path)
     try:
-        reader = Reader(path)
         reader.open()
-        return reader, False
     except ReaderError as error:
         if not re.search("not indexed|index looks damaged", str(error)):
             raise
-    reader = UnindexedReader(path)
-    reader.open()
-    return reader, True
+        reader = UnindexedReader(path)
+        reader.open()
+    return reader
 
 
-def _types(connections: Sequence[Any], is_ros1: bool) -> Any:
-    """A store of the types of messages. Raises ApplrError for a definition that is not what its checksum says."""
+def _unpacker(connections: Sequence[Any], is_ros1: bool) -> Callable[[bytes, str], Any]:
+    """What unpacks messages of the types of connections. ApplrError for a definition that is not as its checksum."""
     types: Dict[Any, Any] = {}
     for one in connections:
         if one.msgdef.format == MessageDefinitionFormat.NONE:
@@ -198,11 +192,9 @@ def _types(connections: Sequence[Any], is_ros1: bool) -> Any:
             what = f"{one.topic} is {one.msgtype}, whose message definition in the bag is wrong"
             raise ApplrError(f"{what}: record it with another publisher") from None
         types.update(found)
-    if not types:
-        return get_typestore(Stores.ROS2_HUMBLE)
-    store = get_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY if types else Stores.ROS2_HUMBLE)
     store.register(types)
-    return store
+    return store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
 
 
 def _columns(name: str, rows: Sequence[tuple], **widths: int) -> Dict[str, np.ndarray]:
@@ -243,9 +235,9 @@ def _demonstrator(m):
     return [({str(k)[:40]: v if isinstance(v, (int, float)) else str(v)[:200] for k, v in known.items()},)]
 
 
-def _values(m):
-    """The parameters {name: value} of a dynamic_reconfigure/Config."""
-    return {p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(m, kind)}
+def _parameters(m):
+    """{name: value} of a dynamic_reconfigure/Config."""
+    return [({p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(m, kind)},)]
 
 
 def _frame(m) -> str:
