@@ -34,7 +34,8 @@ def run(
     Returns:
         What the child wrote; b"" where that is in a file, and None where the child did not end by itself.
     """
-    variables = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+    variables = {**os.environ, **environment, "PYTHONPATH": path}
     sent = json.dumps([given, dict(limits)]).encode()
     how = {"input": sent, "stdout": stdout, "stderr": subprocess.DEVNULL, "env": variables, "timeout": patience_s}
     try:
