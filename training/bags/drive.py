@@ -17,7 +17,6 @@ from applr_ros1.common.trees import branch
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import geometry_fault
 from applr_ros1.planner.costmap.scan import LaserScan
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, measured
 from applr_ros1.robots.measured import Fields, Value
@@ -277,7 +276,7 @@ class Drive:
         if not goal or short > MISSED_M:
             goal = _pose(poses[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T))])
         left = np.hypot(*(poses[:, :2] - goal[:2]).T)
-        values = branch(complete(self.robot.parameters()), self.robot.local_planner)
+        values = branch(self.robot.all_parameters(), self.robot.local_planner)
         tolerance = max(float(values.get("xy_goal_tolerance", 0.1)), float(left.min()) + 0.02)
         last = int(np.argmax(left <= tolerance)) + 1
         poses, times = poses[:last], times[:last]
