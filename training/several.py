@@ -18,10 +18,9 @@ from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
 from applr_ros1.robots import load
 from training.common.folders import make_folder
-from training.evaluation.run import EvaluationOptions, evaluate
-from training.evaluation.store import TRIALS, read_trials
+from training.evaluate import EvaluationOptions, evaluate
 from training.learner.config import TrainConfig
-from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, score, verdict
+from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, paired_trials, verdict
 
 CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
 
@@ -84,6 +83,4 @@ def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -
     shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
     how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
     how.update(worlds=worlds, methods=",".join(names), trials=1, out=str(out), protocol=config.eval_protocol)
-    evaluate(EvaluationOptions(**how, workers=config.actors))
-    trials = read_trials(out / TRIALS)
-    return trials.assign(score=[score(trial) for trial in trials.itertuples()])
+    return paired_trials(evaluate(EvaluationOptions(**how, workers=config.actors)), names)

@@ -34,9 +34,9 @@ from training.actors.collector import ACTOR, Collect, draw_world
 from training.actors.pool import CallFailed, make_pool
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.evaluation.periodic import PeriodicEvaluation
-from training.evaluation.plan import POLICY, Trial, TrialResult
-from training.evaluation.score import CONTACT_SECONDS
+from training.trials.periodic import PeriodicEvaluation
+from training.trials.score import CONTACT_SECONDS
+from training.trials.trial import POLICY, Result, Trial
 
 with extra(__name__):
     import torch
@@ -286,7 +286,7 @@ class TrainingRun:
         self._trials.extend(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
         return True
 
-    def _trial_done(self, result: Optional[TrialResult]) -> None:
+    def _trial_done(self, result: Optional[Result]) -> None:
         summary = self.evaluation.add(result)
         if summary is None:
             return

@@ -10,11 +10,12 @@ clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.js
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -26,7 +27,7 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import read_json, sha256, write_json
+from applr_ros1.common.files import sha256
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.policy import methods
@@ -34,6 +35,7 @@ from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.owner.write import write_measured
+from training import open_floor
 from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import make_folder
@@ -41,15 +43,15 @@ from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
 from training.env.protocols import CHALLENGE
 from training.env.settings import TrialSettings
-from training.evaluation import open_floor
-from training.evaluation.plan import Trial
-from training.evaluation.run import EvaluationOptions, evaluate
-from training.evaluation.score import AIMS, Own
-from training.evaluation.store import TrialStore
-from training.evaluation.trials import TRIAL_RUNNER, content, world_list
+from training.evaluate import EvaluationOptions, evaluate
 from training.report import page
 from training.report.tables import Table
 from training.report.verdict import KEEP, OWN, SET, paired_trials, tuned_verdict
+from training.trials.drive import drive
+from training.trials.runner import TRIAL_RUNNER, content, world_list
+from training.trials.score import AIMS, Own
+from training.trials.table import Trials
+from training.trials.trial import Result, Trial
 from training.tune import parameter_file
 from worlds import World, sdf_writer
 from worlds.loading import FORMS, specs
@@ -57,7 +59,18 @@ from worlds.loading import FORMS, specs
 with extra(__name__):
     from training.bags.courses import read
     from training.tune import bag
-    from training.tune.search import Saved, SetTrials, blocks_of, finalists, last_race, said, search, without_idle
+    from training.tune.search import (
+        Drive,
+        Job,
+        Saved,
+        blocks_of,
+        finalists,
+        last_race,
+        plan_sets,
+        said,
+        search,
+        without_idle,
+    )
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
 # parameters are put back; the rest is the verdict's
@@ -102,28 +115,27 @@ class TuneOptions(Options):
 
 
 class Clock:
-    """The time of a run. Each look at it is kept in a file: a run that goes on decides as before it was interrupted.
+    """The time of a run. A table keeps each look at it: a run that goes on decides as before it was interrupted.
 
     Args:
-        file: where the looks are.
+        table: keeps the looks.
+        name: under which it keeps them.
         seconds: that the run has.
-        setting: what is run; a file of another one counts for nothing.
     """
 
-    def __init__(self, file: Path, seconds: float, setting: List[Any]):
-        kept = read_json(file) if file.exists() else {}
-        self._file, self._seconds, self._setting = file, seconds, setting
-        self._looks: List[float] = kept["looks"] if kept.get("setting") == setting else []
+    def __init__(self, table: Trials, name: str, seconds: float):
+        self._table, self._name, self._seconds = table, name, seconds
+        self._looks: List[float] = table.notes.get(name, [])
         self._again = iter(list(self._looks))
         self._began, self.minutes = time.monotonic(), 0.0
 
     def spent(self) -> float:
-        """The share that is over. The first look begins the time."""
+        """Return the share that is over. The first look begins the time."""
         now = next(self._again, None)
         if now is None:
             now = time.monotonic() - self._began if self._looks else 0.0
             self._looks.append(now)
-            write_json(self._file, {"setting": self._setting, "looks": self._looks})
+            self._table.note(**{self._name: self._looks})
         self._began, self.minutes = time.monotonic() - now, now / 60.0
         return now / self._seconds
 
@@ -154,13 +166,18 @@ def run(options: TuneOptions) -> int:
     print("\n".join(floor), flush=True)
     if not (can or options.anyway):
         return 1
-    with continuable():
+    with continuable(), ExitStack() as stack:
         if options.bag:
             robot, searched, unseen = recorded(options, out, folder)
         worlds = world_list(searched, CHALLENGE, robot)
-        setting = [content(robot), options.seed, *(spec for _, spec, _ in worlds)]
-        clock = Clock(out / f"clock_{options.for_}.json", 60.0 * options.minutes, setting)
-        theta, worth = find(options, robot, worlds, out, clock)
+        settings = drives_of(robot, worlds)
+        asked = {
+            "drives": settings.model_dump(mode="json", exclude={"robot", "simulator"}),
+            **{"robot": content(robot), "seed": options.seed, "worlds": [spec for _, spec, _ in worlds]},
+        }
+        table = stack.enter_context(Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked))
+        clock = Clock(table, f"looks_{options.for_}", 60.0 * options.minutes)
+        theta, worth = find(options, settings, worlds, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
@@ -169,14 +186,14 @@ def run(options: TuneOptions) -> int:
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
         trials = judge(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
-    table = changes(robot, values, worth)
+    changed = changes(robot, values, worth)
     names = f"Below, {OWN} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
-    shown = page.write(drives, said=[*sentences, names], first=[table])
+    shown = page.write(drives, said=[*sentences, names], first=[changed])
     if better:
         parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
     lines = [
         f"  {name}: {tuned} instead of {own}; {gain} s, in the median {median} s"
-        for name, own, tuned, gain, median, _ in table.rows
+        for name, own, tuned, gain, median, _ in changed.rows
     ]
     found = (folder if better else drives) / "tuned.yaml"
     print("\n".join([*sentences, "What each parameter saves per course:", *lines, f"set: {found}", f"page: {shown}"]))
@@ -215,30 +232,39 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     return load(str(place)), ",".join(both[0]), ",".join(both[1])
 
 
-def find(
-    options: TuneOptions, robot: Robot, worlds: Sequence[Tuple[str, str, World]], out: Path, clock: Clock
-) -> Tuple[np.ndarray, Dict[str, Saved]]:
-    """The best set (n,) of a robot's parameters in worlds, and what each parameter that it changes saves [s]."""
-    seed, space = options.seed, space_of(robot)
+def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
+    """Return what a search in worlds drives with, but for the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {
-        **{"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DIFFERENT},
-        "time_limit": min(TIME_LIMIT, SLOW * farthest / robot.base.max_speed),
-    }
-    drive, lines, driven = resolve_name(options.runner), [], []  # type: Any, List[Dict[str, Any]], List[str]
+    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DIFFERENT}
+    return TrialSettings(**rules, time_limit=min(TIME_LIMIT, SLOW * farthest / robot.base.max_speed))
+
+
+def find(
+    options: TuneOptions, settings: TrialSettings, worlds: Sequence[Tuple[str, str, World]], table: Trials, clock: Clock
+) -> Tuple[np.ndarray, Dict[str, Saved]]:
+    """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s]."""
+    robot, seed = settings.load_robot(), options.seed
+    space, names = space_of(robot), [world[:2] for world in worlds]
+    lines, driven = [], []  # type: List[Dict[str, Any]], List[str]
 
     def tell(what: str) -> None:
         clock.spent()
         print(f"{clock.minutes:4.1f} min: {what}", flush=True)
 
+    def drives(simulator: str, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[Result]]:
+        """Return each set's results in the jobs, of which all sets drive the first at first."""
+        runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
+        plan = plan_sets(space, names, sets, jobs, seed, simulator)
+        results = drive(pool, runner, table, [[trial for of_job in zip(*plan) for trial in of_job]])
+        return [[results[trial] for trial in of_set] for of_set in plan]
+
     with make_pool(options.workers) as pool:
-        made = partial(SetTrials.kept, pool, robot, [world[:2] for world in worlds], planner="drawn", drive=drive)
-        of = {n: made(out / f"{n}.csv", TrialSettings(simulator=n, **rules)) for n in ("kinematic", JUDGED)}
-        for trials in of.values():
-            trials.run(space.theta0[None], [(0, 0)], seed)  # compiles kernels, which shall not count
+        of = {simulator: partial(drives, simulator) for simulator in ("kinematic", JUDGED)}
+        for run in of.values():
+            run(space.theta0[None], [(0, 0)], seed)  # compiles kernels, which shall not count
         clock.spent()
 
-        def rounds() -> Iterator[SetTrials]:
+        def rounds() -> Iterator[Drive]:
             """What drives each generation."""
             while (spent := clock.spent()) < SEARCHED or not driven:
                 driven.append("kinematic" if spent < KINEMATIC else JUDGED)
@@ -246,21 +272,22 @@ def find(
 
         every = blocks_of(len(worlds), 1, seed)
         first = every[:2]
-        (own,) = of["kinematic"].run(space.theta0[None], sum(first, []), seed)
+        (own,) = of["kinematic"](space.theta0[None], sum(first, []), seed)
         cost = partial(AIMS[options.for_].seconds, robot=robot, own=Own.of(own, robot))
-        begun = last_race(of["kinematic"], warm_starts(robot), first, cost, seed)
+        begun = last_race(space, of["kinematic"], warm_starts(robot), first, cost, seed)
         tell(f"best of {len(begun)} sets to begin with: {said(begun[0])}")
         starts = [np.array(line["theta"]) for line in begun]
-        for line in search(rounds(), starts, cost, seed=seed, **SEARCH):
+        for line in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
             lines.append(line)
             tell(f"generation {len(lines)}, {driven[-1]}: {said(line['winner'])}")
-        best = last_race(of[JUDGED], finalists(space, starts, lines), clock.until(RACED, every), cost, seed)[0]
+        sets = finalists(space, starts, lines)
+        best = last_race(space, of[JUDGED], sets, clock.until(RACED, every), cost, seed)[0]
         tell(f"best of the last race: {said(best)}")
         theta = space.clip([float(f"{value:.4g}") for value in best["theta"]])
         turns = np.linspace(clock.spent(), PUT_BACK, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
         some = blocks_of(len(worlds), 1, seed + 1)[:MOST]
         asked = AIMS[options.for_].asked()
-        return without_idle(of[JUDGED], theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, asked)
+        return without_idle(space, of[JUDGED], theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, asked)
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
@@ -291,12 +318,12 @@ def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: 
         **how, robot=robot, worlds=unseen, methods=names, protocol=CHALLENGE, monitor=True, trials=1, out=str(drives)
     )
 
-    def blocks(store: TrialStore) -> Iterator[Sequence[Trial]]:
-        """As many courses with both as there are workers, until the time is over."""
-        parts = [store.plan[first : first + 2 * workers] for first in range(0, len(store.plan), 2 * workers)]
+    def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
+        """Yield as many courses with both as there are workers, until the time is over."""
+        parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
         return clock.until(1.0, parts, fewest=-(-FEWEST // workers))
 
-    results = evaluate(evaluation, blocks).results
+    results = evaluate(evaluation, blocks)
     own = Own.of([result for trial, result in results.items() if trial.method == OWN], robot)
     return paired_trials(results, (OWN, SET), partial(AIMS[options.for_].seconds, robot=robot, own=own))
 

@@ -26,8 +26,8 @@ from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused
 from tests.support.weights import make_weights
 from training.env.settings import TrialSettings
-from training.evaluation import trials
-from training.evaluation.plan import plan_trials
+from training.trials import runner
+from training.trials.trial import plan_trials
 from worlds import barn
 
 PLANNER, COSTMAPS = "TrajectoryPlannerROS", ("local_costmap", "global_costmap")
@@ -347,10 +347,10 @@ def test_shipped_policy_says_what_made_it_and_drives():
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200
     assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
-    runner = trials.TrialRunner(TrialSettings())
+    driver = runner.TrialRunner(TrialSettings())
     times = {}
     for task in plan_trials([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
-        result = runner.run(task)
+        result = driver.run(task)
         assert result.success, result
         times[task.world, task.method] = result.time_s
     applr, dwa = (sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa"))

@@ -12,8 +12,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.robot import setting
 from training.env.settings import TrialSettings
-from training.evaluation import trials
-from training.evaluation.plan import plan_trials
+from training.trials import runner
+from training.trials.trial import plan_trials
 from training.tune.parameter_file import move_base_parameters
 
 
@@ -21,8 +21,8 @@ from training.tune.parameter_file import move_base_parameters
 def test_auto_drives_in_two_test_worlds(name):
     """Each robot arrives, and nothing is touched."""
     names = [(world, world) for world in ("generated:8", "generated:35")]
-    runner = trials.TrialRunner(TrialSettings(robot=name, monitor=True))
-    results = [runner.run(task) for task in plan_trials(names, [("auto", "auto")], 1, seed=0)]
+    driver = runner.TrialRunner(TrialSettings(robot=name, monitor=True))
+    results = [driver.run(task) for task in plan_trials(names, [("auto", "auto")], 1, seed=0)]
     assert all(result.success and not result.collided for result in results), results
 
 

@@ -9,14 +9,14 @@ import zlib
 
 import numpy as np
 
-from training.evaluation.plan import TrialResult
-from training.evaluation.run import EvaluationOptions, settings
+from training.evaluate import EvaluationOptions, settings
+from training.trials.trial import Result
 
 SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of itself, with nothing in it
 
 
 def drive(settings, task):
-    """As training.evaluation.trials.drive."""
+    """As training.trials.runner.run."""
     if os.environ.get("TOY_BROKEN"):
         raise ValueError("the toy is broken; mend it")
     rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
@@ -29,7 +29,7 @@ def drive(settings, task):
         os._exit(9)
     success = rng.random() < 0.9
     seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
-    result = TrialResult(
+    result = Result(
         success=bool(success),
         collided=bool(rng.random() < 0.1),
         timeout=not success,

@@ -11,12 +11,12 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
 from training.actors.collector import PolicyWeights, collect, environment, layout_of
-from training.evaluation.plan import POLICY, TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
 from training.replay.store import TrajectoryStore
 from training.train import TrainingRun
+from training.trials.trial import POLICY, Result
 
 LINE = "tests.support.toy_env:Line"
 TOY = [
@@ -34,7 +34,7 @@ def drive(env, task, weights):
     while not ended:
         observation, reward, terminated, truncated, _ = made.step(policy(observation))
         total, ended = total + float(reward), terminated or truncated
-    return TrialResult(decisions=10, total_reward=total), b""
+    return Result(decisions=10, total_reward=total), b""
 
 
 def toy_run(config, env=LINE):

@@ -1,6 +1,6 @@
 """What an actor does in an environment: a training episode with exploration noise. train.py submits them.
 
-Trials of the policy that is being learnt drive with PolicyWeights, too (training/evaluation/trials.py).
+Trials of the policy that is being learnt drive with PolicyWeights, too (training/trials/runner.py).
 """
 
 from __future__ import annotations

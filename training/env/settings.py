@@ -1,4 +1,4 @@
-"""What trials and training episodes are driven with: the environment (env.py) and evaluation/trials.py share it."""
+"""What trials and training episodes are driven with: the environment (env.py) and trials/runner.py share it."""
 
 from __future__ import annotations
 

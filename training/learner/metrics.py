@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from torch.utils.tensorboard import SummaryWriter
 
 from applr_ros1.common.files import write_bytes
-from training.evaluation.periodic import THETA0, PeriodicEvaluation
 from training.replay.store import TrajectoryStore
+from training.trials.periodic import THETA0, PeriodicEvaluation
 
 EPISODE = ("return", "length", "success", "collided", "time_s")
 

@@ -16,11 +16,11 @@ from training.actors.collector import NAVIGATION, Collect, collect, layout_of
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
-from training.evaluation.plan import Trial, TrialResult
-from training.evaluation.trials import drive, world_list
 from training.learner.config import TrainConfig
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
+from training.trials.runner import run, world_list
+from training.trials.trial import Result, Trial
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Preparation:
     """What prepare() found."""
 
     collect: Callable[[Collect, bytes], bytes]  # drives a training episode with a policy's weights in a worker
-    drive: Callable[[Trial, bytes], Tuple[TrialResult, bytes]]  # the same of a trial
+    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # the same of a trial
     worlds: Optional[int]  # how many there are to train in; None: the environment chooses
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
     layout: TransitionLayout
@@ -52,7 +52,7 @@ def prepare(config: TrainConfig) -> Preparation:
     env.close()
     return Preparation(
         partial(collect, NAVIGATION, json.dumps(options)),
-        partial(drive, TrialSettings(**common, protocol=config.eval_protocol)),
+        partial(run, TrialSettings(**common, protocol=config.eval_protocol)),
         len(worlds),
         held_out,
         layout_of(env),

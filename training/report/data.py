@@ -19,9 +19,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.drives.comparison import Comparison, compare
 from applr_ros1.policy.parameter_space import Space
-from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.store import SETTINGS, TRIALS, read_trace, read_trials
-from training.evaluation.trials import under
+from training.env.protocols import under
+from training.trials.score import FAILURE_SECONDS
+from training.trials.table import SETTINGS, TRIALS, read, read_trace
 from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
@@ -57,7 +57,7 @@ class Results:
         for n, path in enumerate(folders):
             if path.resolve() in [other.resolve() for other in folders[:n]]:
                 raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
-            frames.append(read_trials(path / TRIALS))
+            frames.append(read(path / TRIALS))
             for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):
                 other = self._folder_of.setdefault((world, method), path)
                 if other != path:

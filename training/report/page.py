@@ -18,11 +18,11 @@ from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.common.provenance import sentences
-from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.trials import PROTOCOLS
+from training.env.protocols import PROTOCOLS
 from training.report import drives, figures, statistics
 from training.report.data import Results
 from training.report.tables import MORE, PAPER, Table
+from training.trials.score import FAILURE_SECONDS
 
 FOLDER = "report"
 

@@ -15,9 +15,9 @@ import pandas as pd
 
 from applr_ros1.drives.comparison import over_worlds
 from applr_ros1.policy.decision import PERIOD
-from training.evaluation.score import barn_metric
 from training.report import paper, statistics
 from training.report.data import SETS, Results
+from training.trials.score import barn_metric
 
 NONE = "–"
 Rows = Iterator[Dict[str, str]]

@@ -1,7 +1,7 @@
 """A verdict on a robot's policy, or on a tuned set, from pairs of trials, and why drives failed.
 
 several.py and tune_robot.py print it. For several.py a drive counts as its time, as 100 s where it failed, and as 5 s
-more where the robot touched something (evaluation/score.py). Methods are compared over worlds
+more where the robot touched something (trials/score.py). Methods are compared over worlds
 (applr_ros1/drives/comparison.py).
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from applr_ros1.drives.comparison import Estimate, compare, over_worlds
-from training.evaluation.plan import Trial, TrialResult
-from training.evaluation.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, QUANTITIES, trial_seconds
 from training.report.statistics import mean_time, rate
+from training.trials.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, QUANTITIES, trial_seconds
+from training.trials.trial import Result, Trial
 
 OWN, POLICY, SET = "dwa", "applr", "static"
 WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
@@ -28,18 +28,18 @@ LOAD = (
 KEEP = "Keep your own parameters; the same command with more --minutes searches on from here."
 
 
-def score(result: TrialResult) -> float:
+def score(result: Result) -> float:
     """What a drive counts as [s]."""
     return trial_seconds(result.success, result.time_s, result.collided, CONTACT_SECONDS)
 
 
 def paired_trials(
-    results: Mapping[Trial, TrialResult], methods: Sequence[str], cost: Callable[[TrialResult], float] = score
+    results: Mapping[Trial, Result], methods: Sequence[str], cost: Callable[[Result], float] = score
 ) -> pd.DataFrame:
     """The trials of those courses that all of some methods have driven with the same seed.
 
     Returns:
-        A row per trial: its "world", "trial" and "method", what TrialResult says, and its cost as "score" [s].
+        A row per trial: its "world", "trial" and "method", what Result says, and its cost as "score" [s].
     """
     names = ["world", "trial", "method", "success", "collided", "time_s", "reason"]
     names += [quantity.column for quantity in QUANTITIES.values()]

@@ -7,23 +7,18 @@ ranks. tune_robot.py calls it.
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple, TypeVar
 
 import numpy as np
 
 from applr_ros1.common.extras import extra
+from applr_ros1.common.files import sha256
 from applr_ros1.drives.comparison import Estimate, over_worlds
-from applr_ros1.planner.variant import OURS
-from applr_ros1.policy.parameter_space import Space, space_of
-from applr_ros1.robots import Robot
-from training.actors.pool import Pool
-from training.env.settings import TrialSettings
-from training.evaluation.periodic import CHOOSING
-from training.evaluation.plan import Trial, TrialResult, seed_of
-from training.evaluation.score import Quantity, clearly_worse, summary
-from training.evaluation.store import TrialTable
-from training.evaluation.trials import content, drive, drive_missing
+from applr_ros1.planner.variant import DRAWN
+from applr_ros1.policy.parameter_space import Space
+from training.trials.periodic import CHOOSING
+from training.trials.score import Quantity, clearly_worse, summary
+from training.trials.trial import Result, Trial, seed_of
 
 with extra(__name__):
     import cma
@@ -33,8 +28,8 @@ BLOCK = 8  # trials between two tests of a race
 LEAST = 0.05  # [s] per course that a parameter has to save
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
-Cost = Callable[[TrialResult], float]  # what is made small
-DriveTrials = Callable[[Sequence[Trial]], Dict[Trial, TrialResult]]  # evaluation.trials.drive_missing
+Cost = Callable[[Result], float]  # what is made small
+Drive = Callable[..., List[List[Result]]]  # gives the results of each of some sets (k, n) in jobs, with a keyword seed
 Found = TypeVar("Found")
 
 
@@ -45,55 +40,28 @@ class Saved(NamedTuple):
     median: float
 
 
-class SetTrials:
-    """Drives sets of a robot's parameters through worlds.
+def plan_sets(
+    space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, jobs: Sequence[Job], seed: int, simulator: str
+) -> List[List[Trial]]:
+    """Return the trials of each set (k, n) in each job, which all drive with the same seed.
 
-    Args:
-        drive: gives the results of trials.
-        worlds: [(name, specification), ...].
-        space: of the sets.
-        planner: kind of planner (applr_ros1/planner/variant.py).
+    worlds are [(name, specification), ...]. The trials are named for set and simulator; evaluate.py's have other seeds.
     """
-
-    def __init__(self, drive: DriveTrials, worlds: Sequence[Tuple[str, str]], space: Space, planner: str = OURS):
-        self.drive, self.worlds, self.space, self.planner = drive, worlds, space, planner
-
-    @classmethod
-    def kept(
-        cls,
-        pool: Pool,
-        robot: Robot,
-        worlds: Sequence[Tuple[str, str]],
-        table: Path,
-        settings: TrialSettings,
-        *,
-        planner: str = OURS,
-        drive: Callable[..., Any] = drive,
-    ) -> SetTrials:
-        """Those that a robot drives in a pool of workers. Every trial is kept in a table, the path of its file."""
-        kept = TrialTable(table, [settings.model_dump(mode="json", exclude={"robot"}), content(robot)])
-        return cls(partial(drive_missing, pool, partial(drive, settings), table=kept), worlds, space_of(robot), planner)
-
-    def run(self, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[TrialResult]]:
-        """Each set (k, n) in each job, which all drive with the same seed: a list of results for each set.
-
-        Raises:
-            ApplrError: where a trial fails by an error.
-        """
-        trials = [[self.trial(theta, world, number, seed) for world, number in jobs] for theta in sets]
-        results = self.drive([trial for of_job in zip(*trials) for trial in of_job])  # equal sets drive once
-        return [[results[trial] for trial in of_set] for of_set in trials]
-
-    def trial(self, values: np.ndarray, world: int, number: int, seed: int) -> Trial:
-        """The trial of a set in a job; evaluate.py's trials have other seeds."""
-        name, spec = self.worlds[world]
-        theta = tuple(float(value) for value in self.space.clip(values))
-        seed = seed_of(CHOOSING + seed, name, number)
-        return Trial(name, "set", number, seed, spec, "", self.planner, theta=theta)
+    plan = []
+    for values in sets:
+        theta = tuple(float(value) for value in space.clip(values))
+        method = f"{simulator}-{sha256(repr(theta))[:16]}"
+        drawn = [(*worlds[world], number) for world, number in jobs]
+        seeds = [seed_of(CHOOSING + seed, name, number) for name, _, number in drawn]
+        trials = zip(drawn, seeds)
+        plan.append([Trial(n, method, k, s, spec, "", DRAWN, theta=theta) for (n, spec, k), s in trials])
+    return plan
 
 
 def search(
-    rounds: Iterable[SetTrials],
+    space: Space,
+    worlds: int,
+    rounds: Iterable[Drive],
     starts: Sequence[np.ndarray],
     cost: Cost,
     *,
@@ -105,6 +73,8 @@ def search(
     """The generations of CMA-ES.
 
     Args:
+        space: of the sets.
+        worlds: how many there are.
         rounds: what drives the sets of each generation; no generation begins after the last.
         starts: sets (n,), at least one. The distribution begins around the first; all take part in the first
             generation.
@@ -119,14 +89,13 @@ def search(
         JSON values of each generation: the "sigma" of the distribution after it, its "mean", and the "winner".
     """
     rng, strategy = np.random.default_rng(seed), None
-    for generation, trials in enumerate(rounds):
-        space = trials.space
+    for generation, run in enumerate(rounds):
         strategy = strategy or cma.CMAEvolutionStrategy(
             np.clip(space.to_action(starts[0]), -0.9, 0.9),  # not from the very edge of the box
             sigma,
             {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9},
         )
-        drawn = rng.permutation(len(trials.worlds))[:worlds_per_set].tolist()
+        drawn = rng.permutation(worlds)[:worlds_per_set].tolist()
         candidates = strategy.ask()
         sets = np.array([space.to_theta(action) for action in candidates])
         if generation == 0:
@@ -135,8 +104,7 @@ def search(
         quarter, half = -(-len(drawn) // 4), -(-len(drawn) // 2)
         parts = drawn[:quarter], drawn[quarter:half], drawn[half:]
         blocks = [[(world, 0) for world in part] for part in parts if part]
-        drive = partial(trials.run, seed=seed + 1000 + generation)
-        ranking, results = race(drive, sets, blocks, cost, halve=True)
+        ranking, results = race(partial(run, seed=seed + 1000 + generation), sets, blocks, cost, halve=True)
         strategy.tell(candidates, np.argsort(ranking).astype(float).tolist())
         mean = space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()
         winner = line(space, sets[ranking[0]], results[ranking[0]], cost)
@@ -151,15 +119,16 @@ def finalists(space: Space, starts: Sequence[np.ndarray], log: List[Dict[str, An
 
 
 def last_race(
-    trials: SetTrials, sets: np.ndarray, blocks: Iterable[Sequence[Job]], cost: Cost, seed: int
+    space: Space, run: Drive, sets: np.ndarray, blocks: Iterable[Sequence[Job]], cost: Cost, seed: int
 ) -> List[Dict[str, Any]]:
     """Races sets (k, n) through blocks of jobs: JSON values of each set, the best first."""
-    ranking, results = race(partial(trials.run, seed=seed), sets, blocks, cost)
-    return [line(trials.space, sets[i], results[i], cost) for i in ranking]
+    ranking, results = race(partial(run, seed=seed), sets, blocks, cost)
+    return [line(space, sets[i], results[i], cost) for i in ranking]
 
 
 def without_idle(
-    trials: SetTrials,
+    space: Space,
+    run: Drive,
     theta: np.ndarray,
     blocks: Callable[[], Iterable[Sequence[Job]]],
     cost: Cost,
@@ -172,7 +141,8 @@ def without_idle(
     much that the mean of some drives is mostly of failures: most must not be dearer, either.
 
     Args:
-        trials: drives both sets of a comparison in the same jobs.
+        space: of the set.
+        run: drives both sets of a comparison in the same jobs.
         theta: the set.
         blocks: makes the jobs of a comparison, which ends where one of both is clearly worse.
         cost: of a trial.
@@ -182,14 +152,13 @@ def without_idle(
     Returns:
         The set, and for each parameter that stays in it by how much the cost rises without it.
     """
-    space, worth = trials.space, {}
-    theta = space.clip(theta)
+    theta, worth = space.clip(theta), {}
     changes = np.abs(space.to_action(theta) - space.to_action(space.theta0))
     for i in np.argsort(changes, kind="stable").tolist():
         if theta[i] == space.theta0[i]:
             continue
         without = np.where(np.arange(len(theta)) == i, space.theta0, theta)
-        _, results = race(partial(trials.run, seed=seed), np.array([without, theta]), blocks(), cost)
+        _, results = race(partial(run, seed=seed), np.array([without, theta]), blocks(), cost)
         values = (cost, *(quantity.loss for quantity in asked))
         both = (np.array([[value(result) for result in of_set] for of_set in results]) for value in values)
         differences = [more - less for more, less in both]
@@ -245,7 +214,7 @@ def race(
     return racing + dropped, results
 
 
-def line(space: Space, theta: np.ndarray, results: Sequence[TrialResult], cost: Cost) -> Dict[str, Any]:
+def line(space: Space, theta: np.ndarray, results: Sequence[Result], cost: Cost) -> Dict[str, Any]:
     """What a log says of a set (n,): its mean cost as "score", and how its trials went."""
     found = summary(results, 0.0)
     found["score"] = float(np.mean([cost(result) for result in results]))

@@ -19,12 +19,12 @@ from tests.support import HANGS, ROOT
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.actors.collector import PolicyWeights
-from training.evaluation.periodic import PeriodicEvaluation
-from training.evaluation.plan import TrialResult
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.replay.store import TrajectoryStore
 from training.train import TrainingRun
+from training.trials.periodic import PeriodicEvaluation
+from training.trials.trial import Result
 
 
 def rounds_of(run):
@@ -284,7 +284,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
         for number in iter(lambda: rounds.due(step), None):
             for trial in rounds.begin(number, step, step):
                 touched = trial.world == "w1"
-                result = TrialResult(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds)
+                result = Result(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds)
                 summary = rounds.add(result)
             yield summary
 

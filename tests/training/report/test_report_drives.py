@@ -13,11 +13,11 @@ import pytest
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS
 from tests.support.toy_runner import SETTINGS
-from training.evaluation import store as trial_store
-from training.evaluation import trials
-from training.evaluation.plan import TrialResult, plan_trials
 from training.report import __main__ as report
 from training.report import drives, write
+from training.trials import runner
+from training.trials.table import Trials
+from training.trials.trial import Result, plan_trials
 
 TIME = 0.05 * np.arange(1, 123)
 POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])  # [m, m, rad]
@@ -37,12 +37,11 @@ def folder(tmp_path):
     worlds = ["generated:7", "gone"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
     settings = dict(SETTINGS, worlds=worlds, world_specs=["generated:7", "/gone.world"])
-    store = trial_store.TrialStore(tmp_path, settings, plan)
+    store = Trials(tmp_path, settings)
     for task in plan:
         good = task.method == "dwa"
-        result = TrialResult(good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0)
-        store.add(task, result, trials.pack_trace(TRACE) if task.method != "quiet" else b"")
-    store.close()
+        result = Result(good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0)
+        store.add(task, result, runner.pack_trace(TRACE) if task.method != "quiet" else b"")
     return tmp_path
 
 
@@ -90,10 +89,9 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
         plan = plan_trials([(world, world)], [(m, m) for m in methods], 1, seed=0)
         settings = {**SETTINGS, "worlds": [world], "world_specs": [world], **changed}
         settings["methods"] = {name: {"kind": about} for name in methods}
-        store = trial_store.TrialStore(out, settings, plan)
+        store = Trials(out, settings)
         for task in plan:
-            store.add(task, TrialResult(True, False, False, 5.0, 3, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
-        store.close()
+            store.add(task, Result(True, False, False, 5.0, 3, 6.0, "finished", 7.0), runner.pack_trace(TRACE))
         return str(out)
 
     assert report.main([str(folder), "--join", drive(more / "a", "generated:8")]) == 0

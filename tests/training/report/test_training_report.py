@@ -15,13 +15,13 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.comparison import compare, over_worlds
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
-from training.evaluation import store as trial_store
-from training.evaluation import trials
-from training.evaluation.plan import TrialResult, plan_trials
 from training.report import data, paper, statistics, tables, write
 from training.report.figures import region_of
 from training.report.page import summary
 from training.report.tables import Table
+from training.trials import runner
+from training.trials.table import Trials
+from training.trials.trial import Result, plan_trials
 from worlds.world import clearance
 
 METHODS = ("dwa", "applr", "other")
@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
     learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor"}}
     settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
-    store = trial_store.TrialStore(out, settings, plan)
+    store = Trials(out, settings)
     rng = np.random.default_rng(1)
     for task in plan:
         mean = 20.0 + 0.4 * worlds.index(task.world)
@@ -52,12 +52,11 @@ def folder(tmp_path_factory):
         good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
         reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
-        result = TrialResult(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
+        result = Result(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
         traced = task.trace and task.world in ("generated:20",)
-        store.add(task, result, trials.pack_trace(Trace) if traced else b"")
+        store.add(task, result, runner.pack_trace(Trace) if traced else b"")
     session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
-    store.finish(75.0, dict(session, versions={"numpy": "2"}), workers=2)
-    store.close()
+    store.note(wall_s=75.0, provenance=[dict(session, versions={"numpy": "2"})], workers=2)
     return out
 
 
@@ -215,13 +214,12 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
     """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
     worlds = ["generated:%d" % n for n in range(1, 7)]
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
-    store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"), plan)
+    store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan:
         good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
         seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
-        result = TrialResult(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
+        result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
         store.add(trial, result)
-    store.close()
     results = data.Results(tmp_path)
     found = results.compare("crash", "dwa", worlds[1:])
     assert found.difference.value == pytest.approx(100.0 - 23.0)
@@ -272,10 +270,9 @@ def test_report_is_whole(folder):
 
 def test_report_of_one_method_and_one_world(tmp_path):
     plan = plan_trials([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
-    store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
-    result = TrialResult(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
-    store.add(plan[0], result, trials.pack_trace(Trace))
-    store.close()
+    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]))
+    result = Result(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
+    store.add(plan[0], result, runner.pack_trace(Trace))
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
     assert "mine arrived in none of 1 drives, and touched something in 1." in text
     assert "One world is no sample" in text

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from training.evaluation.plan import Trial, TrialResult
 from training.report import verdict as judging
 from training.report.verdict import mean_scores, paired_trials
+from training.trials.trial import Result, Trial
 
 BOTH, THREE = ("dwa", "applr"), ("dwa", "applr", "static")
 
 
 def trials_of(world, seconds, trial=0):
-    """{Trial: TrialResult} of one course; seconds: {method: time [s], or the reason of a failure}."""
+    """{Trial: Result} of one course; seconds: {method: time [s], or the reason of a failure}."""
     found = {}
     for method, value in seconds.items():
         failed = isinstance(value, str)
-        result = TrialResult(success=not failed, timeout=failed, time_s=100.0 if failed else value)
-        result = TrialResult(**{**vars(result), "reason": value if failed else "finished"})
+        result = Result(success=not failed, timeout=failed, time_s=100.0 if failed else value)
+        result = Result(**{**vars(result), "reason": value if failed else "finished"})
         found[Trial(world, method, trial, 1, world, method, "ours")] = result
     return found
 

@@ -1,5 +1,7 @@
 """The search for one set: races between candidates on common trials, and what pays of a set."""
 
+from functools import partial
+
 import numpy as np
 
 from applr_ros1 import robots
@@ -7,10 +9,13 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
 from training.actors.pool import make_pool
 from training.env.settings import TrialSettings
-from training.evaluation.periodic import CHOOSING
-from training.evaluation.plan import TrialResult, seed_of
-from training.evaluation.score import AIMS, clearly_worse
-from training.tune.search import SetTrials, blocks_of, finalists, last_race, race, search, without_idle
+from training.trials import runner
+from training.trials.drive import drive
+from training.trials.periodic import CHOOSING
+from training.trials.score import AIMS, clearly_worse
+from training.trials.table import Trials
+from training.trials.trial import Result, seed_of
+from training.tune.search import blocks_of, finalists, last_race, plan_sets, race, search, without_idle
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -61,6 +66,20 @@ def time_of(result):
     return result.time_s
 
 
+WORLDS = [(f"w{i}", "") for i in range(8)]
+
+
+def run_with(drive):
+    """Gives each set's results in jobs; drive(trials) makes them."""
+
+    def run(sets, jobs, seed):
+        plan = plan_sets(SPACE, WORLDS, sets, jobs, seed, "kinematic")
+        results = drive([trial for of_set in plan for trial in of_set])
+        return [[results[trial] for trial in of_set] for of_set in plan]
+
+    return run
+
+
 def test_what_pays_in_the_quantity_that_was_asked_for_does_not_go_back():
     """One makes it slower and widens the clearance, one makes it slower and narrows it."""
     wide, narrow = (SPACE.names.index(name) for name in ("inflation_radius", "occdist_scale"))
@@ -70,15 +89,14 @@ def test_what_pays_in_the_quantity_that_was_asked_for_does_not_go_back():
         for trial in trials:
             changed = np.array(trial.theta) != SPACE.theta0
             clearance = 0.5 + 0.1 * float(changed[wide]) - 0.1 * float(changed[narrow]) + 0.01 * (trial.seed % 3)
-            found[trial] = TrialResult(True, time_s=30.0 + float(changed.sum()), mean_clearance_m=clearance)
+            found[trial] = Result(True, time_s=30.0 + float(changed.sum()), mean_clearance_m=clearance)
         return found
 
     theta = SPACE.theta0.copy()
     theta[[wide, narrow]] = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)[[wide, narrow]]
-    trials = SetTrials(drive, [(f"w{i}", "") for i in range(8)], SPACE)
     jobs = [[(world, 0) for world in range(8)]]
     for asked, stays in (([], []), (AIMS["careful"].asked(), ["inflation_radius"]), (AIMS["smooth"].asked(), [])):
-        found, worth = without_idle(trials, theta, lambda: jobs, time_of, 0, asked)
+        found, worth = without_idle(SPACE, run_with(drive), theta, lambda: jobs, time_of, 0, asked)
         assert list(worth) == [SPACE.names[i] for i in np.flatnonzero(found != SPACE.theta0)] == stays
 
 
@@ -92,13 +110,12 @@ def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
         for trial in trials:
             pays, little, harms, with_it = (np.array(trial.theta)[at] != SPACE.theta0[at]).tolist()
             seconds = 30.0 - 5.0 * pays - little + 2.0 * harms - 3.0 * (with_it and harms) + trial.seed % 9
-            found[trial] = TrialResult(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
+            found[trial] = Result(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
         return found
 
     theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
-    trials = SetTrials(drive, [(f"w{i}", "") for i in range(8)], SPACE)
     jobs = [[(world, 0) for world in range(8)]]
-    found, worth = without_idle(trials, theta, lambda: jobs, time_of, seed=0)
+    found, worth = without_idle(SPACE, run_with(drive), theta, lambda: jobs, time_of, seed=0)
     changed = [name for name, value, own in zip(SPACE.names, found, SPACE.theta0) if value != own]
     assert sorted(changed) == sorted(worth)
     assert {"max_vel_x", "sim_time"} <= set(worth) <= set(names)
@@ -121,10 +138,9 @@ def test_a_failure_alone_puts_no_parameter_back_that_makes_most_drives_faster():
                 else 20.0 - faster * (trial.theta[at] == 1.0)
                 for trial in trials
             ]
-            return {trial: TrialResult(True, time_s=time) for trial, time in zip(trials, seconds)}
+            return {trial: Result(True, time_s=time) for trial, time in zip(trials, seconds)}
 
-        trials = SetTrials(drive, [(f"w{i}", "") for i in range(8)], SPACE)
-        return without_idle(trials, theta, lambda: [[(world, 0) for world in range(8)]], time_of, 0)[0]
+        return without_idle(SPACE, run_with(drive), theta, lambda: [[(world, 0) for world in range(8)]], time_of, 0)[0]
 
     for faster, found in ((1.0, 1.0), (0.06, 1.0), (0.04, SPACE.theta0[at]), (-1.0, SPACE.theta0[at])):
         assert set_after(faster)[at] == found
@@ -140,22 +156,26 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
 
 
 def test_a_search_never_drives_evaluates_seeds():
-    searched = SetTrials(None, [("w", "w")], SPACE).trial(SPACE.theta0, 0, 0, 3).seed
-    assert searched == seed_of(CHOOSING + 3, "w", 0)
-    assert searched not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
+    ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [(0, 0)], 3, "kinematic")
+    assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
+    assert searched.seed not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
 
 def test_a_search_that_was_stopped_comes_to_the_same_result(tmp_path):
     """A generation and the last race of the Jackal, driven as the command drives them."""
-    table, robot = tmp_path / "kinematic.csv", robots.JACKAL
-    settings = TrialSettings(simulator="kinematic", robot=robot.folder)
+    table = tmp_path / "trials.csv"
+    settings = TrialSettings(simulator="kinematic", robot=robots.JACKAL.folder)
     starts = [SPACE.theta0, SPACE.from_dict({"max_vel_x": 2.0, "inflation_radius": 0.1})]
 
     def result():
-        with make_pool(0) as pool:
-            trials = SetTrials.kept(pool, robot, [("generated:140", "generated:140")], table, settings)
-            log = list(search([trials], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1))
-            return last_race(trials, finalists(SPACE, starts, log), blocks_of(1, 1, 0), time_of, 0)
+        def run(sets, jobs, seed):
+            plan = plan_sets(SPACE, [("generated:140", "generated:140")], sets, jobs, seed, "kinematic")
+            results = drive(pool, partial(runner.run, settings), trials, plan)
+            return [[results[trial] for trial in of_set] for of_set in plan]
+
+        with Trials(tmp_path, {}) as trials, make_pool(0) as pool:
+            log = list(search(SPACE, 1, [run], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1))
+            return last_race(SPACE, run, finalists(SPACE, starts, log), blocks_of(1, 1, 0), time_of, 0)
 
     lines = result()
     sets = [line["theta"] for line in lines]

@@ -18,9 +18,10 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.measured import Value
 from training import tune_robot
-from training.evaluation.plan import TrialResult
-from training.evaluation.score import AIMS, Own
 from training.report import verdict as judging
+from training.trials.score import AIMS, Own
+from training.trials.table import Trials
+from training.trials.trial import Result
 from training.tune import parameter_file
 from training.tune.bag import Check
 
@@ -32,7 +33,7 @@ DRIVEN = []  # trials, each of which takes a second
 
 
 def toy(settings, task, gain=12.0):
-    """As training.evaluation.trials.drive: the nearer to PAY, the faster; other parameters are nothing to it."""
+    """As training.trials.runner.run: the nearer to PAY, the faster; other parameters are nothing to it."""
     DRIVEN.append(task)
     robot = settings.load_robot()
     space = space_of(robot)
@@ -44,7 +45,7 @@ def toy(settings, task, gain=12.0):
         + task.seed % 3
         + (gain + gain * (task.seed % 7) / 40.0) * float(sum(abs(here[name] - best[name]) for name in PAY))
     )
-    return TrialResult(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
+    return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
 
 
 def none_better(settings, task):
@@ -53,7 +54,7 @@ def none_better(settings, task):
 
 def only_in_search(settings, task):
     """In the courses of the verdict nothing is left of it."""
-    return toy(settings, task, 12.0 if task.method == "set" else 0.0)
+    return toy(settings, task, 12.0 if task.theta else 0.0)
 
 
 @pytest.fixture
@@ -97,8 +98,8 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert [page.index(words) for words in said] == sorted(page.index(words) for words in said)
     assert "Duration for which each sampled velocity is simulated." in page
     assert "0.5 m/s" in page
-    searched = {task.world for task in DRIVEN if task.method == "set"}
-    judged = {task.world for task in DRIVEN if task.method != "set"}
+    searched = {task.world for task in DRIVEN if task.theta}
+    judged = {task.world for task in DRIVEN if not task.theta}
     assert len(searched) > 8
     assert not searched & judged
 
@@ -114,19 +115,20 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_the_same_ones_
             now[0] += 20.0
         return found
 
-    clock = tune_robot.Clock(tmp_path / "clock", 100.0, ["this"])
+    table = Trials(tmp_path, {})
+    clock = tune_robot.Clock(table, "looks", 100.0)
     assert clock.spent() == 0.0
     assert begun(clock) == [0, 1, 2]
     assert begun(clock) == [0]
     now[0] = 1000.0
-    again = tune_robot.Clock(tmp_path / "clock", 100.0, ["this"])
+    again = tune_robot.Clock(table, "looks", 100.0)
     assert (again.spent(), list(again.until(0.5, range(10)))) == (0.0, [0, 1, 2])
     now[0] += 5.0
     assert begun(again, fewest=4) == [0, 1, 2, 3]
     assert again.minutes == 80.0 / 60.0  # as when it was interrupted
     now[0] += 3.0
     assert again.spent() == pytest.approx(0.83)
-    assert tune_robot.Clock(tmp_path / "clock", 100.0, ["another"]).spent() == 0.0
+    assert tune_robot.Clock(table, "others", 100.0).spent() == 0.0
 
 
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
@@ -152,16 +154,16 @@ def test_an_interrupted_run_goes_on_to_the_result_that_it_would_have_had(jackal,
     (jackal / "tuned.yaml").unlink()
     (jackal / "static.json").unlink()
     DRIVEN.clear()
-    keep = tune_robot.write_json
+    note = Trials.note
 
-    def stop(file, kept):
-        keep(file, kept)
-        if len(kept["looks"]) == 6:
+    def stop(table, **values):
+        note(table, **values)
+        if len(values.get("looks_fast", ())) == 6:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(tune_robot, "write_json", stop)
+    monkeypatch.setattr(Trials, "note", stop)
     assert tune(jackal, "toy") == 130
-    monkeypatch.setattr(tune_robot, "write_json", keep)
+    monkeypatch.setattr(Trials, "note", note)
     assert 0 < len(DRIVEN) < len(driven)
     assert tune(jackal, "toy") == 0
     assert (jackal / "tuned.yaml").read_text() == whole
@@ -192,8 +194,8 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
     assert (jackal / "robot.yaml").read_text() == before
     DRIVEN.clear()
     assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag", "--anyway") == 0
-    searched = {task.world for task in DRIVEN if task.method == "set"}
-    judged = {task.world for task in DRIVEN if task.method != "set"}
+    searched = {task.world for task in DRIVEN if task.theta}
+    judged = {task.world for task in DRIVEN if not task.theta}
     halls = [{name for name in found if "hall" in name} for found in (searched, judged)]
     assert halls[0] == {"hall", "hall-wall", "hall-3", "hall-4", "hall-7", "hall-8"}
     assert halls[1] == {"hall-1", "hall-2", "hall-5", "hall-6"}
@@ -211,7 +213,7 @@ def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
 
 
 def result(**values):
-    return TrialResult(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
+    return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
 
 
 def test_each_aim_prices_what_it_is_named_for():

@@ -88,10 +88,10 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
 
     import worlds
     from training.env.env import ApplrEnv
-    from training.evaluation.periodic import PeriodicEvaluation
-    from training.evaluation.trials import TrialRunner
     from training.learner.config import TrainConfig
     from training.learner.prepare import prepare
+    from training.trials.periodic import PeriodicEvaluation
+    from training.trials.runner import TrialRunner
 
     config = TrainConfig(
         worlds="generated:0",

@@ -11,8 +11,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.files import StorageError, read_bytes, write_bytes
 from applr_ros1.planner.variant import OURS
-from training.evaluation.plan import POLICY, Trial, TrialResult, plan_trials
-from training.evaluation.score import summary
+from training.trials.score import summary
+from training.trials.trial import POLICY, Result, Trial, plan_trials
 
 THETA0 = -1  # number of the round that drives the default
 CHOOSING = 2**31  # added to seeds of trials that choose: evaluate.py's seeds are smaller, so it judges on others
@@ -51,7 +51,7 @@ class PeriodicEvaluation:
         self._judged: Dict[str, Any] = {**setting_of, "contact_seconds": contact_seconds}
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
-        self._results: List[TrialResult] = []
+        self._results: List[Result] = []
         self._open = 0
 
     # -- when --------------------------------------------------------------------------------------
@@ -78,7 +78,7 @@ class PeriodicEvaluation:
         self._open = len(trials)
         return trials
 
-    def add(self, result: Optional[TrialResult]) -> Optional[Dict[str, Any]]:
+    def add(self, result: Optional[Result]) -> Optional[Dict[str, Any]]:
         """Takes a trial's result, None for an error. The round's summary when it was the last, else None.
 
         Raises:

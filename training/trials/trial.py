@@ -1,4 +1,4 @@
-"""Evaluation trials: what identifies one, what comes out of it, which there are and what seed each has."""
+"""A trial: what identifies it, its result, its seed, and the plan of an evaluation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class TrialResult:
+class Result:
     """How a trial went, in the order of the columns of trials.csv.
 
     An environment that knows no courses leaves time_s at NaN and gives only decisions and total_reward. time_s is the

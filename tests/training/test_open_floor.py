@@ -8,7 +8,7 @@ import sim_bridge
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
 from training import check_robot
-from training.evaluation.open_floor import Floor, changes, courses, with_change
+from training.open_floor import Floor, changes, courses, with_change
 
 BURGER = load("turtlebot3_burger")
 PLANNER = "dwa_local_planner_params_burger.yaml"

@@ -15,21 +15,21 @@ from applr_ros1.robots.learned import OUTPUTS
 from training.actors.collector import PolicyWeights
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
-from training.evaluation import score, trials
-from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
-from training.evaluation.plan import POLICY, TrialResult, plan_trials
 from training.td3.td3 import TD3, TD3Options
+from training.trials import runner, score
+from training.trials.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.trials.trial import POLICY, Result, plan_trials
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():
     """The same score for every caller: periodic evaluation, search and the comparison of simulators."""
-    won, lost = TrialResult(True, True, False, 20.0), TrialResult(False, False, False, 7.0)
+    won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
     assert score.trial_seconds(True, 20.0) == 20.0
     assert score.trial_seconds(False, 7.0, True, 5.0) == 105.0
     found = score.summary([won, lost], contact_seconds=4.0)
     assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.0, 20.0, 0.5, 0.5)
     assert score.summary([lost], 0.0)["time_s"] is None
-    assert score.summary([TrialResult(total_reward=-3.0, decisions=10)], 5.0)["score"] == 3.0  # knows no courses
+    assert score.summary([Result(total_reward=-3.0, decisions=10)], 5.0)["score"] == 3.0  # knows no courses
 
 
 def test_barn_metric_by_hand():
@@ -47,8 +47,8 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     (other,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial == other
     assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
-    result = trials.TrialRunner(TrialSettings()).run(trial)
-    faster = trials.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
+    result = runner.TrialRunner(TrialSettings()).run(trial)
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
     assert faster.decisions == math.ceil(faster.time_s)
     assert periodic.add(result)["score"] == result.time_s < 100.0
 
@@ -62,12 +62,12 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
         settings = TrialSettings(robot=robot, period=0.5, **options)
         (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0)
-        measured, trace = trials.drive(settings, task, (tmp_path / "a.safetensors").read_bytes())
-        runner = trials.TrialRunner(settings)
-        assert runner.run(replace(task, method_spec=spec)) == measured
+        measured, trace = runner.run(settings, task, (tmp_path / "a.safetensors").read_bytes())
+        driver = runner.TrialRunner(settings)
+        assert driver.run(replace(task, method_spec=spec)) == measured
         assert measured.decisions == 10
     with pytest.raises(ValueError, match="state it"):
-        trials.TrialRunner(TrialSettings(**options))
+        runner.TrialRunner(TrialSettings(**options))
 
 
 def test_the_environment_earns_what_the_evaluation_counts():
@@ -76,8 +76,8 @@ def test_the_environment_earns_what_the_evaluation_counts():
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = PolicyWeights(safetensors.numpy.save(weights))
     (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
-    runner = trials.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
-    total = runner.run(task, learnt).total_reward
+    driver = runner.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
+    total = driver.run(task, learnt).total_reward
     env = ApplrEnv(worlds="generated:8", robot="husky", limit=6, **options)
     observation, _ = env.reset(options={"simulator_seed": task.seed})
     rewards = []
@@ -101,8 +101,8 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
         text = (folder / file).read_text()
         assert was in text
         (folder / file).write_text(text.replace(was, then) if was else text)
-        found.append(trials.content(load(str(folder))))
-    assert found[0] == trials.content(JACKAL) == trials.described(JACKAL)["sha256"]
+        found.append(runner.content(load(str(folder))))
+    assert found[0] == runner.content(JACKAL) == runner.described(JACKAL)["sha256"]
     assert len(set(found)) == 3
 
 
@@ -118,7 +118,7 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
         assert periodic.due(step, last) == number
         if number is not None:
             assert len(periodic.begin(number, step, 0)) == 1
-            periodic.add(TrialResult(True, time_s=float(step)))
+            periodic.add(Result(True, time_s=float(step)))
     assert periodic.due(170, True) is None
     other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0, 0.0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -11,7 +11,7 @@ from scipy import stats
 from applr_ros1.robots import Robot
 from training.env.episode import TIME_LIMIT
 from training.env.outcome import CLEAR
-from training.evaluation.plan import TrialResult
+from training.trials.trial import Result
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
 LEVEL = 0.05  # of the one-sided paired t-test
@@ -40,7 +40,7 @@ class Aim(NamedTuple):
     jerk: float = 0.0
     turn: float = 0.0
 
-    def seconds(self, result: TrialResult, robot: Robot, own: Own) -> float:
+    def seconds(self, result: Result, robot: Robot, own: Own) -> float:
         """What a trial costs [s]."""
         optimal = result.route_m / robot.base.max_speed
         price = result.time_s / optimal if result.success else self.failure
@@ -62,7 +62,7 @@ class Own(NamedTuple):
     turn: float = 1.0  # yaw acceleration [rad/s^2]
 
     @classmethod
-    def of(cls, results: Iterable[TrialResult], robot: Robot) -> Own:
+    def of(cls, results: Iterable[Result], robot: Robot) -> Own:
         """From trials with them; those that fail do not count, and where all do, nothing is known."""
         good = [result for result in results if result.success]
         if not good:
@@ -73,14 +73,14 @@ class Own(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """Something that an aim prices: its name, TrialResult's, its unit, and 1 where more of it is better, or else -1."""
+    """Something that an aim prices: its name, Result's, its unit, and 1 where more of it is better, or else -1."""
 
     name: str
     column: str
     unit: str
     better: int
 
-    def loss(self, result: TrialResult) -> float:
+    def loss(self, result: Result) -> float:
         """Its value in a trial, with the sign with which less is better."""
         return -self.better * float(getattr(result, self.column))
 
@@ -117,7 +117,7 @@ def clearly_worse(scores: np.ndarray, best: np.ndarray) -> bool:
     return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < LEVEL)
 
 
-def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:
+def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]:
     """Means over trials, as JSON values.
 
     Args:

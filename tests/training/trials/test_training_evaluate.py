@@ -28,9 +28,9 @@ from tests.support.trial_tables import kept
 from training import evaluate
 from training.env.episode import TIME_LIMIT
 from training.env.settings import TrialSettings
-from training.evaluation import store as trial_store
-from training.evaluation import trials
-from training.evaluation.plan import Trial, TrialResult, plan_trials, seed_of
+from training.trials import runner
+from training.trials.table import Trials, read, read_trace
+from training.trials.trial import Result, Trial, plan_trials, seed_of
 
 HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m,"
 
@@ -123,31 +123,31 @@ def _rows(folder):
 def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
     plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session goes on
-        store = trial_store.TrialStore(tmp_path, {}, plan)
-        assert len(store.results) == begin
-        for task in plan[::-1][begin : begin + 3]:
-            store.add(task, TrialResult(time_s=math.pi, path_length_m=1.0))
-        store.close()
-    rows = trial_store.read_trials(tmp_path / "trials.csv").to_dict("records")
+        with Trials(tmp_path, {}) as table:
+            assert sum(table.find(task) is not None for task in plan) == begin
+            for task in plan[::-1][begin : begin + 3]:
+                table.add(task, Result(time_s=math.pi, path_length_m=1.0))
+            table.order(plan)
+            assert table.added == 3
+    rows = read(tmp_path / "trials.csv").to_dict("records")
     assert [(row["world"], row["trial"]) for row in rows] == [(task.world, task.trial) for task in plan]
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
 
 
 def test_a_row_that_was_being_written_is_driven_again_and_others_are_as_they_were(tmp_path):
-    """Also where the results of a search are told apart by how and what they drive."""
-    path, plan = tmp_path / "t.csv", plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
-    given = TrialResult(True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf)
-    kept_results = [trial_store.TrialTable(path, setting).add(plan[0], given) for setting in (["a"], ["b"], None)]
-    assert kept_results == 3 * [replace(given, time_s=3.1416)]
-    trial_store.TrialTable(path).add(plan[1], given)
+    plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
+    given = Result(True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf)
+    with Trials(tmp_path, {}) as table:
+        assert [table.add(task, given) for task in plan] == 2 * [replace(given, time_s=3.1416)]
+        table.note(looks=[0.1])
+    path = tmp_path / "trials.csv"
     path.write_bytes(path.read_bytes()[:-3])
-    for setting, found in ((["a"], given), (["b"], given), (["c"], None), (None, given)):
-        assert trial_store.TrialTable(path, setting).find(plan[0]) == (found and kept_results[0])
-    table = trial_store.TrialTable(path)
-    assert table.find(plan[1]) is None
-    assert trial_store.TrialTable(path).find(replace(plan[0], theta=(1.0,))) == kept_results[0]
-    assert trial_store.TrialTable(path, ["a"]).find(replace(plan[0], theta=(1.0,))) is None
-    assert table.add(plan[1], given) == trial_store.TrialTable(path).find(plan[1])
+    with Trials(tmp_path, {}) as table:
+        assert table.notes == {"looks": [0.1]}
+        assert [table.find(task) for task in plan] == [replace(given, time_s=3.1416), None]
+        assert table.add(plan[1], given) == table.find(plan[1])
+    with Trials(tmp_path, {}) as table:
+        assert table.find(plan[1]) == replace(given, time_s=3.1416)
 
 
 def test_more_trials_only_append(tmp_path):
@@ -162,14 +162,13 @@ def test_more_trials_only_append(tmp_path):
 
 def test_another_evaluations_folder_is_refused(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
-    store = trial_store.TrialStore(tmp_path, {"seed": 0}, plan)
-    for task in plan:
-        store.add(task, TrialResult(time_s=1.0))
-    store.close()
+    with Trials(tmp_path, {"seed": 0}) as table:
+        for task in plan:
+            table.add(task, Result(time_s=1.0))
 
     def refuse(words, settings=None):
         with pytest.raises(StorageError) as error:
-            trial_store.TrialStore(tmp_path, settings or {"seed": 0}, plan)
+            Trials(tmp_path, settings or {"seed": 0})
         assert words in str(error.value)
         assert "\n" not in str(error.value)
 
@@ -180,7 +179,7 @@ def test_another_evaluations_folder_is_refused(tmp_path):
         (tmp_path / "trials.csv").write_text(text)
         refuse("expected world,method")
     pd.read_csv(io.StringIO(whole)).drop(columns="mean_clearance_m").to_csv(tmp_path / "trials.csv", index=False)
-    older = trial_store.read_trials(tmp_path / "trials.csv")
+    older = read(tmp_path / "trials.csv")
     assert (older.time_s == 1.0).all()
     assert older.mean_clearance_m.isna().all(), "it was not noted then"
     (tmp_path / "evaluation.json").write_text("{")
@@ -287,8 +286,8 @@ def test_trial_depends_on_its_task_only():
     """Driven first, or after another world with another method: the same, to the last digit."""
     (tmp_set, other) = ("fast_dwa", "generated:64")
     task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, "ours")
-    fresh = trials.TrialRunner(TrialSettings()).run(task)
-    used = trials.TrialRunner(TrialSettings())
+    fresh = runner.TrialRunner(TrialSettings()).run(task)
+    used = runner.TrialRunner(TrialSettings())
     before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
     episode = used.episode("ours", 2.0)
     episode.time_limit = 6.0
@@ -299,14 +298,13 @@ def test_trial_depends_on_its_task_only():
     assert used.run(replace(task, theta=theta)) == fresh  # a set that a search hands over
 
 
-def test_store_and_traces(tmp_path):
+def test_table_and_traces(tmp_path):
     trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
     trace.decided = [0.0]
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
-    store = trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)
-    with pytest.raises(StorageError, match="another"):
-        trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)
-    store.add(plan[0], TrialResult(time_s=1.0), trials.pack_trace(trace))
-    store.close()
-    assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
-    assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 1) is None
+    with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
+        with pytest.raises(StorageError, match="another"):
+            Trials(tmp_path, {"worlds": ["generated:0"]})
+        table.add(plan[0], Result(time_s=1.0), runner.pack_trace(trace))
+    assert read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
+    assert read_trace(tmp_path, "generated:0", "dwa", 1) is None

@@ -1,7 +1,6 @@
-"""Drives evaluation trials. A trial depends on its task and settings only, not on who drives it or what was before.
+"""Drives a trial, which depends on its task and settings only, not on who drives it or what was before.
 
-evaluate.py, the periodic evaluation of a training and the searches have the trials of plan.py driven by drive() in
-a pool of workers.
+Evaluations, searches and the rounds of a training have run() called in a pool of workers.
 """
 
 from __future__ import annotations
@@ -10,66 +9,29 @@ import dataclasses
 import io
 import json
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.actors.collector import PolicyWeights
-from training.actors.pool import CallFailed, Pool
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
 from training.env.settings import TrialSettings
-from training.evaluation.plan import POLICY, TRACED, Trial, TrialResult
+from training.trials.trial import POLICY, TRACED, Result, Trial
 from worlds import World, WorldError
 
-if TYPE_CHECKING:  # workers need no pandas
-    from training.evaluation.store import TrialTable
-
-TRIAL_RUNNER = "training.evaluation.trials:drive"  # as the commands' hidden option names it
-Drive = Callable[[Trial], Tuple[TrialResult, bytes]]  # the result, and the packed trace where it was asked for
+TRIAL_RUNNER = "training.trials.runner:run"  # as the commands' hidden option names it
 
 
-def drive_missing(
-    pool: Pool,
-    drive: Drive,
-    trials: Sequence[Trial],
-    table: TrialTable,
-    show: Callable[[Trial, TrialResult], None] = lambda trial, result: None,
-) -> Dict[Trial, TrialResult]:
-    """The results of trials, of which those are driven that the table does not hold; equal ones once.
-
-    Args:
-        pool: of workers.
-        drive: drives a trial there.
-        trials: wanted.
-        table: where trials are kept, so that what was stopped comes to where it was and to the same result.
-        show: called with each trial that was driven, after it was kept.
-
-    Raises:
-        ApplrError: a trial failed by an error.
-    """
-    wanted = dict.fromkeys(trials)
-    results = {trial: result for trial in wanted if (result := table.find(trial)) is not None}
-    for trial, future in pool.unordered(drive, [trial for trial in wanted if trial not in results]):
-        try:
-            result, trace = future.result()
-        except CallFailed as error:
-            raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
-        results[trial] = table.add(trial, result, trace)
-        show(trial, results[trial])
-    return results
-
-
-def drive(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[TrialResult, bytes]:
+def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Result, bytes]:
     """Drives a trial.
 
     Args:
@@ -130,7 +92,7 @@ class TrialRunner:
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
-    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> TrialResult:
+    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Result:
         """Drives the trial; policy: what a trial of the method POLICY drives."""
         world, method = self._world(task.world_spec), self._method(task, policy)
         if self.period is not None:
@@ -149,7 +111,7 @@ class TrialRunner:
         self.trace = episode.trace
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
         found = {**vars(outcome), **more}
-        return TrialResult(**{name: type(default)(found[name]) for name, default in vars(TrialResult()).items()})
+        return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
 
     def episode(self, planner: str, period: float) -> Episode:
         """The loop that drives this kind of planner, made when first asked for; period: that of the decisions [s]."""
