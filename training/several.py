@@ -20,7 +20,8 @@ from applr_ros1.robots import load
 from training.common.folders import make_folder
 from training.evaluate import EvaluationOptions, evaluate
 from training.learner.config import TrainConfig
-from training.report.verdict import OWN, POLICY, SET, failures, mean_scores, paired_trials, verdict
+from training.report.verdict import POLICY, SET, failures, mean_scores, paired_trials, verdict
+from training.trials.trial import BASELINE
 
 CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
 
@@ -66,13 +67,13 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     best = out / "best.safetensors"
     shutil.copyfile({path.parent.name: path for path in policies}[str(means.idxmin())], best)
     robot = load(config.robot)
-    others = [OWN] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
+    others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
     trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
     method, (arrivals, judged) = verdict(trials, robot.name)
     advice = {
         POLICY: f"Copy {best} to {robot.folder}/applr.safetensors: the method applr drives with it.",
         SET: "Drive with the best single set (method static), or --resume with more --minutes.",
-        OWN: "Keep your parameters, or --resume with more --minutes.",
+        BASELINE: "Keep your parameters, or --resume with more --minutes.",
     }[method]
     chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
     return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]

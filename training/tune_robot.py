@@ -46,12 +46,12 @@ from training.env.settings import TrialSettings
 from training.evaluate import EvaluationOptions, evaluate
 from training.report import page
 from training.report.tables import Table
-from training.report.verdict import KEEP, OWN, SET, paired_trials, tuned_verdict
+from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
 from training.trials.runner import TRIAL_RUNNER, content, world_list
-from training.trials.score import AIMS, Own
+from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
-from training.trials.trial import Result, Trial
+from training.trials.trial import BASELINE, Result, Trial
 from training.tune import parameter_file
 from worlds import World, sdf_writer
 from worlds.loading import FORMS, specs
@@ -187,7 +187,7 @@ def run(options: TuneOptions) -> int:
         trials = judge(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     changed = changes(robot, values, worth)
-    names = f"Below, {OWN} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
+    names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
     shown = page.write(drives, said=[*sentences, names], first=[changed])
     if better:
         parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
@@ -273,7 +273,7 @@ def find(
         every = blocks_of(len(worlds), 1, seed)
         first = every[:2]
         (own,) = of["kinematic"](space.theta0[None], sum(first, []), seed)
-        cost = partial(AIMS[options.for_].seconds, robot=robot, own=Own.of(own, robot))
+        cost = partial(AIMS[options.for_].cost, robot=robot, baseline=Baseline.of(own, robot))
         begun = last_race(space, of["kinematic"], warm_starts(robot), first, cost, seed)
         tell(f"best of {len(begun)} sets to begin with: {said(begun[0])}")
         starts = [np.array(line["theta"]) for line in begun]
@@ -312,7 +312,7 @@ def warm_starts(robot: Robot) -> np.ndarray:
 
 def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
     """Drives the robot's own parameters and the set in `drives` in the worlds `unseen`: paired_trials of both."""
-    names, workers = f"{OWN},{SET}={drives / 'static.json'}", max(1, options.workers)
+    names, workers = f"{BASELINE},{SET}={drives / 'static.json'}", max(1, options.workers)
     how = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     evaluation = EvaluationOptions.model_construct(
         **how, robot=robot, worlds=unseen, methods=names, protocol=CHALLENGE, monitor=True, trials=1, out=str(drives)
@@ -324,8 +324,8 @@ def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: 
         return clock.until(1.0, parts, fewest=-(-FEWEST // workers))
 
     results = evaluate(evaluation, blocks)
-    own = Own.of([result for trial, result in results.items() if trial.method == OWN], robot)
-    return paired_trials(results, (OWN, SET), partial(AIMS[options.for_].seconds, robot=robot, own=own))
+    baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
+    return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
 
 
 def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:

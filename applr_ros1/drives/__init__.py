@@ -1,1 +1,1 @@
-"""Recorded drives as pictures and as a page that plays them, and the comparison of two methods; without ROS."""
+"""Recorded drives as pictures and as a page that plays them; without ROS."""

@@ -17,16 +17,16 @@ import pandas as pd
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
-from applr_ros1.drives.comparison import Comparison, compare
 from applr_ros1.policy.parameter_space import Space
 from training.env.protocols import under
+from training.trials.compare import Comparison, compare
 from training.trials.score import FAILURE_SECONDS
 from training.trials.table import SETTINGS, TRIALS, read, read_trace
+from training.trials.trial import BASELINE
 from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
-BASELINE = "dwa"
 # what joined evaluations must have in common
 SAME = ("simulator", "protocol", "planner", "monitor", "movers", "ground", "robot", "seed")
 

@@ -19,9 +19,10 @@ from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.common.provenance import sentences
 from training.env.protocols import PROTOCOLS
-from training.report import drives, figures, statistics
+from training.report import drives, figures
 from training.report.data import Results
 from training.report.tables import MORE, PAPER, Table
+from training.trials.compare import rate
 from training.trials.score import FAILURE_SECONDS
 
 FOLDER = "report"
@@ -151,7 +152,7 @@ def _sample(driven: List[pd.DataFrame], worlds: int, halves: List[float]) -> str
     halves = [half for half in halves if math.isfinite(half)]
     if halves:
         first += f"; it leaves differences of time uncertain by about ± {100 * max(halves):.0f} %"
-    clean = [statistics.rate(~trials.success, trials.world).high for trials in driven if trials.success.all()]
+    clean = [rate(~trials.success, trials.world).high for trials in driven if trials.success.all()]
     if clean:
         first += f", and a method without a failure may still fail in up to {100 * max(clean):.1f} % of such trials"
     return f"{first}; it says nothing about worlds of another kind or about a real robot."

@@ -1,19 +1,13 @@
-"""The report's statistics beside the comparison of two methods: Welch's tests per world, Holm's correction, and rates.
-
-The unit is the world: trials of one world are no independent sample.
-"""
+"""The paper's statistics, which the report alone has: Welch's tests per world, and Holm's correction."""
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Tuple
 
 import numpy as np
 import pandas as pd
 from scipy import stats
-
-from applr_ros1.drives.comparison import Estimate, over_worlds
 
 LEVEL = 0.05
 
@@ -61,30 +55,3 @@ def holm_adjusted(p: np.ndarray) -> np.ndarray:
     order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
     adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
     return adjusted
-
-
-def rate(flags: pd.Series, world: pd.Series) -> Estimate:
-    """The share of True among trials (n,), whose worlds are given, with its 95 % interval.
-
-    The interval is Wilson's for as many independent trials as have the variance of this share over the worlds (at most
-    as many as there are): trials of a world resemble each other.
-    """
-    by_world = flags.astype(float).groupby(world.to_numpy(), sort=False)
-    sums, counts = by_world.sum().to_numpy(), by_world.count().to_numpy()
-    n, worlds = float(counts.sum()), len(counts)
-    share = float(sums.sum() / n)
-    spread = float(np.square(sums - share * counts).sum()) * worlds / max(1, worlds - 1) / n**2
-    return Estimate(share, *wilson(share, min(n, share * (1.0 - share) / spread) if spread > 0.0 else n))
-
-
-def wilson(share: float, n: float) -> Tuple[float, float]:
-    """Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
-    z = float(stats.norm.ppf(0.975))
-    middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
-    return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
-
-
-def mean_time(trials: pd.DataFrame) -> Estimate:
-    """Mean time of the successful trials [s]."""
-    by_world = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
-    return over_worlds(by_world.sum(), by_world.count())

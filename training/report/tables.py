@@ -13,10 +13,10 @@ from typing import Callable, Dict, Iterator, List, Sequence
 import numpy as np
 import pandas as pd
 
-from applr_ros1.drives.comparison import over_worlds
 from applr_ros1.policy.decision import PERIOD
 from training.report import paper, statistics
 from training.report.data import SETS, Results
+from training.trials.compare import mean_time, over_worlds, rate
 from training.trials.score import barn_metric
 
 NONE = "–"
@@ -103,7 +103,7 @@ def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Ca
 def table_1(results: Results) -> Rows:
     """Average traversal times, in seconds and in two-second decisions."""
     for name, method, trials in results.groups():
-        mean, low, high = statistics.mean_time(trials)
+        mean, low, high = mean_time(trials)
         found = results.compare(method, results.baseline, results.of_set(name))
         gain, least, most = found.gain
         rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
@@ -311,7 +311,7 @@ def _p(value: float) -> str:
 def _rate(flags: pd.Series, world: pd.Series) -> str:
     if flags.empty:
         return NONE
-    share, low, high = statistics.rate(flags, world)
+    share, low, high = rate(flags, world)
     return f"{100 * share:.1f} ({100 * low:.1f} to {100 * high:.1f})"
 
 

@@ -1,26 +1,22 @@
 """A verdict on a robot's policy, or on a tuned set, from pairs of trials, and why drives failed.
 
-several.py and tune_robot.py print it. For several.py a drive counts as its time, as 100 s where it failed, and as 5 s
-more where the robot touched something (trials/score.py). Methods are compared over worlds
-(applr_ros1/drives/comparison.py).
+several.py and tune_robot.py print it. Methods are compared over worlds (trials/compare.py).
 """
 
 from __future__ import annotations
 
-from typing import Callable, List, Mapping, Sequence, Tuple
+from typing import List, Mapping, Sequence, Tuple
 
 import numpy as np
 import pandas as pd
 
-from applr_ros1.drives.comparison import Estimate, compare, over_worlds
-from training.report.statistics import mean_time, rate
-from training.trials.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, QUANTITIES, trial_seconds
-from training.trials.trial import Result, Trial
+from training.trials.compare import LEVEL, Estimate, compare, mean_time, over_worlds, rate
+from training.trials.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, Cost, seconds
+from training.trials.trial import BASELINE, Result, Trial
 
-OWN, POLICY, SET = "dwa", "applr", "static"
-WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
-LEVEL = 0.05 / 3  # of the two-sided test of two methods, of which three may be compared
-CLEAR = 0.05  # of the one test of a tuned set
+POLICY, SET = "applr", "static"
+WORDS = {BASELINE: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
+OF_THREE = LEVEL / 3  # of the test of two methods, of which three are compared
 LOAD = (
     "Load {0} after your own files, and drive carefully at first (max_speed in this package's launch file, or a "
     "smaller max_vel_x)."
@@ -28,40 +24,28 @@ LOAD = (
 KEEP = "Keep your own parameters; the same command with more --minutes searches on from here."
 
 
-def score(result: Result) -> float:
-    """What a drive counts as [s]."""
-    return trial_seconds(result.success, result.time_s, result.collided, CONTACT_SECONDS)
+def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds) -> pd.DataFrame:
+    """Return the trials of those courses that all of some methods have driven with the same seed.
 
-
-def paired_trials(
-    results: Mapping[Trial, Result], methods: Sequence[str], cost: Callable[[Result], float] = score
-) -> pd.DataFrame:
-    """The trials of those courses that all of some methods have driven with the same seed.
-
-    Returns:
-        A row per trial: its "world", "trial" and "method", what Result says, and its cost as "score" [s].
+    A row has the "world", "trial" and "method" of a trial, what Result says, and its cost as "score" [s].
     """
-    names = ["world", "trial", "method", "success", "collided", "time_s", "reason"]
-    names += [quantity.column for quantity in QUANTITIES.values()]
-    rows = [{name: getattr(t if hasattr(t, name) else r, name) for name in names} for t, r in results.items()]
-    trials = pd.DataFrame(rows, columns=names)
-    trials["score"] = [cost(result) for result in results.values()]
+    trials = pd.DataFrame([{**vars(trial), **vars(result), "score": cost(result)} for trial, result in results.items()])
     return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
 
 
 def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
-    """The mean score [s] of each method, a column, in each world, a row."""
+    """Return the mean score [s] of each method, a column, in each world, a row."""
     return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
 def clearly_better(scores: pd.DataFrame, method: str, other: str) -> bool:
-    """Whether a method is clearly better than another."""
+    """Return whether a method is clearly better than another."""
     found = compare(scores[method], scores[other])
-    return found.difference.value < 0.0 and found.p < LEVEL
+    return found.difference.value < 0.0 and found.p < OF_THREE
 
 
 def verdict(trials: pd.DataFrame, robot: str) -> Tuple[str, List[str]]:
-    """The verdict on a robot's policy.
+    """Return the verdict on a robot's policy.
 
     Args:
         trials: of at least one course (paired_trials).
@@ -72,10 +56,10 @@ def verdict(trials: pd.DataFrame, robot: str) -> Tuple[str, List[str]]:
         sentences: arrivals and times; whether the policy pays.
     """
     scores = mean_scores(trials)
-    better = [method for method in scores if method != OWN and clearly_better(scores, method, OWN)]
-    best = min(better, key=lambda method: scores[method].mean(), default=OWN)
-    saved = compare(scores[OWN], scores[POLICY]).difference
-    how = f"it takes {abs(saved.value):.1f} s {'less' if saved.value > 0 else 'more'} per course than {WORDS[OWN]}"
+    better = [method for method in scores if method != BASELINE and clearly_better(scores, method, BASELINE)]
+    best = min(better, key=lambda method: scores[method].mean(), default=BASELINE)
+    saved = compare(scores[BASELINE], scores[POLICY]).difference
+    how = f"it takes {abs(saved.value):.1f} s {'less' if saved.value > 0 else 'more'} per course than {WORDS[BASELINE]}"
     if np.isfinite(saved.low):
         how += f" (95 % interval of what it saves: {saved.low:.1f} to {saved.high:.1f} s)"
     how += f", where a failed drive counts as {FAILURE_SECONDS:g} s and a contact as {CONTACT_SECONDS:g} s more"
@@ -83,7 +67,7 @@ def verdict(trials: pd.DataFrame, robot: str) -> Tuple[str, List[str]]:
         judged = f"The policy pays on {robot}: {how}."
     elif best == SET:
         judged = f"The policy does not pay on {robot}, {WORDS[SET]} do: with the policy {how}."
-    elif clearly_better(scores, OWN, POLICY):
+    elif clearly_better(scores, BASELINE, POLICY):
         judged = f"The policy does not pay on {robot}: {how}."
     else:
         judged = f"Whether the policy pays on {robot} is not clear: {how}."
@@ -91,7 +75,7 @@ def verdict(trials: pd.DataFrame, robot: str) -> Tuple[str, List[str]]:
 
 
 def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tuple[bool, List[str]]:
-    """Whether tuned parameters are better than the robot's own.
+    """Return the verdict on tuned parameters beside the robot's own.
 
     Args:
         trials: of at least one course with both (paired_trials), and what they cost by the aim.
@@ -107,22 +91,24 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
     gains: List[Estimate] = []
     both = trials[trials.groupby("world").success.transform("all")]  # who stands has no jerk
     for word, column, unit, better in asked:
-        before, after = (both[both.method == method].groupby("world")[column].mean() for method in (OWN, SET))
+        before, after = (both[both.method == method].groupby("world")[column].mean() for method in (BASELINE, SET))
         gains.append(over_worlds(better * (after - before)))
         how += f"where both arrive, the {word} is {after.mean():.3g} {unit} with them and {before.mean():.3g} {unit} "
-        how += f"with {WORDS[OWN]} (95 % interval of the gain: {gains[-1].low:.2g} to {gains[-1].high:.2g} {unit}); "
+        how += (
+            f"with {WORDS[BASELINE]} (95 % interval of the gain: {gains[-1].low:.2g} to {gains[-1].high:.2g} {unit}); "
+        )
     pays = all(gain.value > 0.0 for gain in gains) and max((gain.low for gain in gains), default=1.0) > 0.0
     scores = mean_scores(trials)
-    found = compare(scores[OWN], scores[SET])
+    found = compare(scores[BASELINE], scores[SET])
     saved, low, high = found.difference
     how += f"by what --for {aim} counts they cost {abs(saved):.1f} s {'less' if saved > 0.0 else 'more'} per course"
     how += f" (95 % interval of what they save: {low:.1f} to {high:.1f} s, p = {found.p:.2g})"
-    own, tuned = (trials[trials.method == method] for method in (OWN, SET))
+    own, tuned = (trials[trials.method == method] for method in (BASELINE, SET))
     less = ["arrives less often"] if tuned.success.sum() < own.success.sum() else []
     less += ["touches something more often"] if tuned.collided.sum() > own.collided.sum() else []
     how += f", although {robot} {' and '.join(less)} with them" if less else ""
     where = "This holds in simulation, with the collision monitor, on courses like these, which the search did not use."
-    if pays and saved > 0.0 and found.p < CLEAR:
+    if pays and saved > 0.0 and found.p < LEVEL:
         judged = f"The tuned parameters are better: {how}. {where}"
         return True, [_driven(trials, robot), judged, LOAD.format(file)]
     named = "" if pays else " in " + " and ".join(quantity.name for quantity in asked)
@@ -136,7 +122,7 @@ def _driven(trials: pd.DataFrame, robot: str) -> str:
     fails = f"{robot} fails in most courses, whatever sets its parameters: of"
     begin = fails if all(one.success.mean() < 0.5 for one in of_method.values()) else "Of"
     ends = ", ".join(f"{_ends(one)} with {WORDS[method]}" for method, one in of_method.items())
-    return f"{begin} {len(of_method[OWN])} courses {robot} finished {ends}."
+    return f"{begin} {len(of_method[BASELINE])} courses {robot} finished {ends}."
 
 
 def _ends(trials: pd.DataFrame) -> str:
@@ -154,7 +140,7 @@ def _share(flags: pd.Series, trials: pd.DataFrame) -> str:
 
 
 def failures(trials: pd.DataFrame) -> List[str]:
-    """A line for each of the three commonest reasons of failures, with how often each method failed for it.
+    """Return a line for each of the three commonest reasons of failures, with how often each method failed for it.
 
     "aborted: ..." is said where the planner gave up, whatever time the trial stands for.
     """

@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 from applr_ros1.common.files import StorageError, read_bytes, write_bytes
 from applr_ros1.planner.variant import OURS
 from training.trials.score import summary
-from training.trials.trial import POLICY, Result, Trial, plan_trials
+from training.trials.trial import BASELINE, POLICY, Result, Trial, plan_trials
 
 THETA0 = -1  # number of the round that drives the default
 CHOOSING = 2**31  # added to seeds of trials that choose: evaluate.py's seeds are smaller, so it judges on others
@@ -72,7 +72,7 @@ class PeriodicEvaluation:
         """The trials of round `number`, begun at `step` with the policy of `version` gradient steps."""
         self.number, self._results = number, []
         self.step, self.version = step, version
-        method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
+        method = (BASELINE, BASELINE) if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
         trials = plan_trials(self.worlds, [method], self.trials, seed, 0, self.planner)
         self._open = len(trials)

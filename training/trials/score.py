@@ -1,27 +1,26 @@
-"""The one score: what trials are compared by, in periodic evaluation, in searches and between simulators [s]."""
+"""What a trial costs [s]: its score, by which trials are compared, and the prices of what tune aims at."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterable, List, NamedTuple, Sequence
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence
 
 import numpy as np
-from scipy import stats
 
 from applr_ros1.robots import Robot
 from training.env.episode import TIME_LIMIT
 from training.env.outcome import CLEAR
 from training.trials.trial import Result
 
+Cost = Callable[[Result], float]  # of a trial [s]; less is better
+
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
-LEVEL = 0.05  # of the one-sided paired t-test
-FEWEST = 5  # common trials before the test is asked
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
 
 
-def trial_seconds(success: bool, time_s: float, collided: bool = False, contact_seconds: float = 0.0) -> float:
-    """A trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where the robot touched something."""
-    return (time_s if success else FAILURE_SECONDS) + contact_seconds * collided
+def seconds(result: Result, contact_seconds: float = CONTACT_SECONDS) -> float:
+    """Return a trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where it touched something."""
+    return (result.time_s if result.success else FAILURE_SECONDS) + contact_seconds * result.collided
 
 
 class Aim(NamedTuple):
@@ -40,30 +39,30 @@ class Aim(NamedTuple):
     jerk: float = 0.0
     turn: float = 0.0
 
-    def seconds(self, result: Result, robot: Robot, own: Own) -> float:
-        """What a trial costs [s]."""
+    def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
+        """Return what a trial costs [s]."""
         optimal = result.route_m / robot.base.max_speed
         price = result.time_s / optimal if result.success else self.failure
-        price += self.slower * max(0.0, price - own.pace) * result.success + self.contact * result.collided
+        price += self.slower * max(0.0, price - baseline.pace) * result.success + self.contact * result.collided
         price += self.near * (CLEAR - result.mean_clearance_m / robot.body.size[1])
-        price += self.jerk * result.mean_jerk / own.jerk + self.turn * result.mean_turn / own.turn
+        price += self.jerk * result.mean_jerk / baseline.jerk + self.turn * result.mean_turn / baseline.turn
         return price * optimal
 
     def asked(self) -> List[Quantity]:
-        """What it is named for beside time, failures and contacts."""
+        """Return the quantities that it is named for beside time, failures and contacts."""
         return [quantity for name, quantity in QUANTITIES.items() if getattr(self, name)]
 
 
-class Own(NamedTuple):
-    """What a robot does with its own parameters: means over drives that arrive."""
+class Baseline(NamedTuple):
+    """Means over drives with a robot's own parameters that arrive."""
 
     pace: float = math.inf  # time in optimal times
     jerk: float = 1.0  # [m/s^3]
     turn: float = 1.0  # yaw acceleration [rad/s^2]
 
     @classmethod
-    def of(cls, results: Iterable[Result], robot: Robot) -> Own:
-        """From trials with them; those that fail do not count, and where all do, nothing is known."""
+    def of(cls, results: Iterable[Result], robot: Robot) -> Baseline:
+        """Return the means of trials; those that fail do not count, and where all do, nothing is known."""
         good = [result for result in results if result.success]
         if not good:
             return cls()
@@ -81,7 +80,7 @@ class Quantity(NamedTuple):
     better: int
 
     def loss(self, result: Result) -> float:
-        """Its value in a trial, with the sign with which less is better."""
+        """Return its value in a trial, with the sign with which less is better."""
         return -self.better * float(getattr(result, self.column))
 
 
@@ -105,16 +104,6 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: f
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
     return success * np.logical_not(collided) * optimal / np.clip(time_s, least * optimal, 8.0 * optimal)
-
-
-def clearly_worse(scores: np.ndarray, best: np.ndarray) -> bool:
-    """Whether the first scores (n,) are significantly larger than the second (n,) of the same n trials."""
-    difference = scores - best
-    if len(difference) < FEWEST:
-        return False
-    if np.ptp(difference) == 0.0:
-        return bool(difference[0] > 0.0)
-    return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < LEVEL)
 
 
 def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]:
@@ -143,7 +132,7 @@ def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]
         "collided": _mean([r.collided for r in results]),
         "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),
         "time_s": _mean(times) if times else None,
-        "score": _mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
+        "score": _mean([seconds(r, contact_seconds) for r in results]),
     }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from applr_ros1.planner.variant import OURS
 
+BASELINE = "dwa"  # the method that drives with the robot's own parameters
 POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
 TRACED = ("time", "pose", "twist", "theta", "decided")  # what is kept of a drive's Trace (training/env/outcome.py)
 

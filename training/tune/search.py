@@ -13,11 +13,11 @@ import numpy as np
 
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import sha256
-from applr_ros1.drives.comparison import Estimate, over_worlds
 from applr_ros1.planner.variant import DRAWN
 from applr_ros1.policy.parameter_space import Space
+from training.trials.compare import Estimate, clearly_worse, over_worlds
 from training.trials.periodic import CHOOSING
-from training.trials.score import Quantity, clearly_worse, summary
+from training.trials.score import Cost, Quantity, summary
 from training.trials.trial import Result, Trial, seed_of
 
 with extra(__name__):
@@ -28,7 +28,6 @@ BLOCK = 8  # trials between two tests of a race
 LEAST = 0.05  # [s] per course that a parameter has to save
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
-Cost = Callable[[Result], float]  # what is made small
 Drive = Callable[..., List[List[Result]]]  # gives the results of each of some sets (k, n) in jobs, with a keyword seed
 Found = TypeVar("Found")
 

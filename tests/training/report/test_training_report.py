@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.comparison import compare, over_worlds
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
 from training.report import data, paper, statistics, tables, write
@@ -20,6 +19,7 @@ from training.report.figures import region_of
 from training.report.page import summary
 from training.report.tables import Table
 from training.trials import runner
+from training.trials.compare import compare, over_worlds, rate, wilson
 from training.trials.table import Trials
 from training.trials.trial import Result, plan_trials
 from worlds.world import clearance
@@ -98,16 +98,16 @@ def test_holm_by_hand():
 
 
 def test_wilson_by_the_book():
-    assert statistics.wilson(0.0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
-    assert statistics.wilson(0.0, 94)[0] == 0.0, "not -0"
-    assert statistics.wilson(0.9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
+    assert wilson(0.0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert wilson(0.0, 94)[0] == 0.0, "not -0"
+    assert wilson(0.9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
 
 
 def test_trials_of_a_world_that_go_alike_count_as_one():
     worlds = pd.Series(np.repeat(np.arange(20), 6))
-    assert statistics.rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *statistics.wilson(0.5, 19)))
+    assert rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *wilson(0.5, 19)))
     apart = pd.Series(np.arange(120) % 2 == 0)
-    assert statistics.rate(apart, worlds) == pytest.approx((0.5, *statistics.wilson(0.5, 120)))
+    assert rate(apart, worlds) == pytest.approx((0.5, *wilson(0.5, 120)))
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():

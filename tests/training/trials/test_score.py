@@ -24,8 +24,8 @@ from training.trials.trial import POLICY, Result, plan_trials
 def test_the_score_counts_a_failure_as_the_time_limit():
     """The same score for every caller: periodic evaluation, search and the comparison of simulators."""
     won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
-    assert score.trial_seconds(True, 20.0) == 20.0
-    assert score.trial_seconds(False, 7.0, True, 5.0) == 105.0
+    assert score.seconds(won, 0.0) == 20.0
+    assert score.seconds(replace(lost, collided=True), 5.0) == 105.0
     found = score.summary([won, lost], contact_seconds=4.0)
     assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.0, 20.0, 0.5, 0.5)
     assert score.summary([lost], 0.0)["time_s"] is None

@@ -10,9 +10,10 @@ from tests.support.trial_tables import kept
 from training.actors.pool import make_pool
 from training.env.settings import TrialSettings
 from training.trials import runner
+from training.trials.compare import clearly_worse
 from training.trials.drive import drive
 from training.trials.periodic import CHOOSING
-from training.trials.score import AIMS, clearly_worse
+from training.trials.score import AIMS
 from training.trials.table import Trials
 from training.trials.trial import Result, seed_of
 from training.tune.search import blocks_of, finalists, last_race, plan_sets, race, search, without_idle

@@ -1,0 +1,131 @@
+"""One method compared with another over worlds: which costs less, how much less, and how sure that is.
+
+The world is the unit, since trials of one world resemble each other. A method is given by its mean cost in each world,
+such as the time of a trial, or what a failed one counts as [s].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy import stats
+
+LEVEL = 0.05  # of the tests
+RESAMPLES = 2000  # of the bootstrap
+EXCHANGES = 19999  # of the test: all ways to exchange two methods where they are at most so many, else random ones
+
+
+class Estimate(NamedTuple):
+    """A value with the ends of its 95 % interval, which are nan where the sample gives none."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Comparison(NamedTuple):
+    """A method beside another.
+
+    Attributes:
+        worlds: number of worlds.
+        ahead: in how many of them the method has the smaller score.
+        difference: mean over worlds of its score less the other's [s]; negative where it is faster.
+        gain: share of the other's mean score that it saves.
+        p: of the two-sided test of the difference by exchanging the two methods in worlds; nan below two worlds.
+    """
+
+    worlds: int
+    ahead: int
+    difference: Estimate
+    gain: Estimate
+    p: float
+
+    def sentence(self, method: str, other: str) -> str:
+        """How much less time the method takes than the other, without a full stop."""
+        gain, low, high = (100.0 * value for value in self.gain)
+        text = f"{method} took {abs(gain):.1f} % {'less' if gain >= 0.0 else 'more'} time than {other}"
+        if not math.isfinite(low):
+            return text
+        if low <= 0.0 <= high:
+            interval = f"95 % interval: {high:.1f} % less to {-low:.1f} % more"
+            return f"{method} cannot be told from {other} in time ({interval})"
+        near, far = sorted((abs(low), abs(high)))
+        return f"{text} (95 % interval {near:.1f} to {far:.1f} %)"
+
+
+def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:
+    """Compare a method's mean scores (n,) [s] in n worlds with another's there; their trials have the same seeds."""
+    ours, theirs = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
+    difference = ours - theirs
+    ahead = int((difference < 0.0).sum())
+    return Comparison(
+        len(difference), ahead, over_worlds(difference), over_worlds(-difference, theirs), exchanged(difference)
+    )
+
+
+def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
+    """Return p of the test by exchanging two methods in worlds, or in trials; nan of fewer than two.
+
+    Args:
+        difference: (n,) of the two in each.
+        alternative: as scipy names it; greater: the first is larger.
+    """
+    if len(difference) < 2:
+        return math.nan
+    rng = np.random.default_rng(0)
+    how = {"permutation_type": "samples", "n_resamples": EXCHANGES, "vectorized": True, "alternative": alternative}
+    return float(stats.permutation_test((difference,), np.mean, random_state=rng, **how).pvalue)
+
+
+def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
+    """Return whether costs (n,) are significantly larger than the best ones (n,) of the same n trials."""
+    return exchanged(costs - best, "greater") < LEVEL
+
+
+def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estimate:
+    """The sum of `totals` (n,) over that of `counts` (n,), with its interval by bootstrap over the n worlds.
+
+    Without counts it is the mean of the totals.
+    """
+    above = np.asarray(totals, dtype=np.float64)
+    below = np.ones(len(above)) if counts is None else np.asarray(counts, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = float(above.sum() / below.sum())
+        if len(above) < 2:
+            return Estimate(value, math.nan, math.nan)
+        picks = np.random.default_rng(0).integers(0, len(above), size=(RESAMPLES, len(above)))
+        values = above[picks].sum(axis=1) / below[picks].sum(axis=1)
+    values = values[np.isfinite(values)]
+    low, high = np.quantile(values, (0.025, 0.975)) if len(values) else (math.nan, math.nan)
+    return Estimate(value, float(low), float(high))
+
+
+def rate(flags: pd.Series, world: pd.Series) -> Estimate:
+    """The share of True among trials (n,), whose worlds are given, with its 95 % interval.
+
+    The interval is Wilson's for as many independent trials as have the variance of this share over the worlds (at most
+    as many as there are): trials of a world resemble each other.
+    """
+    by_world = flags.astype(float).groupby(world.to_numpy(), sort=False)
+    sums, counts = by_world.sum().to_numpy(), by_world.count().to_numpy()
+    n, worlds = float(counts.sum()), len(counts)
+    share = float(sums.sum() / n)
+    spread = float(np.square(sums - share * counts).sum()) * worlds / max(1, worlds - 1) / n**2
+    return Estimate(share, *wilson(share, min(n, share * (1.0 - share) / spread) if spread > 0.0 else n))
+
+
+def wilson(share: float, n: float) -> Tuple[float, float]:
+    """Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
+    z = float(stats.norm.ppf(0.975))
+    middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
+    return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
+
+
+def mean_time(trials: pd.DataFrame) -> Estimate:
+    """Mean time of the successful trials [s]."""
+    by_world = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
+    return over_worlds(by_world.sum(), by_world.count())
