@@ -60,14 +60,13 @@ with extra(__name__):
     from training.bags.courses import read
     from training.tune import bag
     from training.tune.search import (
+        Block,
         Drive,
-        Job,
         Saved,
         blocks_of,
         finalists,
         last_race,
         plan_sets,
-        said,
         search,
         without_idle,
     )
@@ -244,50 +243,46 @@ def find(
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
     """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s]."""
     robot, seed = settings.load_robot(), options.seed
-    space, names = space_of(robot), [world[:2] for world in worlds]
-    lines, driven = [], []  # type: List[Dict[str, Any]], List[str]
+    space, names, aim = space_of(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    means, driven = [], []  # type: List[np.ndarray], List[str]
 
     def tell(what: str) -> None:
         clock.spent()
         print(f"{clock.minutes:4.1f} min: {what}", flush=True)
 
-    def drives(simulator: str, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[Result]]:
-        """Return each set's results in the jobs, of which all sets drive the first at first."""
+    def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
+        """Return each set's results in the worlds of a block; all sets drive the first one at first."""
         runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
-        plan = plan_sets(space, names, sets, jobs, seed, simulator)
-        results = drive(pool, runner, table, [[trial for of_job in zip(*plan) for trial in of_job]])
+        plan = plan_sets(space, names, sets, block, seed, simulator)
+        results = drive(pool, runner, table, [[trial for of_world in zip(*plan) for trial in of_world]])
         return [[results[trial] for trial in of_set] for of_set in plan]
 
+    def rounds() -> Iterator[Drive]:
+        """Yield what drives each generation."""
+        while (spent := clock.spent()) < SEARCHED or not driven:
+            driven.append("kinematic" if spent < KINEMATIC else JUDGED)
+            yield partial(drives, driven[-1])
+
     with make_pool(options.workers) as pool:
-        of = {simulator: partial(drives, simulator) for simulator in ("kinematic", JUDGED)}
-        for run in of.values():
-            run(space.theta0[None], [(0, 0)], seed)  # compiles kernels, which shall not count
+        kinematic, judged = partial(drives, "kinematic"), partial(drives, JUDGED)
+        for run in (kinematic, judged):
+            run(space.theta0[None], [0], seed)  # compiles kernels, which shall not count
         clock.spent()
-
-        def rounds() -> Iterator[Drive]:
-            """What drives each generation."""
-            while (spent := clock.spent()) < SEARCHED or not driven:
-                driven.append("kinematic" if spent < KINEMATIC else JUDGED)
-                yield of[driven[-1]]
-
-        every = blocks_of(len(worlds), 1, seed)
-        first = every[:2]
-        (own,) = of["kinematic"](space.theta0[None], sum(first, []), seed)
-        cost = partial(AIMS[options.for_].cost, robot=robot, baseline=Baseline.of(own, robot))
-        begun = last_race(space, of["kinematic"], warm_starts(robot), first, cost, seed)
-        tell(f"best of {len(begun)} sets to begin with: {said(begun[0])}")
-        starts = [np.array(line["theta"]) for line in begun]
-        for line in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
-            lines.append(line)
-            tell(f"generation {len(lines)}, {driven[-1]}: {said(line['winner'])}")
-        sets = finalists(space, starts, lines)
-        best = last_race(space, of[JUDGED], sets, clock.until(RACED, every), cost, seed)[0]
-        tell(f"best of the last race: {said(best)}")
-        theta = space.clip([float(f"{value:.4g}") for value in best["theta"]])
+        every = blocks_of(len(worlds), seed)
+        (results,) = kinematic(space.theta0[None], sum(every[:2], []), seed)
+        cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
+        begun = last_race(kinematic, warm_starts(robot), every[:2], cost, seed)
+        tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
+        starts = [one.theta for one in begun]
+        for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
+            means.append(mean)
+            tell(f"generation {len(means)}, {driven[-1]}: {winner}")
+        best = last_race(judged, finalists(space, starts, means), clock.until(RACED, every), cost, seed)[0]
+        tell(f"best of the last race: {best}")
+        theta = space.clip([float(f"{value:.4g}") for value in best.theta])
         turns = np.linspace(clock.spent(), PUT_BACK, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
-        some = blocks_of(len(worlds), 1, seed + 1)[:MOST]
-        asked = AIMS[options.for_].asked()
-        return without_idle(space, of[JUDGED], theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, asked)
+        some = blocks_of(len(worlds), seed + 1)[:MOST]
+        return without_idle(space, judged, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked())
 
 
 def warm_starts(robot: Robot) -> np.ndarray:

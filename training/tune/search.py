@@ -7,7 +7,7 @@ ranks. tune_robot.py calls it.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple, TypeVar
+from typing import Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -27,33 +27,45 @@ FINALISTS = 5  # generations whose means take part in the last race: a winner of
 BLOCK = 8  # trials between two tests of a race
 LEAST = 0.05  # [s] per course that a parameter has to save
 
-Job = Tuple[int, int]  # index of a world, number of the trial there
-Drive = Callable[..., List[List[Result]]]  # gives the results of each of some sets (k, n) in jobs, with a keyword seed
+Block = List[int]  # indices of worlds in which sets drive once each
+Drive = Callable[
+    ..., List[List[Result]]
+]  # gives the results of each of some sets (k, n) in a block, with a keyword seed
 Found = TypeVar("Found")
 
 
+class Raced(NamedTuple):
+    """A set (n,) after a race: its mean cost, and how its trials went."""
+
+    theta: np.ndarray
+    cost: float
+    results: Sequence[Result]
+
+    def __str__(self) -> str:
+        found = summary(self.results, 0.0)
+        how = f"{found['success']:.0%} arrive, {found['collided']:.0%} touch something, metric {found['metric']:.3f}"
+        return f"score {self.cost:.2f} in {found['trials']} drives ({how.replace('%', ' %')})"
+
+
 class Saved(NamedTuple):
-    """What a parameter of a set saves per course [s]: the mean, and the median, which no single failure moves."""
+    """The gain of a parameter per course [s]: its mean, and its median, which no single failure moves."""
 
     mean: Estimate
     median: float
 
 
 def plan_sets(
-    space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, jobs: Sequence[Job], seed: int, simulator: str
+    space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, block: Block, seed: int, simulator: str
 ) -> List[List[Trial]]:
-    """Return the trials of each set (k, n) in each job, which all drive with the same seed.
+    """Return the trials of each set (k, n) in some worlds, [(name, specification), ...], in which all have one seed.
 
-    worlds are [(name, specification), ...]. The trials are named for set and simulator; evaluate.py's have other seeds.
+    They are named for set and simulator. evaluate.py's trials have other seeds.
     """
+    courses = [(*worlds[i], seed_of(CHOOSING + seed, worlds[i][0], 0)) for i in block]
     plan = []
-    for values in sets:
-        theta = tuple(float(value) for value in space.clip(values))
+    for theta in (tuple(map(float, space.clip(values))) for values in sets):
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
-        drawn = [(*worlds[world], number) for world, number in jobs]
-        seeds = [seed_of(CHOOSING + seed, name, number) for name, _, number in drawn]
-        trials = zip(drawn, seeds)
-        plan.append([Trial(n, method, k, s, spec, "", DRAWN, theta=theta) for (n, spec, k), s in trials])
+        plan.append([Trial(name, method, 0, drawn, spec, "", DRAWN, theta=theta) for name, spec, drawn in courses])
     return plan
 
 
@@ -68,8 +80,8 @@ def search(
     sigma: float,
     population: int,
     worlds_per_set: int,
-) -> Iterator[Dict[str, Any]]:
-    """The generations of CMA-ES.
+) -> Iterator[Tuple[Raced, np.ndarray]]:
+    """Yield the winner of each generation of CMA-ES, and the mean of the distribution after it.
 
     Args:
         space: of the sets.
@@ -83,9 +95,6 @@ def search(
         population: sets in a generation.
         worlds_per_set: worlds in which a generation races: all sets drive a quarter of them, the better half another
             quarter, and the better half of those the rest.
-
-    Yields:
-        JSON values of each generation: the "sigma" of the distribution after it, its "mean", and the "winner".
     """
     rng, strategy = np.random.default_rng(seed), None
     for generation, run in enumerate(rounds):
@@ -101,49 +110,47 @@ def search(
             for i, theta in enumerate(starts[: len(candidates)]):
                 candidates[i], sets[i] = space.to_action(theta), space.clip(theta)
         quarter, half = -(-len(drawn) // 4), -(-len(drawn) // 2)
-        parts = drawn[:quarter], drawn[quarter:half], drawn[half:]
-        blocks = [[(world, 0) for world in part] for part in parts if part]
+        blocks = [part for part in (drawn[:quarter], drawn[quarter:half], drawn[half:]) if part]
         ranking, results = race(partial(run, seed=seed + 1000 + generation), sets, blocks, cost, halve=True)
         strategy.tell(candidates, np.argsort(ranking).astype(float).tolist())
-        mean = space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()
-        winner = line(space, sets[ranking[0]], results[ranking[0]], cost)
-        yield {"sigma": float(strategy.sigma), "winner": winner, "mean": {"theta": mean}}
+        yield raced(sets, ranking[:1], results, cost)[0], space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0))
 
 
-def finalists(space: Space, starts: Sequence[np.ndarray], log: List[Dict[str, Any]]) -> np.ndarray:
-    """Sets (k, n) for the last race, each once: theta_0, the given ones, the means of the last generations."""
-    found = [space.theta0, *(space.clip(theta) for theta in starts)]
-    found += [line["mean"]["theta"] for line in log[-FINALISTS:]]
-    return np.array(list(dict.fromkeys(tuple(float(value) for value in theta) for theta in found)))
+def finalists(space: Space, starts: Sequence[np.ndarray], means: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the sets (k, n) of the last race, each once: theta_0, the given ones, means of the last generations."""
+    found = [space.theta0, *(space.clip(theta) for theta in starts), *means[-FINALISTS:]]
+    return np.array(list(dict.fromkeys(tuple(map(float, theta)) for theta in found)))
 
 
-def last_race(
-    space: Space, run: Drive, sets: np.ndarray, blocks: Iterable[Sequence[Job]], cost: Cost, seed: int
-) -> List[Dict[str, Any]]:
-    """Races sets (k, n) through blocks of jobs: JSON values of each set, the best first."""
-    ranking, results = race(partial(run, seed=seed), sets, blocks, cost)
-    return [line(space, sets[i], results[i], cost) for i in ranking]
+def last_race(run: Drive, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, seed: int) -> List[Raced]:
+    """Race sets (k, n) through blocks of worlds; return them, the best first."""
+    return raced(sets, *race(partial(run, seed=seed), sets, blocks, cost), cost)
+
+
+def raced(sets: np.ndarray, ranking: Sequence[int], results: Sequence[Sequence[Result]], cost: Cost) -> List[Raced]:
+    """Return the sets of a ranking with what they cost."""
+    return [Raced(sets[i], float(np.mean([cost(result) for result in results[i]])), results[i]) for i in ranking]
 
 
 def without_idle(
     space: Space,
     run: Drive,
     theta: np.ndarray,
-    blocks: Callable[[], Iterable[Sequence[Job]]],
+    blocks: Callable[[], Iterable[Block]],
     cost: Cost,
     seed: int,
     asked: Sequence[Quantity] = (),
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
-    """A set (n,) with each parameter at the robot's own value by which nothing is lost; those changed least go first.
+    """Put parameters of a set (n,) back at the robot's own values where nothing is lost, those changed least first.
 
     Nothing is lost where neither the mean nor the median of the paired costs is larger by LEAST. A failure costs so
     much that the mean of some drives is mostly of failures: most must not be dearer, either.
 
     Args:
         space: of the set.
-        run: drives both sets of a comparison in the same jobs.
+        run: drives both sets of a comparison in the same worlds.
         theta: the set.
-        blocks: makes the jobs of a comparison, which ends where one of both is clearly worse.
+        blocks: makes the blocks of a comparison, which ends where one of both is clearly worse.
         cost: of a trial.
         seed: of the trials.
         asked: what no parameter may go back by which one of them is clearly better.
@@ -171,13 +178,13 @@ def without_idle(
 
 
 def race(
-    drive: Callable[[np.ndarray, Sequence[Job]], Sequence[Sequence[Found]]],
+    drive: Callable[[np.ndarray, Block], Sequence[Sequence[Found]]],
     sets: np.ndarray,
-    blocks: Iterable[Sequence[Job]],
+    blocks: Iterable[Block],
     cost: Callable[[Found], float],
     halve: bool = False,
 ) -> Tuple[List[int], List[List[Found]]]:
-    """Races sets (k, n) through the same trials, block after block.
+    """Race sets (k, n) through the same trials, block after block.
 
     After each block those drop out that a paired test finds clearly worse than the leader (the idea of F-race).
 
@@ -189,8 +196,8 @@ def race(
         halve: whether at most half of the candidates, rounded up, stay after each block (successive halving).
 
     Returns:
-        The sets' indices, the best first: whoever stayed longer comes before whoever dropped out earlier, and those of
-        one block are ordered by their mean cost. The results of each, in the order of the trials.
+        The sets' indices, the best first: those that stayed longer come before those that dropped out earlier, and
+        those of one block are ordered by their mean cost. The results of each, in the order of the trials.
     """
     results: List[List[Found]] = [[] for _ in sets]
     racing: List[int] = list(range(len(sets)))
@@ -213,22 +220,7 @@ def race(
     return racing + dropped, results
 
 
-def line(space: Space, theta: np.ndarray, results: Sequence[Result], cost: Cost) -> Dict[str, Any]:
-    """What a log says of a set (n,): its mean cost as "score", and how its trials went."""
-    found = summary(results, 0.0)
-    found["score"] = float(np.mean([cost(result) for result in results]))
-    names = ("score", "metric", "time_s", "success", "collided", "trials")
-    return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": space.as_dict(theta)}
-
-
-def said(line: Dict[str, Any]) -> str:
-    """A line in words."""
-    how = f"{line['success']:.0%} arrive, {line['collided']:.0%} touch something, metric {line['metric']:.3f}"
-    return f"score {line['score']:.2f} in {line['trials']} drives ({how.replace('%', ' %')})"
-
-
-def blocks_of(worlds: int, trials: int, seed: int) -> List[List[Job]]:
-    """Each of so many worlds so many times, in an order drawn with the seed, in blocks of BLOCK jobs."""
+def blocks_of(worlds: int, seed: int) -> List[Block]:
+    """Return all of so many worlds once, in an order drawn with the seed, in blocks of BLOCK."""
     order = np.random.default_rng(seed).permutation(worlds).tolist()
-    jobs = [(world, trial) for trial in range(trials) for world in order]
-    return [jobs[i : i + BLOCK] for i in range(0, len(jobs), BLOCK)]
+    return [order[i : i + BLOCK] for i in range(0, len(order), BLOCK)]

@@ -71,10 +71,10 @@ WORLDS = [(f"w{i}", "") for i in range(8)]
 
 
 def run_with(drive):
-    """Gives each set's results in jobs; drive(trials) makes them."""
+    """Gives each set's results in worlds; drive(trials) makes them."""
 
-    def run(sets, jobs, seed):
-        plan = plan_sets(SPACE, WORLDS, sets, jobs, seed, "kinematic")
+    def run(sets, block, seed):
+        plan = plan_sets(SPACE, WORLDS, sets, block, seed, "kinematic")
         results = drive([trial for of_set in plan for trial in of_set])
         return [[results[trial] for trial in of_set] for of_set in plan]
 
@@ -95,9 +95,9 @@ def test_what_pays_in_the_quantity_that_was_asked_for_does_not_go_back():
 
     theta = SPACE.theta0.copy()
     theta[[wide, narrow]] = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)[[wide, narrow]]
-    jobs = [[(world, 0) for world in range(8)]]
+    blocks = [list(range(8))]
     for asked, stays in (([], []), (AIMS["careful"].asked(), ["inflation_radius"]), (AIMS["smooth"].asked(), [])):
-        found, worth = without_idle(SPACE, run_with(drive), theta, lambda: jobs, time_of, 0, asked)
+        found, worth = without_idle(SPACE, run_with(drive), theta, lambda: blocks, time_of, 0, asked)
         assert list(worth) == [SPACE.names[i] for i in np.flatnonzero(found != SPACE.theta0)] == stays
 
 
@@ -115,8 +115,8 @@ def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
         return found
 
     theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
-    jobs = [[(world, 0) for world in range(8)]]
-    found, worth = without_idle(SPACE, run_with(drive), theta, lambda: jobs, time_of, seed=0)
+    blocks = [list(range(8))]
+    found, worth = without_idle(SPACE, run_with(drive), theta, lambda: blocks, time_of, seed=0)
     changed = [name for name, value, own in zip(SPACE.names, found, SPACE.theta0) if value != own]
     assert sorted(changed) == sorted(worth)
     assert {"max_vel_x", "sim_time"} <= set(worth) <= set(names)
@@ -141,7 +141,7 @@ def test_a_failure_alone_puts_no_parameter_back_that_makes_most_drives_faster():
             ]
             return {trial: Result(True, time_s=time) for trial, time in zip(trials, seconds)}
 
-        return without_idle(SPACE, run_with(drive), theta, lambda: [[(world, 0) for world in range(8)]], time_of, 0)[0]
+        return without_idle(SPACE, run_with(drive), theta, lambda: [list(range(8))], time_of, 0)[0]
 
     for faster, found in ((1.0, 1.0), (0.06, 1.0), (0.04, SPACE.theta0[at]), (-1.0, SPACE.theta0[at])):
         assert set_after(faster)[at] == found
@@ -157,7 +157,7 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
 
 
 def test_a_search_never_drives_evaluates_seeds():
-    ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [(0, 0)], 3, "kinematic")
+    ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [0], 3, "kinematic")
     assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
     assert searched.seed not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
@@ -169,21 +169,21 @@ def test_a_search_that_was_stopped_comes_to_the_same_result(tmp_path):
     starts = [SPACE.theta0, SPACE.from_dict({"max_vel_x": 2.0, "inflation_radius": 0.1})]
 
     def result():
-        def run(sets, jobs, seed):
-            plan = plan_sets(SPACE, [("generated:140", "generated:140")], sets, jobs, seed, "kinematic")
+        def run(sets, block, seed):
+            plan = plan_sets(SPACE, [("generated:140", "generated:140")], sets, block, seed, "kinematic")
             results = drive(pool, partial(runner.run, settings), trials, plan)
             return [[results[trial] for trial in of_set] for of_set in plan]
 
         with Trials(tmp_path, {}) as trials, make_pool(0) as pool:
-            log = list(search(SPACE, 1, [run], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1))
-            return last_race(SPACE, run, finalists(SPACE, starts, log), blocks_of(1, 1, 0), time_of, 0)
+            ((_, mean),) = search(SPACE, 1, [run], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1)
+            return last_race(run, finalists(SPACE, starts, [mean]), blocks_of(1, 0), time_of, 0)
 
-    lines = result()
-    sets = [line["theta"] for line in lines]
+    raced = result()
+    sets = [one.theta.tolist() for one in raced]
     assert all(start.tolist() in sets for start in starts)
-    assert lines[0]["score"] == min(line["score"] for line in lines)
+    assert raced[0].cost == min(one.cost for one in raced)
     driven = kept(table)
     assert len(driven) > 4
     kept(table, first=4)  # as if killed then
-    assert result() == lines
+    assert [one.theta.tolist() for one in result()] == sets
     assert kept(table) == driven
