@@ -20,7 +20,7 @@ from training import check_robot, evaluate, train
 from training.bags.bag import read
 from training.bags.topics import TopicNames
 from training.env.episode import Episode
-from training.trials.table import read
+from training.trials.table import read_trials
 from training.tune import parameter_file
 
 CRATE = """\
@@ -94,7 +94,7 @@ def crate(tmp_path):
 
 
 def rows(out):
-    return {row["method"]: row for row in read(out / "trials.csv").to_dict("records")}
+    return {row["method"]: row for row in read_trials(out / "trials.csv").to_dict("records")}
 
 
 def test_space_and_layout_follow_the_description(crate):

@@ -21,7 +21,7 @@ from applr_ros1.policy.parameter_space import Space
 from training.env.protocols import under
 from training.trials.compare import Comparison, compare
 from training.trials.score import FAILURE_SECONDS
-from training.trials.table import SETTINGS, TRIALS, read, read_trace
+from training.trials.table import SETTINGS, TRIALS, read_trace, read_trials
 from training.trials.trial import BASELINE
 from worlds import World, barn
 
@@ -57,7 +57,7 @@ class Results:
         for n, path in enumerate(folders):
             if path.resolve() in [other.resolve() for other in folders[:n]]:
                 raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
-            frames.append(read(path / TRIALS))
+            frames.append(read_trials(path / TRIALS))
             for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):
                 other = self._folder_of.setdefault((world, method), path)
                 if other != path:

@@ -30,7 +30,7 @@ COLUMNS.update({field.name: field.type for field in fields(Result)})
 NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
 
 
-def read(path: os.PathLike | str) -> pd.DataFrame:
+def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     """Return a table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
 
     What follows the last end of a line is left out: the process was killed while it wrote that row.
@@ -71,7 +71,7 @@ class Trials:
         self._lock = Lock(self.folder, "evaluate.py")
         try:
             self.notes = self._checked(settings)
-            rows = read(self.folder / TRIALS).itertuples(index=False, name=None)
+            rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
             self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
             self.order([])
         except BaseException:

@@ -11,7 +11,7 @@ import pytest
 import worlds
 from tests.support.worlds_sdf import moving, put, sdf
 from training import evaluate
-from training.trials.table import read, read_trace
+from training.trials.table import read_trace, read_trials
 from worlds import sdf_writer
 from worlds.dynabarn import COLUMNS, NAME
 
@@ -24,7 +24,7 @@ WALL = (
 def drive(folder, *arguments):
     """Rows of trials.csv of an evaluation, as [{column: value}, ...]."""
     assert evaluate.main(["--out", str(folder), "--trials", "1", "--workers", "1", *arguments]) == 0
-    return read(folder / "trials.csv").to_dict("records")
+    return read_trials(folder / "trials.csv").to_dict("records")
 
 
 def dynabarn(folder, crossing):

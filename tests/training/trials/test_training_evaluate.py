@@ -29,7 +29,7 @@ from training import evaluate
 from training.env.episode import TIME_LIMIT
 from training.env.settings import TrialSettings
 from training.trials import runner
-from training.trials.table import Trials, read, read_trace
+from training.trials.table import Trials, read_trace, read_trials
 from training.trials.trial import Result, Trial, plan_trials, seed_of
 
 HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m,"
@@ -129,7 +129,7 @@ def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
                 table.add(task, Result(time_s=math.pi, path_length_m=1.0))
             table.order(plan)
             assert table.added == 3
-    rows = read(tmp_path / "trials.csv").to_dict("records")
+    rows = read_trials(tmp_path / "trials.csv").to_dict("records")
     assert [(row["world"], row["trial"]) for row in rows] == [(task.world, task.trial) for task in plan]
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
 
@@ -179,7 +179,7 @@ def test_another_evaluations_folder_is_refused(tmp_path):
         (tmp_path / "trials.csv").write_text(text)
         refuse("expected world,method")
     pd.read_csv(io.StringIO(whole)).drop(columns="mean_clearance_m").to_csv(tmp_path / "trials.csv", index=False)
-    older = read(tmp_path / "trials.csv")
+    older = read_trials(tmp_path / "trials.csv")
     assert (older.time_s == 1.0).all()
     assert older.mean_clearance_m.isna().all(), "it was not noted then"
     (tmp_path / "evaluation.json").write_text("{")
