@@ -1,8 +1,9 @@
 """The policies that a file holds: Policy, a network in one of the forms, and ContextPolicy, APPLD's.
 
-A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` is the only
-reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes are bounded,
-and every way in which a file can be wrong is one line.
+A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. Networks of the same
+sizes can stand side by side in it, along the first axis of each tensor: the answer is the mean of their outputs. `load`
+is the only reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes
+are bounded, and every way in which a file can be wrong is one line.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import json
 import math
 import os
 from collections import deque
-from typing import Any, Deque, Dict, Mapping, Optional, Tuple, Union
+from typing import Any, Deque, Dict, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 import safetensors.numpy
@@ -21,9 +22,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS, MOVERS, WITHOUT_MOVERS
-from applr_ros1.policy.form import PAPER, Form, PaperForm, check_robot, short
+from applr_ros1.policy.form import PAPER, Form, Mirror, PaperForm, check_robot, short, with_mirror_images
 from applr_ros1.policy.layout import Layout
-from applr_ros1.policy.network import Layers, Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
@@ -34,7 +34,9 @@ KINDS = PAPER, DIMENSIONLESS, CONTEXTS
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
 MAX_CONTEXTS = 64
 STALL_WAY_M, STALL_TIME_S = 0.3, 8.0  # a robot of the Jackal's size stalls where it drives less in this time
+MAX_LAYERS = 16
 Weights = Mapping[str, np.ndarray]
+Layers = List[Tuple[np.ndarray, np.ndarray]]
 
 
 class _FromFile(Method):
@@ -328,3 +330,53 @@ def _value(text: str) -> Any:
         return files.json_value(text)
     except ValueError:
         return text
+
+
+def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str) -> Layers:
+    """Return [(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
+
+    Args:
+        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}. Of k networks side
+            by side each has a first axis more, of k.
+        inputs: Width of the input.
+        outputs: Width of the output.
+        name: What the error's line begins with, a file's path for instance.
+    """
+    layers: Layers = []
+    width, count = inputs, len(weights) // 2
+    names = {"%d.%s" % (i, kind) for i in range(count) for kind in ("weight", "bias")}
+    if not 1 <= count <= MAX_LAYERS or set(weights) != names:
+        there = ", ".join(sorted(weights)[:6])
+        raise ApplrError("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
+    side_by_side = weights["0.weight"].shape[:-2][:1]
+    for i in range(count):
+        weight, bias = weights["%d.weight" % i], weights["%d.bias" % i]
+        rows = outputs if i == count - 1 else bias.shape[-1] if bias.ndim else 0
+        needed = (*side_by_side, rows, width), (*side_by_side, rows)
+        if (weight.shape, bias.shape) != needed or 0 in side_by_side:
+            raise ApplrError(
+                "%s: layer %d has shapes %s and %s, %s and %s needed" % (name, i, weight.shape, bias.shape, *needed)
+            )
+        if weight.dtype != np.float32 or bias.dtype != np.float32:
+            raise ApplrError("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise ApplrError("%s: layer %d holds NaN or inf; train or copy it again" % (name, i))
+        layers.append((weight, bias))
+        width = rows
+    return layers
+
+
+def forward(layers: Layers, x: Any) -> np.ndarray:
+    """Return the network's output before a last activation. x (n, inputs) or (inputs,), of which NaN passes."""
+    x = np.asarray(x, dtype=np.float32)
+    several, shape = layers[0][0].ndim == 3, x.shape[:-1]
+    units = np.atleast_2d(x) if several else x  # of k networks side by side (k, n, units) after the first layer
+    for layer in layers[:-1]:
+        units = np.maximum(_linear(layer, units), np.float32(0.0))
+    out = _linear(layers[-1], units)
+    return out.mean(axis=0).reshape(*shape, -1) if several else out
+
+
+def _linear(layer: Tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
+    weight, bias = layer
+    return x @ weight.swapaxes(-1, -2) + (bias[:, None, :] if weight.ndim == 3 else bias)

@@ -7,19 +7,53 @@ a form, and never which one it is.
 from __future__ import annotations
 
 import json
-from typing import Any, ClassVar, Dict, Mapping, Optional, Tuple
+from typing import Any, ClassVar, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context, period_of
 from applr_ros1.policy.layout import Layout
-from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 
 PAPER = "paper"
+
+
+class Mirror(NamedTuple):
+    """The change of an observation x where left and right are exchanged: it becomes x[order] * sign.
+
+    order: (n,) int; sign: (n,) float32, 1 or -1.
+    """
+
+    order: np.ndarray
+    sign: np.ndarray
+
+    @classmethod
+    def of(cls, beams: int, rest: int, scans: int = 1, odd: Tuple[int, ...] = (0,)) -> Mirror:
+        """Make it for `scans` scans, `beams` numbers together, and `rest` more, of which those at `odd` turn round."""
+        order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
+        order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
+        sign[[beams + i for i in odd]] = -1.0
+        return cls(order, sign)
+
+
+def mirrored(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
+    """Return the network that answers an observation as the given one answers its mirror image."""
+    return dict(weights, **{"0.weight": (weights["0.weight"] * mirror.sign)[..., mirror.order]})
+
+
+def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
+    """Return networks side by side, each followed by the one that answers as it does with left and right exchanged.
+
+    Args:
+        weights: One network, or several side by side.
+        mirror: What exchanging left and right does to their input.
+    """
+    several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
+    images = mirrored(several, mirror)
+    return {name: np.stack([t, images[name]], axis=1).reshape(-1, *t.shape[1:]) for name, t in several.items()}
 
 
 class Form:

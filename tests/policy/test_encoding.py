@@ -7,11 +7,11 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor, methods
-from applr_ros1.policy.actor import Policy, Stall, save
+from applr_ros1.policy.actor import Policy, Stall, forward, layers_of, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, SIZE, DimensionlessForm
-from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
+from applr_ros1.policy.form import Mirror, with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
 from applr_ros1.robots.robot import Setting, SpaceParameter

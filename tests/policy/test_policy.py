@@ -20,7 +20,7 @@ from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, load, save
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.network import Mirror, with_mirror_images
+from applr_ros1.policy.form import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused

@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 
 from applr_ros1.common.tensors import unpack
-from applr_ros1.policy.network import forward, layers_of
+from applr_ros1.policy.actor import forward, layers_of
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
@@ -119,7 +119,7 @@ class PolicyWeights:
 
     Args:
         weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32, or of several such
-            networks side by side (applr_ros1/policy/network.py).
+            networks side by side (applr_ros1/policy/actor.py).
     """
 
     def __init__(self, weights: bytes):

@@ -15,7 +15,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, json_value
 from applr_ros1.common.tensors import unpack
-from applr_ros1.policy.network import Mirror
+from applr_ros1.policy.form import Mirror
 
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 255  # characters in the name of an actor

@@ -22,7 +22,7 @@ from torch import nn
 from torch.nn import functional
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.network import Mirror, with_mirror_images
+from applr_ros1.policy.form import Mirror, with_mirror_images
 from training.common.options import Options, option
 
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient

@@ -11,7 +11,7 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 import torch
 
-from applr_ros1.policy.network import forward
+from applr_ros1.policy.actor import forward
 from applr_ros1.policy.observation import LAYOUT, Layout
 
 HIDDEN = 64
