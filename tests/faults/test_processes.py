@@ -87,19 +87,14 @@ def test_the_applr_node_is_killed(stack, client, measured):
 
 
 @pytest.mark.fault("14a")
-def test_the_collision_monitor_is_killed(stack, measured):
-    """Nothing reaches the base any more, so it stands; the launch file starts the node again."""
+@pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
+def test_nothing_reaches_the_base_any_more(stack, measured, killed):
+    """It stands; the launch file starts the monitor again."""
     stack.under_way()
-    measured("stands after", stack.stands_after(stack.nodes["collision_monitor"].kill, STANDS), "s")
-    stack.start("collision_monitor")
-    stack.drives_again()
-
-
-@pytest.mark.fault("14a")
-def test_commands_get_lost_on_the_way(stack, measured):
-    stack.under_way()
-    took = stack.stands_after(lambda: stack.relay.bend.__setitem__("command", lambda _: None), STANDS)
-    measured("stands after", took, "s")
+    lose = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.bend.update(command=lambda _: None)
+    measured("stands after", stack.stands_after(lose, STANDS), "s")
+    if killed:
+        stack.start("collision_monitor")
     stack.relay.mend()
     stack.drives_again()
 

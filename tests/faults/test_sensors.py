@@ -12,24 +12,6 @@ from tests.support.ros_harness import wait_for
 pytestmark = pytest.mark.ros
 
 
-def stands_and_goes_on(stack, stream, fault, words, within=2.0):
-    """Breaks a stream; the robot stands, move_base says why, and it drives again. Returns the time until it stands."""
-    stack.under_way()
-    said = len(stack.said("move_base"))
-    took = stack.stands_after(lambda: stack.relay.bend.__setitem__(stream, fault), within)
-    wait_for(lambda: words in stack.said("move_base")[said:], words)
-    wait_for(lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself")
-    stack.relay.mend()
-    stack.drives_again()
-    return took
-
-
-@pytest.mark.fault("10")
-def test_no_scan(stack, measured):
-    took = stands_and_goes_on(stack, "scan", lambda scan: None, "no usable scan on /front/scan")
-    measured("stands after", took, "s")
-
-
 def beams(change):
     def bend(scan):
         scan.ranges = change(list(scan.ranges))
@@ -38,11 +20,45 @@ def beams(change):
     return bend
 
 
-@pytest.mark.fault("11")
-def test_scans_that_cannot_be_used(stack, measured):
-    """tests/nodes/test_conversions.py has which these are."""
-    fault = beams(lambda ranges: [math.nan] * 720)
-    measured("stands after", stands_and_goes_on(stack, "scan", fault, "is all NaN"), "s")
+def stamped(seconds):
+    def bend(message):
+        message.header.stamp += rospy.Duration.from_sec(seconds)
+        return message
+
+    return bend
+
+
+def renamed(scan):
+    scan.header.frame_id = "front_lazer"
+    return scan
+
+
+def silent(message):
+    return None
+
+
+@pytest.mark.parametrize(
+    ("stream", "fault", "words"),
+    [  # tests/nodes/test_conversions.py has which scans cannot be used
+        pytest.param("scan", silent, "no usable scan on /front/scan", marks=pytest.mark.fault("10")),
+        pytest.param("scan", beams(lambda r: [math.nan] * 720), "is all NaN", marks=pytest.mark.fault("11")),
+        pytest.param("scan", stamped(-5.0), "no usable scan", marks=pytest.mark.fault("12")),
+        pytest.param("scan", stamped(5.0), "no usable scan", marks=pytest.mark.fault("12")),
+        pytest.param("scan", renamed, "front_lazer", marks=pytest.mark.fault("12")),
+        pytest.param("tf", silent, "transform odom <- base_link is", marks=pytest.mark.fault("12")),
+        pytest.param("clock", silent, "/clock has not moved", marks=pytest.mark.fault("13")),
+    ],
+    ids=["no scan", "all NaN", "old scans", "scans ahead", "unknown frame", "no transform", "clock stands still"],
+)
+def test_the_robot_stands_says_why_and_goes_on(stack, measured, stream, fault, words):
+    stack.under_way()
+    said, acted = len(stack.said("move_base")), len(stack.actions)
+    measured("stands after", stack.stands_after(lambda: stack.relay.bend.__setitem__(stream, fault)), "s")
+    wait_for(lambda: words in stack.said("move_base")[said:], words)
+    wait_for(lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself")
+    assert stream != "tf" or any("transform odom <- base_link" in action for action in stack.actions[acted:])
+    stack.relay.mend()
+    stack.drives_again()
 
 
 @pytest.mark.fault("11")
@@ -67,20 +83,6 @@ def test_another_scanner_is_taken(stack, measured):
     stack.drives_again()  # the right one is another one, too
 
 
-def stamped(seconds):
-    def bend(message):
-        message.header.stamp += rospy.Duration.from_sec(seconds)
-        return message
-
-    return bend
-
-
-@pytest.mark.fault("12")
-@pytest.mark.parametrize("seconds", [-5.0, 5.0], ids=["old", "ahead"])
-def test_stamps_of_scans_that_are_old_or_ahead(stack, measured, seconds):
-    measured("stands after", stands_and_goes_on(stack, "scan", stamped(seconds), "no usable scan"), "s")
-
-
 @pytest.mark.fault("12")
 def test_scans_out_of_order_change_nothing(stack):
     stack.under_way()
@@ -94,13 +96,6 @@ def test_scans_out_of_order_change_nothing(stack):
     since, speeds = stack.relay.now, []
     wait_for(lambda: speeds.append(stack.relay.speed) or stack.relay.now > since + 1.0, "time")
     assert np.median(speeds) > 0.3
-
-
-@pytest.mark.fault("12")
-def test_no_transform(stack, measured):
-    took = stands_and_goes_on(stack, "tf", lambda tf: None, "transform odom <- base_link is")
-    assert any("transform odom <- base_link" in action for action in stack.actions)
-    measured("stands after", took, "s")
 
 
 @pytest.mark.fault("12a")
@@ -123,15 +118,6 @@ def test_a_transform_far_ahead(stack, measured):
     assert took < 15.0
 
 
-@pytest.mark.fault("12")
-def test_a_frame_that_nobody_knows(stack):
-    def renamed(scan):
-        scan.header.frame_id = "front_lazer"
-        return scan
-
-    stands_and_goes_on(stack, "scan", renamed, "front_lazer")
-
-
 @pytest.mark.fault("10a")
 def test_no_odometry(stack, measured):
     """The transforms are still there; the velocity is not measured any more."""
@@ -141,12 +127,6 @@ def test_no_odometry(stack, measured):
     measured("stands after", took, "s")
     stack.relay.mend()
     stack.drives_again()
-
-
-@pytest.mark.fault("13")
-def test_the_clock_stands_still(stack, measured):
-    took = stands_and_goes_on(stack, "clock", lambda clock: None, "/clock has not moved")
-    measured("stands after", took, "s")
 
 
 @pytest.mark.fault("13")

@@ -197,15 +197,6 @@ def test_a_full_memory_forgets_the_oldest(monkeypatch):
     assert np.array_equal(memory.points[-len(newest.points) :], newest.points)
 
 
-def test_a_blocked_robot_does_not_outwait_its_memory():
-    monitor, pose = CollisionMonitor(), (-0.25, 0.0, 0.0)
-    behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
-    monitor.see(scan_of(behind, (0, 0, math.pi)))
-    for step in range(1, 100):
-        monitor.see(scan_of([], pose, 1.0 * step, ranges=np.full(BEAMS, 8.0, np.float32)))
-        assert monitor.filter(1.0 * step, pose, (0, 0), (-0.5, 0.0)).command[0] > -0.5
-
-
 def test_a_robot_in_touch_may_leave_and_not_press():
     monitor, pose = seen_all_around([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)]), (0, 0, 0)
     assert monitor.filter(0.0, pose, (0, 0), (0.3, 0.0)).action == STOP
@@ -382,12 +373,12 @@ def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
 def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone():
     """However long it waits; a robot that turns and finds the way behind it free may go."""
     monitor, pose = turned_away_from(obstacles := [*posts(0), *CLOSE_BEHIND]), (0.0, 0.0, 0.0)
-    for now in np.arange(4.0, 30.0, 0.5):
+    for now in np.arange(4.0, 104.0, 1.0):
         monitor.see(scan_of(obstacles, pose, now))
         assert monitor.filter(now, pose, (0, 0), (-0.5, 0.0)).held
-    for now, yaw in ((30.0, math.pi), (30.1, 0.0)):
+    for now, yaw in ((104.0, math.pi), (104.1, 0.0)):
         monitor.see(scan_of(posts(0), (0.0, 0.0, yaw), now))
-    assert monitor.filter(30.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
+    assert monitor.filter(104.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
 
 
 @pytest.mark.fault("11d")
