@@ -51,13 +51,13 @@ class DatasetOptions(BagOptions):
 
 
 def main(arguments=None) -> int:
-    """Exit status 0; 1 with one line when no dataset could be made."""
+    """Return exit status 0; 1 with one line when no dataset could be made."""
     name = "bags_to_dataset"
     return run_main(lambda: run(parsed(DatasetOptions, f"{name}.py", __doc__, arguments)), name)
 
 
 def run(options: DatasetOptions) -> None:
-    """Writes the dataset from the bags.
+    """Write the dataset from the bags.
 
     A bag or episode that is damaged or incomplete is skipped, printed and counted under its reason. Raises BagError
     when nothing at all could be used, StorageError when the folder cannot be written.
@@ -73,15 +73,18 @@ def run(options: DatasetOptions) -> None:
     for bag in bags:
         reports.append(report := BagReport())
         try:
-            recorded = read(bag, topics, ranges=False)
             with refused(bag):
-                for trajectory in transitions(recorded, options.robot, reward, layout, report, options.finish):
-                    trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
+                recorded = read(bag, topics, ranges=False)
+                found = list(transitions(recorded, options.robot, reward, layout, report, options.finish))
+                for trajectory in found:
                     trajectory.check(layout)
-                    store.append(trajectory)
         except BagError as error:
+            found = []
             report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)
+        for trajectory in found:
+            trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
+            store.append(trajectory)
         skipped = _reasons(report.skipped)
         print(f"{bag}: {report.transitions} transitions in {report.episodes} episodes{skipped}")
     all_skipped = sum((report.skipped for report in reports), Counter())

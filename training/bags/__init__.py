@@ -1,1 +1,3 @@
-"""Rosbag files: reading recorded drives, turning them into episodes, and writing simulated drives as bags."""
+"""Rosbag files: reading recorded drives, turning them into episodes and courses, and writing simulated drives."""
+
+SECOND = 1_000_000_000  # ns

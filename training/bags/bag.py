@@ -22,7 +22,6 @@ from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
-SECOND = 1_000_000_000  # ns
 LIMITS = {"CPU": 60, "AS": 2**32, "FSIZE": 2**32, "NPROC": 0}  # s, bytes, bytes of a file that is written, processes
 SECONDS_PER_GB = 200.0  # that are added to the first
 METADATA = "metadata.yaml"  # of a ROS 2 bag

@@ -57,33 +57,36 @@ def read(paths: Sequence[Any], robot: Robot, copies: int = 6) -> Recorded:
         BagError: None of them holds a course.
     """
     topics = TopicNames.of(robot)
-    drives: List[Drive] = []
+    recorded, lacks, names = topics, True, set()
     courses: List[DrivenCourse] = []
+    measurements: List[Fields] = []
     true_of: Dict[str, List[str]] = {}  # by remark the names of bags
     for path in bags_in(paths):
         try:
             with refused(path):
                 drive = Drive(bag.read(path, topics, search=True), robot, topics)
-                while any(drive.name == other.name for other in drives):
+                while drive.name in names:
                     drive.name += "_"
-                courses += drive.courses()
+                found = drive.courses()
                 drive.measure()
         except BagError as error:
             true_of.setdefault(str(error).partition(": ")[2], []).append(path.name)
             continue
-        drives.append(drive)
         for remark in drive.remarks:
             true_of.setdefault(remark, []).append(path.name)
-    remarks = [f"{', '.join(names)}: {remark}" for remark, names in true_of.items()]
-    if any(drive.lacks for drive in drives) or not courses:
-        topics = drives[0].bag.topics if drives else topics
-        below = [topics.move_base + name for name in ("/goal", "/status", "/result", "/.*parameter_updates")]
-        wanted = [topics.scan, topics.odometry, topics.command, "/tf", "/tf_static", *below]
+        recorded, lacks = (recorded, lacks or drive.lacks) if courses else (drive.bag.topics, drive.lacks)
+        names.add(drive.name)
+        courses += found
+        measurements.append(drive.fields)
+    remarks = [f"{', '.join(bags)}: {remark}" for remark, bags in true_of.items()]
+    if lacks:
+        below = [recorded.move_base + name for name in ("/goal", "/status", "/result", "/.*parameter_updates")]
+        wanted = [recorded.scan, recorded.odometry, recorded.command, "/tf", "/tf_static", *below]
         remarks.append(f"next time: rosbag record -O drive.bag -e {' '.join(wanted)}")
     if not courses:
         raise BagError("; ".join(remarks))
-    names = dict.fromkeys(name for drive in drives for name in drive.fields)
-    fields = {name: measured.combined([d.fields[name] for d in drives if name in d.fields]) for name in names}
+    known = dict.fromkeys(name for of_one in measurements for name in of_one)
+    fields = {name: measured.combined([of_one[name] for of_one in measurements if name in of_one]) for name in known}
     new = {(of, name): v for (of, name), v in fields.items() if v.contradicts(getattr(getattr(robot, of), name))}
     for (section, name), value in list(new.items()):
         other = replace(robot, **{section: getattr(robot, section).model_copy(update={name: value.value})})

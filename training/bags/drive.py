@@ -20,7 +20,8 @@ from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, measured
 from applr_ros1.robots.measured import Fields, Value
-from training.bags.bag import SECOND, Bag, BagError, Poses, Scans
+from training.bags import SECOND
+from training.bags.bag import Bag, BagError, Poses, Scans
 from training.bags.response import second_on
 from training.bags.topics import TopicNames
 from worlds import Course, World

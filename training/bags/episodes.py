@@ -20,7 +20,8 @@ from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import ObservationError, observe
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.bag import SECOND, Bag, BagError, Decision
+from training.bags import SECOND
+from training.bags.bag import Bag, BagError, Decision
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest, progress
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed

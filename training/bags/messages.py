@@ -24,10 +24,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from applr_ros1.common import child
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError, reason
+from training.bags import SECOND
 from training.bags.topics import TopicNames
 from training.bags.unindexed import UnindexedReader
 
-SECOND = 1_000_000_000
 RUNNING, ENDED = (1, 6), (2, 3, 4, 5)  # actionlib: active, preempting; preempted, succeeded, aborted, rejected
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import Robot
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.bags.bag import SECOND, Poses
+from training.bags import SECOND
+from training.bags.bag import Poses
 from worlds import World
 from worlds.dynabarn import arena_course
 

@@ -15,7 +15,7 @@ from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.bag import SECOND
+from training.bags import SECOND
 from training.bags.topics import TopicNames
 
 

@@ -26,8 +26,9 @@ from applr_ros1.policy.observation import LAYOUT, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
+from training.bags import SECOND
 from training.bags import bag as bags
-from training.bags.bag import SECOND, BagError, bags_in, read
+from training.bags.bag import BagError, bags_in, read
 from training.bags.episodes import BagReport, decision_period, transitions
 from training.env.reward import Reward
 from training.replay.store import TrajectoryStore

@@ -14,7 +14,8 @@ import numpy as np
 
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.bag import SECOND, Bag, BagError, read, refused
+from training.bags import SECOND
+from training.bags.bag import Bag, BagError, read, refused
 from training.bags.topics import TopicNames
 from training.env.episode import CONTROL_PERIOD
 
