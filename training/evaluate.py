@@ -19,7 +19,6 @@ from tqdm import tqdm
 from applr_ros1.common.errors import run_main
 from applr_ros1.policy import methods
 from applr_ros1.robots import on_ground
-from training.actors.pool import make_pool
 from training.common import command_line
 from training.common.options import Options, option
 from training.common.provenance import provenance
@@ -30,6 +29,7 @@ from training.trials.drive import drive
 from training.trials.runner import TRIAL_RUNNER, described, world_list
 from training.trials.table import TRIALS, Trials
 from training.trials.trial import Result, Trial, plan_trials
+from training.workers.pool import Pool
 from worlds import World
 
 
@@ -118,7 +118,7 @@ def evaluate(
         total = None if blocks else len(plan)
         bar = tqdm(total=total, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:
-            with bar, make_pool(workers, options.ray_address) as pool:
+            with bar, Pool(workers, options.ray_address) as pool:
                 return drive(pool, runner, table, blocks(plan) if blocks else [plan], show)
         finally:
             if done < len(plan):

@@ -30,13 +30,13 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.robots import load
-from training.actors.collector import ACTOR, Collect, draw_world
-from training.actors.pool import CallFailed, make_pool
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.trials.periodic import PeriodicEvaluation
 from training.trials.score import CONTACT_SECONDS
 from training.trials.trial import POLICY, Result, Trial
+from training.workers.collect import ACTOR, Collect, draw_world
+from training.workers.pool import CallFailed, Pool
 
 with extra(__name__):
     import torch
@@ -96,7 +96,7 @@ class TrainingRun:
         self._failed: Counter[str] = Counter()  # episodes, by error
         self._in_a_row = {"failed": 0, "were refused": 0}
         self.stopping: Optional[str] = None
-        self.pool = make_pool(0 if self.offline else config.actors, config.ray_address)
+        self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
         self.board = TensorBoardLog(self.folder, self.steps)
         often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
         end = tqdm.format_interval(60.0 * config.minutes)  # the steps' own estimate would be of hours

@@ -36,7 +36,6 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.owner.write import write_measured
 from training import open_floor
-from training.actors.pool import make_pool
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import make_folder
 from training.common.options import PLACE, Options, option
@@ -53,6 +52,7 @@ from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
 from training.trials.trial import BASELINE, Result, Trial
 from training.tune import parameter_file
+from training.workers.pool import Pool
 from worlds import World, sdf_writer
 from worlds.loading import FORMS, specs
 
@@ -263,7 +263,7 @@ def find(
             driven.append("kinematic" if spent < KINEMATIC else JUDGED)
             yield partial(drives, driven[-1])
 
-    with make_pool(options.workers) as pool:
+    with Pool(options.workers) as pool:
         kinematic, judged = partial(drives, "kinematic"), partial(drives, JUDGED)
         for run in (kinematic, judged):
             run(space.theta0[None], [0], seed)  # compiles kernels, which shall not count

@@ -85,7 +85,7 @@ def way_of_decision():
 def way_of_transition():
     """From the episode that an actor drives to the end of the first update of the networks, with --actors 0."""
     options = "--recipe jackal --actors 0 --total-timesteps 1 --learning-starts 1 --batch-size 1 --worlds generated:140"
-    way = Way(("training/actors/collector.py", "collect"), ("training/td3/td3.py", "update"), TRAINING)
+    way = Way(("training/workers/collect.py", "collect"), ("training/td3/td3.py", "update"), TRAINING)
     with tempfile.TemporaryDirectory() as folder, way:
         train.main([*options.split(), "--simulator", "kinematic", "--eval-worlds", COURSE, "--out", folder])
     return way.figure()

@@ -10,13 +10,13 @@ import safetensors.numpy
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.tensors import unpack
-from training.actors.collector import PolicyWeights, collect, environment, layout_of
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
 from training.replay.store import TrajectoryStore
 from training.train import TrainingRun
 from training.trials.trial import POLICY, Result
+from training.workers.collect import PolicyWeights, collect, environment, layout_of
 
 LINE = "tests.support.toy_env:Line"
 TOY = [

@@ -12,7 +12,6 @@ import numpy as np
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
-from training.actors.collector import NAVIGATION, Collect, collect, layout_of
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
@@ -21,6 +20,7 @@ from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
 from training.trials.runner import run, world_list
 from training.trials.trial import Result, Trial
+from training.workers.collect import NAVIGATION, Collect, collect, layout_of
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from training.actors.pool import CallFailed, Pool
 from training.trials.table import Trials
 from training.trials.trial import Result, Trial
+from training.workers.pool import CallFailed, Pool
 
 Run = Callable[[Trial], Tuple[Result, bytes]]  # gives the result, and the packed trace where the trial asks for it
 

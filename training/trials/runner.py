@@ -20,12 +20,12 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from training.actors.collector import PolicyWeights
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
 from training.env.settings import TrialSettings
 from training.trials.trial import POLICY, TRACED, Result, Trial
+from training.workers.collect import PolicyWeights
 from worlds import World, WorldError
 
 TRIAL_RUNNER = "training.trials.runner:run"  # as the commands' hidden option names it

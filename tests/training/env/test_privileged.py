@@ -8,10 +8,10 @@ import pytest
 
 import sim_bridge
 from applr_ros1.robots import JACKAL
-from training.actors.collector import layout_of
 from training.env import privileged
 from training.env.env import ApplrEnv
 from training.env.privileged import JACKAL_WIDTH, ODD, SIZE, STATIONS
+from training.workers.collect import layout_of
 from worlds import Course, Mover, World
 
 WIDTH = JACKAL_WIDTH

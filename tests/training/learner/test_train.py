@@ -18,13 +18,13 @@ from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
-from training.actors.collector import PolicyWeights
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.replay.store import TrajectoryStore
 from training.train import TrainingRun
 from training.trials.periodic import PeriodicEvaluation
 from training.trials.trial import Result
+from training.workers.collect import PolicyWeights
 
 
 def rounds_of(run):

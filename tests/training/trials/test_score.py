@@ -12,13 +12,13 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.learned import OUTPUTS
-from training.actors.collector import PolicyWeights
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
 from training.td3.td3 import TD3, TD3Options
 from training.trials import runner, score
 from training.trials.periodic import CHOOSING, THETA0, PeriodicEvaluation
 from training.trials.trial import POLICY, Result, plan_trials
+from training.workers.collect import PolicyWeights
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():

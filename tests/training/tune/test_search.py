@@ -7,7 +7,6 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
-from training.actors.pool import make_pool
 from training.env.settings import TrialSettings
 from training.trials import runner
 from training.trials.compare import clearly_worse
@@ -17,6 +16,7 @@ from training.trials.score import AIMS
 from training.trials.table import Trials
 from training.trials.trial import Result, seed_of
 from training.tune.search import blocks_of, finalists, last_race, plan_sets, race, search, without_idle
+from training.workers.pool import Pool
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -174,7 +174,7 @@ def test_a_search_that_was_stopped_comes_to_the_same_result(tmp_path):
             results = drive(pool, partial(runner.run, settings), trials, plan)
             return [[results[trial] for trial in of_set] for of_set in plan]
 
-        with Trials(tmp_path, {}) as trials, make_pool(0) as pool:
+        with Trials(tmp_path, {}) as trials, Pool(0) as pool:
             ((_, mean),) = search(SPACE, 1, [run], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1)
             return last_race(run, finalists(SPACE, starts, [mean]), blocks_of(1, 0), time_of, 0)
 

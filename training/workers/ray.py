@@ -6,13 +6,10 @@ import logging
 import os
 import socket
 import sys
-from functools import lru_cache
 from typing import Any, Callable, Dict, Tuple
 
 from applr_ros1.common.errors import ApplrError, reason
-from training.actors.process import WorkerDied, attempt, environment
-
-LARGE = 100_000  # bytes of an argument that lies once in Ray's store, for all actors
+from training.workers.pool import Answer, WorkerDied, attempt, environment
 
 
 class RayCluster:
@@ -41,26 +38,33 @@ class RayCluster:
                 raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
         if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
             print(f"Ray at {address} takes work from anybody who reaches it: set RAY_AUTH_MODE=token", file=sys.stderr)
-        self.ray, self.put = ray, lru_cache(maxsize=2)(ray.put)
-        self.close = ray.shutdown
+        self.ray = ray
+
+    def actor(self) -> RayActor:
+        """Start an actor, which waits where no node has a place for it."""
+        return RayActor(self.ray)
 
 
 class RayActor:
-    """An actor that executes calls one after the other, as a ChildProcess does."""
+    """An actor that executes calls one after the other, as a ChildProcess does. placed: whether a node has taken it."""
 
-    def __init__(self, cluster: RayCluster):
-        self._ray, self._put = cluster.ray, cluster.put
-        self.actor = cluster.ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Actor).remote()
+    placed = False
 
-    def when_ready(self, callback: Callable[[], None]) -> None:
-        """Calls back when a node has taken it, or it is dead."""
-        self.actor.__ray_ready__.remote().future().add_done_callback(lambda _: callback())
+    def __init__(self, ray: Any):
+        self._ray, self.actor = ray, ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Process).remote()
 
-    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Tuple[Any, str]:
-        """What attempt() gives there. Raises WorkerDied."""
-        sent = [self._put(arg) if isinstance(arg, bytes) and len(arg) > LARGE else arg for arg in args]
+    def wait(self) -> None:
+        """Return when a node has taken it, or it is dead."""
         try:
-            return self._ray.get(self.actor.attempt.remote(function, *sent), timeout=seconds)
+            self._ray.get(self.actor.__ray_ready__.remote())
+            self.placed = True
+        except self._ray.exceptions.RayError:
+            return  # the next call says so
+
+    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Answer:
+        """Return what attempt() gives there; raises WorkerDied."""
+        try:
+            return self._ray.get(self.actor.attempt.remote(function, *args), timeout=seconds)
         except self._ray.exceptions.GetTimeoutError:
             raise WorkerDied(f"gave no answer for {seconds:g} s") from None
         except self._ray.exceptions.RayError as error:
@@ -75,15 +79,15 @@ class RayActor:
             print(f"Ray: {reason(error)}", file=sys.stderr)
 
 
-class _Actor:
+class _Process:
     """What runs in an actor's process."""
 
-    def attempt(self, function: Callable[..., Any], *args: Any) -> Tuple[Any, str]:
+    def attempt(self, function: Callable[..., Any], *args: Any) -> Answer:
         return attempt(function, args)
 
 
 def _check_address(address: str, seconds: float = 5.0) -> None:
-    """Whether anything listens there; Ray itself would wait for minutes."""
+    """Raise ApplrError where nothing listens there; Ray itself would wait for minutes."""
     if address == "auto":
         return
     host, _, port = (address[len("ray://") :] if address.startswith("ray://") else address).rpartition(":")
