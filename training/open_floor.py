@@ -17,7 +17,6 @@ import numpy as np
 import sim_bridge
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import LoadedFile
 from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
@@ -142,7 +141,7 @@ def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
 
 def changes(robot: Robot) -> Iterator[Change]:
     """Other values of parameters that decide on drives, within the ranges of the robot's space."""
-    tree, space = complete(robot.parameters()), {parameter.name: parameter for parameter in robot.space}
+    tree, space = robot.all_parameters(), {parameter.name: parameter for parameter in robot.space}
     wanted: List[Tuple[str, float, List[Tuple[str, str]]]] = []
     for name, factor in FACTORS:
         if name in space:

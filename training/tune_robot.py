@@ -28,7 +28,6 @@ from pydantic import Field
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import sha256
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
@@ -326,7 +325,7 @@ def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: 
 def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:
     """The parameters that a set changes: own value, its value, what it saves [s], and what the parameter is."""
     space, rows = space_of(robot), []
-    known = servers(complete(robot.parameters()))
+    known = servers(robot.all_parameters())
     for name, own in space.as_dict(space.theta0).items():
         if name not in values:
             continue

@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 import worlds
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.nodes.tools import send_goal
-from applr_ros1.nodes.tools.launcher import own_stack
+from applr_ros1.nodes.tools.launcher import private_stack
 
 COLUMNS = ("simulated_s", "process", "pid", "memory_mb", "descriptors", "threads")
 WARM_UP = 0.2  # share of the time left out of the trends: kernels are loaded, buffers and caches fill
@@ -121,7 +121,7 @@ def main():
     chosen, ended = parser.parse_args(), ""
     chosen.out.mkdir(parents=True, exist_ok=True)
     given = {"goal": "none", "real_time_factor": "0", "simulator": chosen.simulator}
-    with own_stack(given) as stack:
+    with private_stack(given) as stack:
         driver, began = Driver(stack), time.monotonic()
         try:
             driver.run(chosen.hours)

@@ -204,7 +204,7 @@ THERE = r"is there already; give another name"  # no bag is written over, and no
     ],
 )
 def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, line, tmp_path, capsys, monkeypatch):
-    for module, name in ((demo, "own_stack"), (play, "own_stack"), (record, "become")):
+    for module, name in ((demo, "private_stack"), (play, "private_stack"), (record, "become")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("it starts"))
     (tmp_path / "there.bag").touch()
     (tmp_path / "begun.bag.active").touch()
@@ -247,7 +247,7 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
     monkeypatch.setenv("ROS_IP", "192.0.2.1")
     stack = SimpleNamespace(start=lambda: None, stop=lambda: None)
     monkeypatch.setattr(launcher, "Stack", lambda given, port: stack)
-    with launcher.own_stack({}):
+    with launcher.private_stack({}):
         assert get_bind_address() == "127.0.0.1"
 
 
@@ -271,7 +271,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     monkeypatch.setenv(admission.TOKEN, "secret")
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(play.rospy, "get_param", lambda name, default=None: written[name])
-    monkeypatch.setattr(play, "own_stack", lambda given: contextlib.nullcontext(Stack()))
+    monkeypatch.setattr(play, "private_stack", lambda given: contextlib.nullcontext(Stack()))
     monkeypatch.setattr(play.webbrowser, "open", opened.append)
     monkeypatch.setattr("sys.argv", ["play.py"])
     with pytest.raises(KeyboardInterrupt):

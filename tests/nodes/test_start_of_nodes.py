@@ -111,15 +111,15 @@ def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_
     (tmp_path / "own.py").write_text(f"open('{tmp_path}/ran', 'w')\nclass Own:\n    def theta(self, _): pass\n")
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", "applr")
-    method, trouble = main.make_method(spec, robot, main.own_method(spec))
+    method, trouble = main.make_method(spec, robot, main.started_with(spec))
     assert (method.name, (tmp_path / "ran").exists()) == ("dwa", False)
     assert "start the node with _method:=" in trouble
     sys.argv.append("_method:=" + spec)
-    assert main.make_method(spec, robot, main.own_method(spec))[0].name == spec
+    assert main.make_method(spec, robot, main.started_with(spec))[0].name == spec
     assert (tmp_path / "ran").exists()
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", spec)
-    assert main.make_method(spec, robot, main.own_method(spec))[0].name == spec
+    assert main.make_method(spec, robot, main.started_with(spec))[0].name == spec
 
 
 def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
@@ -135,13 +135,13 @@ def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
             self.starting = 10 <= self.searches <= 50
             return "no parameter server"
 
-    monkeypatch.setattr(reconfigure_client, "RETRY", 1e-4)
+    monkeypatch.setattr(reconfigure_client, "RETRY_S", 1e-4)
     troubles = []
     client = Searching(on_trouble=lambda line: troubles.append(client.searches))
     client.start()
     ros_harness.wait_for(lambda: client.searches >= 80, "searches")
     client.stop()
-    assert troubles[0] == 50 + reconfigure_client.PATIENCE
+    assert troubles[0] == 50 + reconfigure_client.MOST_SEARCHES
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])

@@ -28,7 +28,7 @@ from applr_ros1.robots import JACKAL, load
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
-def own_method(spec):
+def started_with(spec):
     """The specification, where whoever started the node gave it: on its command line, or in APPLR_METHOD as roslaunch.
 
     "" where it stands on the parameter server alone: any local user, and a website in a browser, can write there, so
@@ -37,13 +37,13 @@ def own_method(spec):
     return spec if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec else ""
 
 
-def make_method(spec, robot, own):
+def make_method(spec, robot, given):
     """(method, ""), or (the planner's defaults, one line) where the method cannot be made: nothing else is lost.
 
-    own: of own_method().
+    given: of started_with().
     """
     try:
-        return methods.make(spec, robot, user_code=spec == own), ""
+        return methods.make(spec, robot, user_code=spec == given), ""
     except (ApplrError, OSError) as e:
         return methods.make("dwa", robot), str(e)
 
@@ -64,15 +64,15 @@ def set_parameters(node, message):
         rospy.logerr("applr: no parameter was set by hand: %s", problem)
 
 
-def set_method(node, own, request):
-    """The service ~set_method. own: of own_method(), whether it could be made or not.
+def set_method(node, given, request):
+    """The service ~set_method. given: of started_with(), whether it could be made or not.
 
     It imports no code, since anybody who reaches the ROS master can call it: a person's own class is taken only where
     the node was started with it.
     """
     spec = request.method or node.method.name
     try:
-        method = methods.make(spec, node.robot, user_code=spec == own)
+        method = methods.make(spec, node.robot, user_code=spec == given)
     except (ValueError, OSError) as problem:
         rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))
@@ -101,8 +101,8 @@ def main():
     meter_scoring = str(rospy.get_param("~meter_scoring", "auto")).lower()  # ROS reads true as a bool
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
-    own = own_method(spec)
-    method, trouble = make_method(spec, robot, own)
+    given = started_with(spec)
+    method, trouble = make_method(spec, robot, given)
     node = ApplrNode(
         method,
         RobotInputs(robot, namespace),
@@ -116,7 +116,7 @@ def main():
     )
     rospy.Subscriber("~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10)
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
-    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, own, request))
+    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, given, request))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble

@@ -58,7 +58,7 @@ class ApplrNode:
     ):
         self.robot, self.space = robot, space_of(robot)
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
-        self._own_period = period
+        self._given_period = period
         self.enabled = True
         self._by_hand = None  # (n,) that a person has set; the method is off then
         self._max_speed = max_speed
@@ -77,13 +77,13 @@ class ApplrNode:
     @property
     def period(self):
         """Time [s] of ROS between decisions: as asked for, else the method's."""
-        return self.method.period if self._own_period is None else self._own_period
+        return self.method.period if self._given_period is None else self._given_period
 
     def _begin_course(self, now):
         self.method.period = self.period  # what it sees may depend on it
         try:
             self.method.reset(self.seed + self.counts["courses"])
-        except Exception as e:  # as in _ask
+        except Exception as e:  # as in _choose
             self._say(one_line(e))
         self.counts["courses"] += 1
         self._due, self._failures, self._began = now, 0, now
@@ -194,10 +194,10 @@ class ApplrNode:
             if theta_prev is None:
                 raise ObservationError("the planner's parameters are not known yet")
             layout = self.method.layout
-            seen = self.inputs.snapshot(now, layout)
-            target = local_goal(seen.plan, seen.pose, layout.lookahead)
+            snapshot = self.inputs.snapshot(now, layout)
+            target = local_goal(snapshot.plan, snapshot.pose, layout.lookahead)
             time = (now - self._began).to_sec()
-            asked = seen.ranges, goal_angle(target), theta_prev, time, *seen.motion, self.space, layout
+            asked = snapshot.ranges, goal_angle(target), theta_prev, time, *snapshot.motion, self.space, layout
             context = Context(*asked)
             obs = context.observation
         except ObservationError as e:
@@ -213,7 +213,7 @@ class ApplrNode:
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
         theta, refused = self._choose(context)
-        self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
+        self.topics.decision(self.counts["decisions"], now, goal, snapshot, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")
             return

@@ -83,12 +83,12 @@ class Server:
             for hear in (self._client.get_parameter_descriptions, self._client.get_configuration):
                 if hear(DEADLINE_S) is None:
                     raise rospy.ROSException("does not publish its parameters: is it stopped?")
-            self.settings = [(i, target.sign, self._own_name(target)) for i, target in targets]
+            self.settings = [(i, target.sign, self._name_of(target)) for i, target in targets]
         except Exception:
             self.close()
             raise
 
-    def _own_name(self, target: Target) -> str:
+    def _name_of(self, target: Target) -> str:
         for name in target.names:
             if name in self.declared:
                 if self.declared[name]["type"] not in _KINDS:
@@ -144,9 +144,9 @@ class Server:
             # who answers as asked and publishes nothing is not heard yet, after a restart or on a busy machine
             self.refused = bool(error) and (answer != values or self._updates != updates)
         except Exception as problem:  # the library hides what the server said behind an error of its own
-            said = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
-            error = f"{self.name}: {reason(said)}"
-            self.refused = "responded with an error" in str(said)  # rospy's words; others reached no server
+            answer = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
+            error = f"{self.name}: {reason(answer)}"
+            self.refused = "responded with an error" in str(answer)  # rospy's words; others reached no server
         call.set_result(error)
 
 

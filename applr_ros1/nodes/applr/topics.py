@@ -32,18 +32,18 @@ class ApplrTopics:
         """Publish that the node lives, at least every 2 s; without it our move_base restores its start-up values."""
         self._heartbeat.publish(Time(now))
 
-    def decision(self, number, now, goal, seen, target, obs, theta_prev, theta, refused):
+    def decision(self, number, now, goal, snapshot, target, obs, theta_prev, theta, refused):
         """Publish one decision: the observation in the paper's form, and which messages it came from."""
         message = Decision(number=number, goal=goal, observation=obs, refused=refused)
-        message.header.stamp, message.header.frame_id = now, seen.frame
-        message.scan, message.odometry, message.plan = seen.scan_stamp, seen.odom_stamp, seen.plan_stamp
-        message.movers = seen.movers_stamp
-        message.x, message.y, message.yaw = seen.pose
+        message.header.stamp, message.header.frame_id = now, snapshot.frame
+        message.scan, message.odometry, message.plan = snapshot.scan_stamp, snapshot.odom_stamp, snapshot.plan_stamp
+        message.movers = snapshot.movers_stamp
+        message.x, message.y, message.yaw = snapshot.pose
         message.local_goal_x, message.local_goal_y = target
         message.before, message.after = (parameters_message(t, now, self._space) for t in (theta_prev, theta))
         self._decision.publish(message)
-        pose = *transform_point(seen.pose, *target), seen.pose[2] + atan2(target[1], target[0])
-        self._local_goal.publish(conversions.pose_stamped(pose, seen.frame, seen.odom_stamp))
+        pose = *transform_point(snapshot.pose, *target), snapshot.pose[2] + atan2(target[1], target[0])
+        self._local_goal.publish(conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp))
 
     def parameters(self, theta, now, multipliers=None):
         """Publish theta (n,), the parameters in force at ROS time `now`.

@@ -36,21 +36,21 @@ from applr_ros1.robots import load, tell
 from sim_bridge.ros_bridge import BASE_TIME
 
 from . import send_goal
-from .launcher import given_arguments, launch_arguments, own_stack, say
+from .launcher import given_arguments, launch_arguments, private_stack, say
 
 STATUS = "/move_base/status"
 PROGRESS_PERIOD_S = 2.0  # of simulated time between lines of progress
 REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
 STALLED_S = 20.0  # of wall time without a new pose
-OWN = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
+EXTRA = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
 COLOR = "#2ca02c"  # of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
 Drives one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
 if the goal was reached.
 
-  picture:={OWN["picture"]}  File for the picture (.png), beside which a page plays the drive (.html); none: neither.
-  limit:={OWN["limit"]}               Simulated time [s] after which the drive counts as timed out, 1 to 3600.
+  picture:={EXTRA["picture"]}  File for the picture (.png), beside which a page plays the drive (.html); none: neither.
+  limit:={EXTRA["limit"]}               Simulated time [s] after which the drive counts as timed out, 1 to 3600.
 
 The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
@@ -63,7 +63,7 @@ def main():
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     record = None
     try:
-        with own_stack(passed) as stack:
+        with private_stack(passed) as stack:
             record = _drive(stack, values, robot, world, result)
     except ApplrError as problem:
         say(result.setdefault("reason", str(problem)))
@@ -76,8 +76,8 @@ def main():
 def prepare(words):
     """(values of all arguments, those for the launch file, Robot, World) from the command line. Raises ApplrError."""
     known = launch_arguments()
-    given = given_arguments(words, (*known, *OWN))
-    values = {**known, **OWN, **given}
+    given = given_arguments(words, (*known, *EXTRA))
+    values = {**known, **EXTRA, **given}
     if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")

@@ -63,7 +63,7 @@ def free_port():
 
 
 @contextlib.contextmanager
-def own_stack(given):
+def private_stack(given):
     """A running Stack with these arguments {name: value}; it ends with the block.
 
     The folder of what the nodes printed is kept where the block raises ApplrError, whose line says so.

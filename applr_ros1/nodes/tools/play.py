@@ -16,7 +16,7 @@ import worlds
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.robots import load
 
-from .launcher import given_arguments, launch_arguments, own_stack, say
+from .launcher import given_arguments, launch_arguments, private_stack, say
 
 
 def main():
@@ -40,7 +40,7 @@ def main():
     token = os.environ[admission.TOKEN] = admission.token()
     # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there
     known = re.compile(rf"http://{re.escape(given['viewer_host'])}:\d+/{re.escape(token)}/")
-    with own_stack(given) as stack:
+    with private_stack(given) as stack:
         found = []
 
         def there():

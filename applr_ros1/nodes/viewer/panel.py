@@ -10,14 +10,14 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from std_msgs.msg import String
 
 from applr_ros1.planner.parameters.declarations import SERVERS
-from applr_ros1.policy.methods.registry import shipped
+from applr_ros1.policy.methods.registry import POLICY, SET, shipped
 from applr_ros1.robots import Robot
 
 from .listening import Listener, by_hand, show
 from .pilot import METHODS, Pilot
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
-FILES = {"applr": "applr.safetensors", "static": "static.json", "appld": "appld.safetensors"}  # that a robot may lack
+FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # that a robot may lack
 ARRIVED = "arrived"
 WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", ARRIVED, "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
