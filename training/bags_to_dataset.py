@@ -32,7 +32,7 @@ def _reasons(skipped) -> str:
 
 
 class DatasetOptions(BagOptions):
-    """What to convert."""
+    """The bags to convert, and how."""
 
     # fmt: off
     bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")

@@ -23,7 +23,7 @@ from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
 LIMITS = {"CPU": 60, "AS": 2**32, "FSIZE": 2**32, "NPROC": 0}  # s, bytes, bytes of a file that is written, processes
-SECONDS_PER_GB = 200.0  # that are added to the first
+SECONDS_PER_GB = 200.0  # of a bag, beside LIMITS
 METADATA = "metadata.yaml"  # of a ROS 2 bag
 
 
@@ -32,7 +32,7 @@ class BagError(ApplrError):
 
 
 class BagOptions(Options):
-    """Of which robot bags are, and where they hold what it recorded."""
+    """The robot that bags are of, and the topics on which they hold what it recorded."""
 
     robot: AnyRobot
     scan: str = option("", "Topic of the laser scans in the bags. Default: the robot's.")
@@ -56,7 +56,7 @@ class Poses(NamedTuple):
 
 
 class Scans(NamedTuple):
-    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges and their frame.
+    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges, frame.
 
     geometry (n, 4): angle of the first range and between ranges [rad], smallest and largest range [m]. ranges: float32
     [m] of all scans, one behind the other, as the laser gave them; scan i begins at starts[i]. Empty where not asked.
@@ -181,7 +181,7 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
 
 
 def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Bag:
-    """A Bag of what messages.py answers."""
+    """Return a Bag of what messages.py answers."""
 
     def table(name: str, *columns: str) -> Dict[str, np.ndarray]:
         return {column: arrays[f"{name}_{column}"] for column in columns}
@@ -211,12 +211,12 @@ def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Ba
 
 @contextmanager
 def refused(path) -> Iterator[None]:
-    """Around what makes sense of a bag: its errors become a BagError that names the bag."""
+    """Turn the errors of what makes sense of a bag into a BagError that names the bag."""
     try:
         yield
     except ApplrError as error:
         raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    except (ArithmeticError, LookupError, ValueError) as error:  # numbers that no drive has
+    except Exception as error:  # what numbers that no drive has lead to can be anything
         raise BagError(f"{path}: damaged inside ({reason(error)})") from None
 
 

@@ -68,7 +68,7 @@ class Pace(NamedTuple):
 
 
 class DrivenCourse(NamedTuple):
-    """A goal of a bag, as it was driven.
+    """A course to one goal of a bag, as it was driven.
 
     worlds: the course with the unseen as free, and as wall. poses (n, 3), theta (n, k): the space's parameters there;
     servers: all values of move_base's servers at its start. monitored: this package's monitor was behind the planner.
@@ -171,11 +171,11 @@ class Drive:
             self.remarks.append(f"{remark}: scans are laid over each other instead")
 
     def _above(self, at: int) -> Pose:
-        """The pose of the odometry's frame in self.frame at a time [ns]."""
+        """Return the pose of the odometry's frame in self.frame at a time [ns]."""
         return _last(self.placed, at)
 
     def _laser(self, frame: str) -> Tuple[Pose, bool]:
-        """The scanner's pose in the base's frame and whether it hangs upside down: as tf has it, or else robot.yaml."""
+        """Return the scanner's pose on the base and whether it hangs upside down: of tf, or else of robot.yaml."""
         above = {child: (parent, rows[0][1]) for (parent, child), rows in self.bag.transforms.items()}
         pose, inverted, link, given = (0.0, 0.0, 0.0), False, frame, self.robot.laser.pose
         while _name(link) != self.robot.frames.base:
@@ -242,7 +242,7 @@ class Drive:
         return courses
 
     def _goals(self) -> List[Tuple[int, int, Optional[Pose]]]:
-        """(from [ns], until [ns], pose in self.frame) of each goal; None: it is not known."""
+        """Return (from [ns], until [ns], pose in self.frame or None where it is not known) of each goal."""
         bag, found = self.bag, []
         news = [goal for goal, last in zip(bag.goals, [(), *bag.goals]) if goal[1:] != last[1:]]  # some send it often
         if not news:
@@ -258,7 +258,7 @@ class Drive:
         return found
 
     def _in_frame(self, frame: str, at: int) -> Optional[Pose]:
-        """The pose of a frame in self.frame at a time [ns]; None where no tf says it."""
+        """Return the pose of a frame in self.frame at a time [ns]; None where no tf says it."""
         if frame in ("", self.frame):
             return (0.0, 0.0, 0.0)
         if frame == self.odometry.frame:
@@ -296,7 +296,7 @@ class Drive:
         return DrivenCourse(name, worlds, pace, poses, theta, servers, bool(self.bag.decisions))
 
     def _theta(self, at: int) -> np.ndarray:
-        """The parameters (k,) in force at a time [ns]; what the bag does not say is as in the robot's files."""
+        """Return the parameters (k,) in force at a time [ns]; what the bag does not say is as in the robot's files."""
         theta = self.space.theta0.copy()
         made = [decision for decision in self.bag.decisions if decision.at <= at]
         decided = (made[-1].after or made[-1].before) if made else {}
@@ -365,18 +365,18 @@ def _pose(values) -> Pose:
 
 
 def _last(rows, at):
-    """What was recorded last until a time, or else first."""
+    """Return what was recorded last until a time, or else first."""
     return rows[max(0, bisect_right(rows, at, key=lambda row: row[0]) - 1)][1]
 
 
 def _near(circles, path):
-    """Those of circles (n, 3) that lie within REACH of points (k, 2)."""
+    """Return those of circles (n, 3) that lie within REACH of points (k, 2)."""
     away = np.hypot(circles[:, :1] - path[:, 0], circles[:, 1:2] - path[:, 1])
     return circles[away.min(axis=1) < REACH] if len(circles) else circles
 
 
 def _no_return(scans: Scans, some: Sequence[int]) -> float:
-    """What scans state where nothing returns; NaN where that is +inf, or everything returns."""
+    """Return the range that scans state where nothing returns; NaN where that is +inf, or everything returns."""
     ranges = np.concatenate([scans.of(i).astype(np.float64) for i in some])
     odd = ranges[np.isfinite(ranges) & ((ranges == 0.0) | (ranges >= scans.geometry[some[0], 3]))]
     codes, counts = np.unique(odd, return_counts=True)
@@ -389,12 +389,12 @@ def _is_a_scan(scans: Scans, i: int) -> bool:
 
 
 def _name(frame: str) -> str:
-    """A frame without the name of its robot."""
+    """Return a frame without the name of its robot."""
     return frame.rpartition("/")[2]
 
 
 def _poses_of_tf(transforms, odom: str, base: str) -> Poses:
-    """The odometry as tf has it, without twists; empty where it has none."""
+    """Return the odometry as tf has it, without twists; empty where it has none."""
     here = (frames for frames in transforms if tuple(map(_name, frames)) == (odom, base))
     frames = next(here, (odom, base))
     rows = transforms.get(frames, [])
@@ -404,7 +404,7 @@ def _poses_of_tf(transforms, odom: str, base: str) -> Poses:
 
 
 def _twists(stamp, pose) -> np.ndarray:
-    """(n, 2) speed ahead [m/s] and yaw rate [rad/s] of poses (n, 3), whose odometry states none."""
+    """Return (n, 2) speed ahead [m/s] and yaw rate [rad/s] of poses (n, 3), whose odometry states none."""
     if len(pose) < 3 or (np.diff(stamp) <= 0).any():
         return np.zeros((len(pose), 2))
     x, y, yaw = (np.gradient(values, stamp / SECOND) for values in (*pose[:, :2].T, np.unwrap(pose[:, 2])))

@@ -58,7 +58,7 @@ class Goal(NamedTuple):
 
     @property
     def ended(self) -> bool:
-        """Reached or given up: a terminal state. A goal that was cancelled or replaced is merely cut off."""
+        """Return whether it was reached or given up: a terminal state, unlike a goal that was cancelled or replaced."""
         return self.status == SUCCEEDED or self.status in ABORTED
 
 
@@ -130,7 +130,7 @@ def transitions(
 
 
 def _check(bag: Bag) -> None:
-    """Raises BagError where a bag lacks what transitions are made of."""
+    """Raise BagError where a bag lacks what transitions are made of."""
     topics = bag.topics
     if not bag.decisions:
         remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
@@ -185,7 +185,7 @@ def decision_period(bag: Bag) -> float:
 
 
 def _check_motion(bag: Bag, goal: Goal) -> None:
-    """Raises Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
+    """Raise Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
     during = (bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)
     stamps, pose = bag.odometry.stamp[during], bag.odometry.pose[during]
     if len(stamps) < 2 or not np.isfinite(pose).all():
@@ -201,7 +201,7 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
 
 
 def _finished(bag: Bag, goal: Goal, finish: Optional[float]) -> Goal:
-    """The goal, which ends where the robot has got `finish` metres towards it."""
+    """Return the goal, which ends where the robot has got `finish` metres towards it."""
     if finish is None:
         return goal
     during = np.flatnonzero((bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)).tolist()
@@ -215,7 +215,7 @@ def _finished(bag: Bag, goal: Goal, finish: Optional[float]) -> Goal:
 
 # -- samples -----------------------------------------------------------------------------------------------------------
 def _samples(bag: Bag, form: PaperForm, goal: Goal) -> List[Sample]:
-    """The decisions, and the end of the course where the goal was reached or given up."""
+    """Return the decisions, and the end of the course where the goal was reached or given up."""
     made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
     samples = [Sample(decision.stamp, decision) for decision in made]
     if made and goal.ended and goal.end > made[-1].stamp:
@@ -239,7 +239,7 @@ def _samples(bag: Bag, form: PaperForm, goal: Goal) -> List[Sample]:
 
 
 def _messages(bag: Bag, sample: Sample) -> Tuple[int, int]:
-    """Which scan and which odometry of the bag a sample is of.
+    """Return which scan and which odometry of the bag a sample is of.
 
     They are those that the node names; at the end of a course, and in a bag of fewer messages, the nearest.
     """
@@ -255,7 +255,7 @@ def _messages(bag: Bag, sample: Sample) -> Tuple[int, int]:
 
 
 def _last(which: np.ndarray) -> int:
-    """The last index at which `which` (n,) holds; -1 for none."""
+    """Return the last index at which `which` (n,) holds; -1 for none."""
     found = np.flatnonzero(which)
     return int(found[-1]) if len(found) else -1
 
@@ -282,12 +282,12 @@ def _look(form: PaperForm, sample: Sample) -> None:
 
 
 def _after(form: PaperForm, decision: Decision) -> np.ndarray:
-    """The parameters (k,) that the planner had after a decision; those before it where it was refused."""
+    """Return the parameters (k,) that the planner had after a decision; those before it where it was refused."""
     return _theta(form, decision.after or decision.before)
 
 
 def _theta(form: PaperForm, values: Dict[str, float]) -> np.ndarray:
-    """{name: value} of a decision → theta (k,)."""
+    """Return theta (k,) of the {name: value} of a decision."""
     theta = np.array([values.get(name, math.nan) for name in form.space.names])
     if not np.isfinite(theta).all():
         raise Skipped("the planner's parameters are not known")
@@ -307,7 +307,7 @@ def _label(bag: Bag, robot: Robot, goal: Goal, before: Sample, after: Sample, ou
 
 
 def _unusable(bag: Bag, form: PaperForm, period: float, before: Sample, after: Sample, is_last: bool) -> str:
-    """Why a transition cannot be used; "" when it can."""
+    """Return why a transition cannot be used; "" when it can."""
     seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
     if seconds > 1.5 * period or (seconds < 0.5 * period and not is_last):
         return "a decision's period is not that of the others"
@@ -320,7 +320,7 @@ def _unusable(bag: Bag, form: PaperForm, period: float, before: Sample, after: S
 
 
 def _place(bag: Bag, index: int, frame: str, at: int) -> Tuple[float, float]:
-    """(x, y) of odometry number `index` in `frame`, through a recorded transform where frames differ."""
+    """Return (x, y) of odometry number `index` in `frame`, through a recorded transform where frames differ."""
     x, y, _ = bag.odometry.pose[index].tolist()
     if not frame or frame == bag.odometry.frame:
         return x, y
@@ -349,7 +349,7 @@ def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List
 def _trajectory(
     form: PaperForm, period: float, run: List[Sample], reward: Reward, layout: TransitionLayout
 ) -> Trajectory:
-    """The transitions between the samples of a run."""
+    """Return the transitions between the samples of a run."""
     actions, rewards, outcomes = [], [], [sample.outcome for sample in run if sample.outcome]
     for before, outcome in zip(run, outcomes[1:]):
         action = form.action(_after(form, before.decision))

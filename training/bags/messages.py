@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def _read(path: Path, topics: TopicNames, search: bool, ranges: bool) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
-    """What _Messages read of a bag; with `search` topics that are not recorded are looked for under other names."""
+    """Return what _Messages reads; with `search` topics that are not recorded are looked for under other names."""
     reader = _opened(path)
     with closing(reader):
         if not reader.message_count:
@@ -125,7 +125,7 @@ class _Messages:
         return about, arrays
 
     def _scan(self, m):
-        """NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
+        """Return a row; NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
         ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
         self.frames.setdefault("scan", _frame(m))
         if self.keep_ranges:
@@ -146,7 +146,7 @@ class _Messages:
             yield self.pairs.setdefault(frames, len(self.pairs)), p.x, p.y, yaw_of(q)
 
     def _decision(self, m):
-        """What msg/Decision.msg says: number and goal, stamps, both sets, and how long the observation is."""
+        """Return what msg/Decision.msg says: number and goal, stamps, both sets, and how long the observation is."""
         before, after = ([p.names, [float(value) for value in p.values]] for p in (m.before, m.after))
         observation = np.asarray(m.observation, np.float32)
         self.observations.frombytes(observation.tobytes())
@@ -155,7 +155,7 @@ class _Messages:
 
 
 def _opened(path: Path) -> Any:
-    """An open reader of a .bag file, a ROS 2 folder with metadata.yaml, or an .mcap file."""
+    """Return an open reader of a .bag file, a ROS 2 folder with metadata.yaml, or an .mcap file."""
     if not path.exists():
         raise ApplrError("not there")
     if path.is_file() and path.stat().st_size == 0:
@@ -175,7 +175,7 @@ def _opened(path: Path) -> Any:
 
 
 def _unpacker(connections: Sequence[Any], is_ros1: bool) -> Callable[[bytes, str], Any]:
-    """What unpacks messages of the types of connections. ApplrError for a definition that is not as its checksum."""
+    """Return what unpacks messages. Raises ApplrError for a definition that is not as its checksum says."""
     types: Dict[Any, Any] = {}
     for one in connections:
         if one.msgdef.format == MessageDefinitionFormat.NONE:
@@ -198,7 +198,7 @@ def _unpacker(connections: Sequence[Any], is_ros1: bool) -> Callable[[bytes, str
 
 
 def _columns(name: str, rows: Sequence[tuple], **widths: int) -> Dict[str, np.ndarray]:
-    """{"name_column": array} of rows; times and numbers are int64."""
+    """Return {"name_column": array} of rows; times and numbers are int64."""
     found, first = {}, 0
     for column, width in widths.items():
         kind = np.int64 if column in ("at", "stamp", "count", "pair") else np.float64
@@ -209,7 +209,7 @@ def _columns(name: str, rows: Sequence[tuple], **widths: int) -> Dict[str, np.nd
 
 
 def _status(m):
-    """The running goal, and those that have ended, with their status."""
+    """Return the running goal, and those that have ended, with their status."""
     running = [s.goal_id.id for s in m.status_list if s.status in RUNNING]
     ended = [(s.goal_id.id, int(s.status)) for s in m.status_list if s.status in ENDED]
     return [(running[-1] if running else "", ended)]
@@ -236,7 +236,7 @@ def _demonstrator(m):
 
 
 def _parameters(m):
-    """{name: value} of a dynamic_reconfigure/Config."""
+    """Return {name: value} of a dynamic_reconfigure/Config."""
     return [({p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(m, kind)},)]
 
 
@@ -245,7 +245,7 @@ def _frame(m) -> str:
 
 
 def _stamp(m) -> int:
-    """A header's stamp in nanoseconds."""
+    """Return a header's stamp in nanoseconds."""
     return _nanoseconds(m.header.stamp)
 
 

@@ -12,7 +12,7 @@ TYPES = {"scan": ("LaserScan",), "odometry": ("Odometry",), "command": ("Twist",
 
 @dataclass(frozen=True)
 class TopicNames:
-    """Where a drive was recorded. parameter_updates are found below move_base, whatever the layers are called."""
+    """Names of the topics of a drive. parameter_updates are found below move_base, whatever the layers are called."""
 
     scan: str = "/front/scan"  # first: its namespace is the robot's where there are several
     odometry: str = "/odometry/filtered"

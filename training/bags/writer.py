@@ -74,15 +74,15 @@ class BagWriter:
         self._put(self.topics.odometry, "nav_msgs/msg/Odometry", time, header, frames.base, where, moving)
 
     def command(self, time: float, v: float, w: float) -> None:
-        """What the base is told to drive [m/s, rad/s]."""
+        """Write a command to the base [m/s, rad/s]."""
         self._put(self.topics.command, "geometry_msgs/msg/Twist", time, self._vector(v), self._vector(0.0, 0.0, w))
 
     def demonstrator(self, time: float, **what) -> None:
-        """Who demonstrates and where, as JSON."""
+        """Write who demonstrates and where, as JSON."""
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
     def goal(self, time: float, goal, frame: str = "") -> None:
-        """(x, y, yaw) in a frame, else in the robot's odometry frame, as move_base announces what it has accepted."""
+        """Write a goal that move_base has accepted: (x, y, yaw) in a frame, else in the robot's odometry frame."""
         header = self._header(time, frame or self.robot.frames.odom)
         topic = self.topics.move_base + "/current_goal"
         self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
@@ -116,5 +116,5 @@ class BagWriter:
 
 
 def nanoseconds(time: float) -> int:
-    """Seconds in whole nanoseconds."""
+    """Return seconds in whole nanoseconds."""
     return int(round(time * SECOND))

@@ -48,7 +48,7 @@ def check(recorded: Recorded, drives: int = 4, seed: int = 0) -> Check:
 
 
 def _compared(courses: Sequence[DrivenCourse], driven: Sequence[Sequence[Pace]]) -> Check:
-    """The recorded drives beside the simulated ones of each course."""
+    """Compare the recorded drive of each course with the simulated ones."""
     lines, times, agree = [], [], []
     for course, each in zip(courses, driven):
         middle = Pace(*np.median(np.array(each, dtype=np.float64), axis=0).tolist())

@@ -61,8 +61,10 @@ def bag_with_chunk(path, packed, method, message=b"bool data\n"):
 
 
 @pytest.mark.fault("18a")
-@pytest.mark.parametrize("method", ["bz2", "lz4"])
-def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, method, monkeypatch, measured):
+@pytest.mark.parametrize(
+    ("method", "words"), [("bz2", "takes over .* or 1024 MiB"), ("lz4", "(takes over|Failed to resize buffer)")]
+)
+def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, method, words, monkeypatch, measured):
     monkeypatch.setattr(bag, "LIMITS", {**bag.LIMITS, "AS": 2**30})
     piece = bytes(1 << 26)
     if method == "bz2":
@@ -73,7 +75,7 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
     bag_with_chunk(tmp_path / "bomb.bag", packed, method.encode())
     tracemalloc.start()
     try:
-        with pytest.raises(bag.BagError, match="bomb.bag: (reading it takes over .* or 1024 MiB|damaged)"):
+        with pytest.raises(bag.BagError, match=f"bomb.bag: .*{words}"):
             bag.read(tmp_path / "bomb.bag")
         peak = tracemalloc.get_traced_memory()[1]
         measured("memory for an archive of 1 GiB, bound 1 GiB in a child", peak / 2**20, "MiB")
