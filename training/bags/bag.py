@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Dict, Iterator, List, NamedTuple, Set, Tuple
 
 import numpy as np
+import rosbags  # noqa: F401  (messages.py's process needs it)
 
 from applr_ros1.common import child
 from applr_ros1.common.errors import ApplrError, reason
