@@ -28,7 +28,7 @@ from applr_ros1.robots.check import WIDTH, in_one_line
 from applr_ros1.robots.owner.links import read_urdf
 from applr_ros1.robots.owner.parameters import Parameters, one_scan, read_parameter_files, used, without_map
 from applr_ros1.robots.owner.write import robot_yaml
-from applr_ros1.robots.robot import FILE, Monitoring, setting
+from applr_ros1.robots.robot import FILE, Monitoring, number_at
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
@@ -163,7 +163,7 @@ def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
         ((("base", "max_acceleration"), ("monitor", "deceleration")), ("acc_lim_x",)),
         ((("base", "max_yaw_acceleration"), ("monitor", "yaw_deceleration")), ("acc_lim_theta",)),
     ):
-        have = [(x, f"the planner's {key}") for key in theirs if (x := setting(planner, "", (key,))) is not None]
+        have = [(x, f"the planner's {key}") for key in theirs if (x := number_at(planner, "", (key,))) is not None]
         found.update(dict.fromkeys(places, max(have)) if have else {})
     return found
 

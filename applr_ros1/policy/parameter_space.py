@@ -16,21 +16,9 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.robots.check import space_findings
+from applr_ros1.robots.robot import Setting
 
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
-
-
-@dataclass(frozen=True)
-class Target:
-    """One dynamic_reconfigure value that follows a parameter of theta.
-
-    server: below move_base's name, such as "local_costmap/inflater_layer"; names: accepted names, the newest first
-    (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is negated.
-    """
-
-    server: str
-    names: Tuple[str, ...]
-    sign: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +41,7 @@ class Space:
     high: np.ndarray
     integer: np.ndarray
     theta0: np.ndarray
-    targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
+    targets: Dict[str, Tuple[Setting, ...]] = field(default_factory=dict)
     robot: str = "jackal"
     fixed: Tuple[str, ...] = ()
 
@@ -143,7 +131,7 @@ class Space:
         return tuple(dict.fromkeys(t.server for name in self.names for t in self.targets[name]))
 
     def targets_of(self, server):
-        """[(index into theta, Target), ...] of the values that a server holds."""
+        """[(index into theta, Setting), ...] of the values that a server holds."""
         return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == server]
 
     def requests(self, theta):
@@ -255,9 +243,7 @@ def space_of(robot):
     integer = np.array([parameter.integer for parameter in robot.space])
     for array in (*arrays, integer):
         array.setflags(write=False)
-    targets = {
-        p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.sets) for p in robot.space
-    }
+    targets = {parameter.name: parameter.sets for parameter in robot.space}
     fixed = tuple(parameter.name for parameter in robot.space if not parameter.paper)
     return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, fixed)
 

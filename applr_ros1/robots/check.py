@@ -33,7 +33,7 @@ from applr_ros1.planner.parameters.layers import (
 )
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry, rules
-from applr_ros1.robots.robot import FILE, Robot, SpaceParameter, setting
+from applr_ros1.robots.robot import FILE, Robot, SpaceParameter, number_at
 
 SEVERITIES = ("error", "warning", "remark")
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
@@ -292,7 +292,7 @@ def _listed(tree: Dict[str, Any]) -> Iterator[str]:
 
 def _rules(setup: _Setup) -> Iterator[Finding]:
     """Yield what the rules say of the parameters in force."""
-    numbers = ((name, setting(setup.tree, setup.planner, (name,))) for name in branch(setup.tree, setup.planner))
+    numbers = ((name, number_at(setup.tree, setup.planner, (name,))) for name in branch(setup.tree, setup.planner))
     given = {name: number for name, number in numbers if number is not None}
     yield from setup.judged(rules.GIVEN, setup.planner, given)
     if setup.planner not in setup.full:
@@ -383,7 +383,7 @@ def _space(setup: _Setup) -> Iterator[Finding]:
     for parameter in setup.robot.space:
         for names, limit, _ in rules.LIMITED:
             first = parameter.sets[0]  # the range includes what the files start with
-            start = setting(setup.full, first.server, first.names) or 0.0
+            start = number_at(setup.full, first.server, first.names) or 0.0
             most = max(getattr(setup.robot.base, limit), abs(start))
             beyond = max(abs(parameter.low), abs(parameter.high)) > most
             if beyond and any(s.server == setup.planner and s.name in names for s in parameter.sets):

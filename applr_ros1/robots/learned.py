@@ -14,7 +14,7 @@ from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
-from applr_ros1.robots.robot import Base, Body, Setting, SpaceParameter, setting
+from applr_ros1.robots.robot import Base, Body, Setting, SpaceParameter, number_at
 
 TRAJECTORY, DWA, MOVE_BASE = "TrajectoryPlannerROS", "DWAPlannerROS", ""
 BOTH_COSTMAPS, LAYERS = "costmaps", "inflation layers"
@@ -104,10 +104,10 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     places = {LAYERS: inflation, BOTH_COSTMAPS: list(COSTMAPS[::-1]), MOVE_BASE: [MOVE_BASE]}
     places[DWA if planner == DWA else TRAJECTORY] = [planner]
     left_out = {
-        "min_vel_x": (setting(tree, planner, ("min_vel_x",)) or 0.0)
+        "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0)
         >= 0.0,  # no policy reverses where its maker does not
-        "footprint_padding": len({setting(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}) > 1,
-        "planner_frequency": bool(setting(tree, MOVE_BASE, ("planner_frequency",))),  # else a plan is made once
+        "footprint_padding": len({number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}) > 1,
+        "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),  # else a plan is made once
     }
     units = {"speed": base.max_speed, "turn": base.max_yaw_rate, "length": max(body.size[1], base.track)}
     rows = (row for row in LEARNED if not left_out.get(row.name) and places.get(row.place))
@@ -122,7 +122,7 @@ def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], 
         negated = row.also.startswith("-")
         settings.append(Setting.model_construct(server=servers[0], name=row.also.lstrip("-"), negated=negated))
     low, high = (units.get(p.kind, 1.0) * end for end in (row.low, row.high))
-    start = setting(tree, servers[0], settings[0].names)
+    start = number_at(tree, servers[0], settings[0].names)
     start = row.start if start is None else start
     if start is not None:
         start = min(max(start, p.min), p.max)  # as move_base has it

@@ -237,6 +237,11 @@ class Setting(Section):
         """Accepted names, the newest first."""
         return (self.name, *self.aliases)
 
+    @property
+    def sign(self) -> float:
+        """-1 where the value is negated, else 1."""
+        return -1.0 if self.negated else 1.0
+
 
 class SpaceParameter(Section):
     """One parameter that a policy or a search sets, within its range. The first setting is where it is read back.
@@ -417,7 +422,7 @@ class Robot:
         return joined
 
 
-def setting(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
+def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
     """A number of a server in a nested parameter tree (layers.arranged) under the first of `names` that has one."""
     found = [branch(tree, server).get(name) for name in names]
     numbers = [number for number in found if isinstance(number, (int, float)) and not isinstance(number, bool)]

@@ -10,7 +10,7 @@ from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots.robot import setting
+from applr_ros1.robots.robot import number_at
 from training.env.settings import TrialSettings
 from training.trials import runner
 from training.trials.trial import plan_trials
@@ -50,4 +50,4 @@ def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     theta = space.clip(0.5 * (space.low + space.high))
     tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
     targets = [(value, target) for value, name in zip(theta, space.names) for target in space.targets[name]]
-    assert [setting(tree, t.server, t.names) * t.sign for _, t in targets] == [value for value, _ in targets]
+    assert [number_at(tree, t.server, t.names) * t.sign for _, t in targets] == [value for value, _ in targets]

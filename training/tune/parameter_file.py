@@ -30,7 +30,7 @@ def write(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path)
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
     """A set as the nested parameters of move_base that, loaded after the robot's own files, replace theirs.
 
-    They have the names and places of those files, which may be older ones (robots.robot.setting).
+    They have the names and places of those files, which may be older ones (robots.robot.number_at).
 
     Args:
         robot: The robot.

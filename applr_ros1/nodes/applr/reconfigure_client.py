@@ -20,7 +20,8 @@ from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
 
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.policy.parameter_space import SPACE, Space, Target, are_in_force
+from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
+from applr_ros1.robots.robot import Setting
 
 # deadlines are wall time, whatever the clock of ROS does
 DEADLINE_S = 1.0  # for one call of all servers
@@ -59,7 +60,7 @@ class Server:
 
     Args:
         name: Its full name.
-        targets: (index in theta, Target) of the values that it must hold.
+        targets: (index in theta, Setting) of the values that it must hold.
         on_restart: Called with this server when it came back after a restart.
 
     Attributes:
@@ -70,7 +71,7 @@ class Server:
     Raises rospy.ROSException where it does not answer, ApplrError where it does not hold a value.
     """
 
-    def __init__(self, name: str, targets: Sequence[Tuple[int, Target]], on_restart: Callable[[Server], None]):
+    def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
         self.name, self._on_restart, self.refused = name, on_restart, False
         self.call: Future = Future()
         self.call.set_result("")
@@ -88,7 +89,7 @@ class Server:
             self.close()
             raise
 
-    def _name_of(self, target: Target) -> str:
+    def _name_of(self, target: Setting) -> str:
         for name in target.names:
             if name in self.declared:
                 if self.declared[name]["type"] not in _KINDS:

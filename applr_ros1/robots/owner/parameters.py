@@ -19,7 +19,7 @@ from applr_ros1.common.yaml_files import yaml_value
 from applr_ros1.planner.parameters.layers import INFLATION_LAYER, replaced
 from applr_ros1.robots.owner.urdf import Packages
 from applr_ros1.robots.parameter_files import MOVE_BASE, of_move_base, read_levels
-from applr_ros1.robots.robot import setting
+from applr_ros1.robots.robot import number_at
 
 _COSTMAPS = ("local_costmap", "global_costmap")
 _SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
@@ -199,7 +199,7 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
 def _instead(tree: Dict[str, Any], theirs: Dict[str, Any]) -> Dict[str, Any]:
     """DWAPlannerROS where the files are for a local planner that is not here, with what they say of both."""
     shared = ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta", "xy_goal_tolerance", "yaw_goal_tolerance")
-    limits = {name: x for name in shared if (x := setting(theirs, "", (name,))) is not None and isfinite(x)}
+    limits = {name: x for name in shared if (x := number_at(theirs, "", (name,))) is not None and isfinite(x)}
     limits.update({"max_vel_trans": limits["max_vel_x"]} if "max_vel_x" in limits else {})
     for limit, speed in (("acc_lim_x", "max_vel_x"), ("acc_lim_theta", "max_vel_theta")):
         if {limit, speed} <= set(limits):  # with less it overshoots a goal by metres
