@@ -64,7 +64,7 @@ def check(name_or_folder: str) -> int:
 
 
 class CheckOptions(Options):
-    """What to check."""
+    """Robot to check."""
 
     robot: str = argument(f"Folder with robot.yaml, or one of the included robots: {', '.join(NAMES)}.")
 

@@ -37,7 +37,7 @@ GRIP = 2.0  # lateral acceleration [m/s^2] at which tyres slide where nobody mea
 
 
 class NewRobotOptions(Options):
-    """What to write a robot from."""
+    """Files to write a robot from."""
 
     urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
     parameters: List[Path] = option(
@@ -147,7 +147,7 @@ def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]])
 
 
 def _copies(parameters: Parameters) -> Dict[str, str]:
-    """The name in the robot's folder of each parameter file, with its folder's where two have the same."""
+    """Return the name in the robot's folder of each parameter file, with its folder's where two have the same."""
     paths = list(dict.fromkeys(path for path, _ in parameters.files))
     names = [Path(path).name for path in paths]
     folders = [Path(path).resolve().parent.name for path in paths]
@@ -155,7 +155,7 @@ def _copies(parameters: Parameters) -> Dict[str, str]:
 
 
 def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
-    """What the planner's own limits say of the base: it can at least do that."""
+    """Return what the planner's limits say of the base: it can at least do that."""
     planner, found = parameters.stated or parameters.planner(), {}
     for places, theirs in (
         ((("base", "max_speed"),), ("max_vel_x", "max_vel_trans", "max_trans_vel")),

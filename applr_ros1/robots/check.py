@@ -250,7 +250,7 @@ def _paths(tree: Dict[str, Any]) -> Iterator[str]:
 
 
 def _parameters(setup: _Setup) -> Iterator[Finding]:
-    """What the planner's own declarations say, and whether the files hold the parameters of the planner in use."""
+    """Yield what the planner's declarations say, and that the files are for another planner than that in use."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
     held = [name for name in plugins if name in setup.tree]
     if held and setup.planner not in held:
@@ -269,7 +269,7 @@ def _parameters(setup: _Setup) -> Iterator[Finding]:
 
 
 def _names(setup: _Setup) -> Iterator[Finding]:
-    """What is not read, or in vain. A section that a list in the files names is read on the robot."""
+    """Yield what is not read, or in vain. A section that a list in the files names is read on the robot."""
     listed = {name for file in setup.robot.files(setup.with_map) for name in _listed(file.values)}
     with suppress(ParameterError):  # one of _parameters
         for finding in warnings(setup.tree):
@@ -377,7 +377,7 @@ def _size_of_the_robot(setup: _Setup, key: str, outline: np.ndarray) -> Iterator
 
 
 def _space(setup: _Setup) -> Iterator[Finding]:
-    """What no parameter space can be made of; nothing where it is for another planner than the files."""
+    """Yield what no parameter space can be made of; nothing where it is for another planner than the files."""
     if setup.planner != setup.robot.local_planner or setup.planner not in setup.full:
         return
     for parameter in setup.robot.space:
@@ -394,7 +394,7 @@ def _space(setup: _Setup) -> Iterator[Finding]:
 
 
 def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:
-    """What the servers of a complete tree do not take of a robot's parameter space: the first of each parameter."""
+    """Yield what servers of a complete tree do not take of a robot's parameter space: the first of each parameter."""
     known = servers(full)
     for parameter in robot.space:
         key = f"parameter_space.{parameter.name}"
@@ -408,7 +408,7 @@ def space_findings(robot: Robot, full: Dict[str, Any]) -> Iterator[Finding]:
 
 
 def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
-    """Why a parameter cannot set a value of a server; "" where it can."""
+    """Return why a parameter cannot set a value of a server; "" where it can."""
     where = f"server {one.server} of move_base" if one.server else "move_base's own server"
     if one.server not in known:
         names = list(filter(None, known))

@@ -1,4 +1,4 @@
-"""What drives say of a robot: how its base follows commands, brakes and turns, and what its scanner states.
+"""Measures of a robot from its drives: how its base follows commands, brakes and turns, and what its scanner states.
 
 measure_braking.py drives for it, training/bags/drive.py reads it from bags; owner/write.py writes it into robot.yaml.
 """
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """How a base stopped: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
+    """Stop of a base: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
 
     speed: float
     gain: float
@@ -59,7 +59,7 @@ class Value(NamedTuple):
         return f"{self.value:.3g} {self.unit}".rstrip() + f" +- {self.spread:.2g} ({self.how})"
 
     def contradicts(self, given: Optional[float]) -> bool:
-        """Whether a given value is none, or more than twice the spread away."""
+        """Tell whether a given value is none, or more than twice the spread away."""
         return given is None or abs(given - self.value) > 2.0 * self.spread
 
 
@@ -68,7 +68,7 @@ FOLLOWS = "simulation.command_delay", "odometry.lag", "base.max_acceleration", "
 
 
 def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
-    """What a run shows that was told at the time `braked` [s] to stop from `command` [m/s, or rad/s where turning]."""
+    """Return how a base stopped from `command` [m/s, rad/s if turning], commanded to stop at the time `braked` [s]."""
     motion = [abs(s.w if turning else s.v) for s in samples]
     before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
     after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
@@ -88,7 +88,7 @@ def deceleration(stops: List[Stop], reaction: float) -> float:
 
 
 class Response(NamedTuple):
-    """How speeds follow commands: rms error [m/s], delay and time constant [s], limits up and down [m/s^2]."""
+    """Way in which speeds follow commands: rms error [m/s], delay and time constant [s], limits up and down [m/s^2]."""
 
     error: float
     delay: float
@@ -158,7 +158,7 @@ def followed(time: np.ndarray, command: np.ndarray, at: np.ndarray, speed: np.nd
 
 
 def base(time: np.ndarray, command: np.ndarray, at: np.ndarray, twist: np.ndarray, some: int) -> Fields:
-    """What a drive says of a base, where it does.
+    """Return what a drive says of a base, where it does.
 
     Args:
         time: (n,) of the commands [s], rising.

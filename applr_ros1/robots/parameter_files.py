@@ -27,7 +27,7 @@ class Loader(Yaml):
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
-    """What reads an angle, one of whose units is so many radians."""
+    """Return a reader of angles, one of whose units is so many radians."""
 
     def read(loader: Any, node: Any) -> float:
         text = re.sub(r"^(?:deg|rad)\((.*)\)$", r"\1", loader.construct_scalar(node).strip())
@@ -84,7 +84,7 @@ def read_levels(path: str) -> Dict[str, Any]:
 
 
 def of_move_base(found: Dict[str, Any]) -> Dict[str, Any]:
-    """What is for move_base in nested parameters; all of them where no level is named after it or holds its names."""
+    """Return what is for move_base in nested parameters; all where no level is named after it or holds its names."""
     levels = [found]
     for here in levels:
         if isinstance(here.get("move_base"), dict):

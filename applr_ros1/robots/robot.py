@@ -83,7 +83,7 @@ class Base(Section):
 
     @property
     def wheels(self) -> int:
-        """How many wheels are driven."""
+        """Number of driven wheels."""
         return 4 if self.drive == "skid_steer" else 2
 
 
@@ -158,7 +158,7 @@ class Frames(Section):
 
 
 class OdometryErrors(Section):
-    """How the odometry errs: wheels for the distance, IMU for the heading."""
+    """Errors of the odometry: wheels for the distance, IMU for the heading."""
 
     rate: float = real("Hz", 1.0, 240.0, "of the messages", 50.0)
     scale_error: float = real("", 0.0, 0.5, "standard deviation of the wheels' scale, drawn at a start", 0.005)
@@ -172,7 +172,7 @@ class OdometryErrors(Section):
 
 
 class Monitoring(Section):
-    """What the collision monitor relies on; see MonitorSettings."""
+    """Numbers that the collision monitor relies on; see MonitorSettings."""
 
     margin: float = real("m", 0.0, 1.0, "distance kept from every obstacle point", 0.03)
     reaction_time: float = real("s", 0.01, 2.0, "from a command until the base follows the next one", 0.15)

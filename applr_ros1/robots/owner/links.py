@@ -29,7 +29,7 @@ _SIDEWAYS = " is of an omni base, which also drives sideways"
 
 @dataclass
 class Description:
-    """What a URDF says. values: by section and field of robot.yaml; what it does not say is not there.
+    """Content of a URDF. values: by section and field of robot.yaml; what it does not say is not there.
 
     notes: sentences about what was left out or looks odd.
     """
@@ -110,7 +110,7 @@ def read_urdf(
 
 
 def _turns(joint: Any) -> bool:
-    """Whether a joint turns for ever, or nearly: a wheel may be revolute with limits of many turns."""
+    """Tell whether a joint turns for ever, or nearly: a wheel may be revolute with limits of many turns."""
     return _range(joint) > 4 * pi
 
 
@@ -189,14 +189,14 @@ def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
 
 
 def _rolls(urdf: UrdfFile, parts: List[str], axis: np.ndarray) -> bool:
-    """Whether parts are a disc about a level axis."""
+    """Tell whether parts are a disc about a level axis."""
     axes = np.array([np.cross(axis, (0.0, 0.0, 1.0)), axis, (0.0, 0.0, 1.0)])
     boxes = urdf.boxes(parts, "collisions", axes) or urdf.boxes(parts, "visuals", axes)
     return bool(boxes) and _is_disc(around(boxes))
 
 
 def _is_disc(box: Box) -> bool:
-    """Whether it is round seen from the side, and narrow."""
+    """Tell whether it is round seen from the side, and narrow."""
     x, y, z = box[1] - box[0]
     return bool(abs(x - z) < 0.1 * z and y < 0.9 * z)
 
@@ -371,13 +371,13 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
 
 
 def _looks_around(urdf: UrdfFile, link: str, sensor: Any) -> bool:
-    """Whether it is level and wide: cliff sensors and sonars are rays for Gazebo as well."""
+    """Tell whether it is level and wide: cliff sensors and sonars are rays for Gazebo as well."""
     first, last = (_number(sensor, f".//horizontal/{name}_angle") for name in ("min", "max"))
     return link in urdf.links and abs(urdf.pose(link)[2, 2]) > 0.8 and abs(last - first) > 0.6
 
 
 def _number(sensor: Any, place: str) -> float:
-    """What a tag of a sensor holds, nan where that is no number."""
+    """Return what a tag of a sensor holds, nan where that is no number."""
     try:
         return float(sensor.findtext(place) or "nan")
     except ValueError:

@@ -41,7 +41,7 @@ _NAMES = {
 
 @dataclass
 class Parameters:
-    """What parameter files say.
+    """Content of parameter files.
 
     files: (path, namespace below move_base), in their order. tree: their values, nested, as move_base has them.
     added: what robot.yaml has to say beside them. limits: of a diff_drive_controller, by field of robot.yaml's section
@@ -79,7 +79,7 @@ class Parameters:
 
 
 def used(tree: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
-    """What has observation sources in a tree, by costmap: with `plugins` only the layers that these name."""
+    """Return what has observation sources in a tree, by costmap: with `plugins` only the layers that these name."""
     found = {}
     for costmap in _COSTMAPS:
         found[costmap] = here = branch(tree, costmap)
@@ -137,7 +137,7 @@ def _insertions(files: Mapping[str, Dict[str, Any]]) -> None:
 
 
 def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> Parameters:
-    """What the parameter files of a navigation package say.
+    """Read the parameter files of a navigation package.
 
     Args:
         paths: The files, in the order in which they are loaded.
@@ -270,7 +270,7 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
 
 
 def one_scan(tree: Dict[str, Any], topic: str) -> Tuple[Dict[str, Any], Set[str]]:
-    """What differs where a laser scan is all that the robot publishes, as the simulated robots do.
+    """Return what differs where a laser scan is all that the robot publishes, as the simulated robots do.
 
     Args:
         tree: Parameters of costmaps.
@@ -304,7 +304,7 @@ def _sources(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
 
 
 def without_map(given: Parameters, odom: str, size: int) -> Dict[str, Any]:
-    """What differs on a course without a map: the laser fills an empty costmap in the frame of the odometry.
+    """Return what differs on a course without a map: the laser fills an empty costmap in the frame of the odometry.
 
     Args:
         given: The files' parameters.

@@ -108,7 +108,7 @@ def _check_tree(path: str, root: Element) -> None:
 
 
 def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
-    """What to say where a part may be switched off: arguments and environment variables that a xacro file reads.
+    """Return what to say where a part may be switched off: arguments and environment variables that a xacro file reads.
 
     Files that it includes are looked through, too, as far as they are there. Named are those that decide on a laser,
     else those that have to do with one, else all.
