@@ -28,7 +28,7 @@ COMMAND_TIMEOUT = 0.25
 
 
 class FakeJackal:
-    """Does what /cmd_vel says among round obstacles, and publishes scan, odometry, tf and, if asked, /clock.
+    """A robot that does what /cmd_vel says among round obstacles; scan, odometry, tf and, if asked, /clock.
 
     `clock`: publish /clock and stamp with it (starting at `clock` seconds); None: wall time.
     """
@@ -168,7 +168,7 @@ class Standing(FakeJackal):
 
 
 def decided(message):
-    """What an applr_ros1/Decision says, as a dict; "theta" is empty where the method's output was refused."""
+    """Return an applr_ros1/Decision as a dict; "theta" is empty where the method's output was refused."""
     sets = {
         key: dict(zip(of.names, of.values)) for key, of in (("theta_prev", message.before), ("theta", message.after))
     }
@@ -176,7 +176,7 @@ def decided(message):
 
 
 def transform(parent, child, pose, stamp):
-    """The geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
+    """Return the geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
     t = TransformStamped(child_frame_id=child)
     t.header.frame_id, t.header.stamp = parent, stamp
     t.transform.translation.x, t.transform.translation.y = pose[:2]

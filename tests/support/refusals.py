@@ -8,7 +8,7 @@ from applr_ros1.common.errors import ApplrError
 
 
 def refused(call, *words, kind=ApplrError):
-    """The line with which call() is refused, in which each of the regular expressions is found."""
+    """Return the line with which call() is refused, in which each of the regular expressions is found."""
     with pytest.raises(kind) as found:
         call()
     line = str(found.value)
