@@ -22,6 +22,8 @@ from training.replay.store import NAME, TrajectoryStore
 from training.replay.trajectory import MAX_NAME, TransitionLayout
 
 with extra(__name__):
+    import rosbags  # noqa: F401 - the child process that reads a bag needs it
+
     from training.bags.bag import BagError, BagOptions, bags_in, read, refused
     from training.bags.episodes import BagReport, transitions
     from training.bags.topics import TopicNames

@@ -224,7 +224,6 @@ from importlib.machinery import PathFinder
 import applr_ros1
 assert not {"numpy", "numba", "pydantic", "yaml"} & set(sys.modules), "import applr_ros1 brings more than itself"
 from applr_ros1.common.extras import EXTRAS
-from applr_ros1.common.progress import announced
 class NotInstalled(PathFinder):
     @staticmethod
     def find_spec(name, *more):
