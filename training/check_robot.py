@@ -58,7 +58,7 @@ def check(name_or_folder: str) -> int:
         print("\n".join(lines), file=sys.stderr)
         return 1
     print("\n".join(summary(described) + lines), flush=True)
-    drives, lines = open_floor.sentences(described, "kinematic")
+    drives, lines = open_floor.check(described)
     print("\n".join(lines))
     return 0 if drives else 1
 

@@ -34,7 +34,7 @@ from worlds import World
 
 
 class EvaluationOptions(Options):
-    """What to evaluate."""
+    """Options of an evaluation."""
 
     # fmt: off
     worlds: command_line.WorldNames = "generated:test"

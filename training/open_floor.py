@@ -22,17 +22,17 @@ from applr_ros1.robots.robot import LoadedFile
 from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
 from worlds import Course, World
 
-WAY = 5.0  # m to the goal, at the robot's scale
-DOOR = 0.3  # m by which the door is wider than the padded footprint
-LIMIT = 60.0  # s for a drive
-OFTEN = 0.1  # share of a drive from which on something counts as the reason
-OFF = 1.0  # m from the goal, at the robot's scale, within which it has arrived
+GOAL_DISTANCE_M = 5.0  # at the robot's scale
+DOOR_MARGIN_M = 0.3  # by which the door is wider than the padded footprint
+LIMIT_S = 60.0  # for a drive
+REASON_SHARE = 0.1  # share of a drive from which on something counts as the reason
+ARRIVAL_DISTANCE_M = 1.0  # from the goal, at the robot's scale, within which it has arrived
 SEED = 1
 FACTORS = (  # of parameters of the robot's space, in the order in which they are tried
     *(("occdist_scale", 0.1), ("occdist_scale", 0.01), ("sim_time", 1.5), ("sim_time", 0.6), ("max_vel_x", 0.5)),
     *(("goal_distance_bias", 3.0), ("path_distance_bias", 0.3), ("vx_samples", 3.0)),
 )
-TOLERANCE = 0.2  # m and rad, of the goal
+GOAL_TOLERANCE = 0.2  # m and rad, of the goal
 
 
 class Change(NamedTuple):
@@ -45,9 +45,9 @@ class Change(NamedTuple):
 
 
 def courses(robot: Robot) -> List[World]:
-    """What is driven, named in words. No place ends a course: the planner has to say that it is at its goal."""
+    """Return the courses, named in words. No place ends one: the planner has to say that it is at its goal."""
     length, width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)
-    way, door, ahead = WAY * robot.world_scale, width + DOOR, math.pi / 2
+    way, door, ahead = GOAL_DISTANCE_M * robot.world_scale, width + DOOR_MARGIN_M, math.pi / 2
     box = (0.0, way / 2, 0.0, length / 2, length / 2)
     walls = [(side * (door / 2 + way), way / 2, 0.0, 2 * way, 0.1) for side in (-1, 1)]
 
@@ -65,15 +65,15 @@ def courses(robot: Robot) -> List[World]:
 
 
 class Floor(Episode):
-    """Drives a robot with its own parameters, and counts what its planner and its monitor do."""
+    """The loop that drives a robot with its own parameters, and counts what its planner and its monitor do."""
 
-    def __init__(self, robot: Robot, simulator: str):
+    def __init__(self, robot: Robot):
         planner = MoveBase(counting_cells(robot.parameters()))
-        super().__init__(sim_bridge.make(simulator, robot=robot), planner, robot, period=1.0, monitor=True)
-        self.time_limit = LIMIT
+        super().__init__(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0, monitor=True)
+        self.time_limit = LIMIT_S
 
     def drive(self, world: World) -> str:
-        """Drives one course to its end; why it has not arrived, "" where it has."""
+        """Drive one course to its end; return why it has not arrived, "" where it has."""
         self._counts, self._critics, self._held = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
         self._asked = 0.0  # m
         outcome = self.reset(world, SEED)
@@ -81,7 +81,9 @@ class Floor(Episode):
             outcome = self.decide(outcome.theta)
         self.seconds = self.simulator.state.time - self.began
         (x, y, _), goal = self.simulator.state.pose, world.course.goal
-        there = math.hypot(x - goal[0], y - goal[1]) < OFF * self.robot.world_scale  # not for its odometry alone
+        there = (
+            math.hypot(x - goal[0], y - goal[1]) < ARRIVAL_DISTANCE_M * self.robot.world_scale
+        )  # not for its odometry alone
         if outcome.reason.startswith("planner succeeded") and there and not outcome.collided:
             return ""
         return "it touches something, and " * outcome.collided + self._why(outcome)
@@ -98,27 +100,27 @@ class Floor(Episode):
         return cycle, state
 
     def _why(self, outcome) -> str:
-        """Why it has not arrived, by what happened most."""
+        """Return why it has not arrived, by what happened most."""
         counts, way = self._counts, outcome.path_length_m
         if not counts["plans"]:
             return "the global planner finds no way"
         refused, held = counts["refused"] / max(1, counts["turns"]), sum(self._held.values()) / counts["cycles"]
-        if refused > OFTEN:
+        if refused > REASON_SHARE:
             del self._critics["samples"]
             critic = self._critics.most_common(1)[0][0]
             return f"in {100 * refused:.0f} % of its cycles the local planner refuses every velocity, most by {critic}"
-        if held > OFTEN:
+        if held > REASON_SHARE:
             return f"the collision monitor holds it {100 * held:.0f} % of the time: {self._held.most_common(1)[0][0]}"
         if self._asked > 1.0 + 2.0 * way:
             return f"its wheels move it {way:.1f} m where {self._asked:.1f} m are commanded"
         if outcome.aborted:
             return "move_base ends with " + outcome.reason.partition(": ")[2]
-        return f"it turns or stands, and has not arrived after {LIMIT:g} s"
+        return f"it turns or stands, and has not arrived after {LIMIT_S:g} s"
 
 
-def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
-    """Whether the robot drives on open floor, and what there is to say about it."""
-    floor, can, cannot = Floor(robot, simulator), [], {}  # type: Floor, List[str], Dict[str, List[str]]
+def check(robot: Robot) -> Tuple[bool, List[str]]:
+    """Return whether the robot drives on open floor, and sentences about it."""
+    floor, can, cannot = Floor(robot), [], {}  # type: Floor, List[str], Dict[str, List[str]]
     for world in courses(robot):
         why = floor.drive(world)
         can += [] if why else [f"{world.name} ({floor.seconds:.0f} s)"]
@@ -131,7 +133,7 @@ def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
     lines.append("No single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml.")
     arrived = cannot.get("", [])
     for change in changes(robot):
-        floor = Floor(with_change(robot, change), simulator)
+        floor = Floor(with_change(robot, change))
         if not any(map(floor.drive, sorted(courses(robot), key=lambda world: world.name in arrived))):
             name, value, instead_of, _ = change
             lines[-1] = f"Give {name} {value:g} instead of {instead_of:g}: all four drives arrive with it."
@@ -140,7 +142,7 @@ def sentences(robot: Robot, simulator: str) -> Tuple[bool, List[str]]:
 
 
 def changes(robot: Robot) -> Iterator[Change]:
-    """Other values of parameters that decide on drives, within the ranges of the robot's space."""
+    """Yield other values of parameters that decide on drives, within the ranges of the robot's space."""
     tree, space = robot.all_parameters(), {parameter.name: parameter for parameter in robot.space}
     wanted: List[Tuple[str, float, List[Tuple[str, str]]]] = []
     for name, factor in FACTORS:
@@ -150,7 +152,7 @@ def changes(robot: Robot) -> Iterator[Change]:
             value = float(f"{factor * branch(tree, places[0][0])[places[0][1]]:.2g}")
             wanted.append((name, min(max(value, parameter.low), parameter.high), places))
     limits = ("acc_lim_x", robot.base.max_acceleration), ("acc_lim_theta", robot.base.max_yaw_acceleration)
-    for name, value in (*limits, ("yaw_goal_tolerance", TOLERANCE), ("xy_goal_tolerance", TOLERANCE)):
+    for name, value in (*limits, ("yaw_goal_tolerance", GOAL_TOLERANCE), ("xy_goal_tolerance", GOAL_TOLERANCE)):
         wanted.append((name, value, [(robot.local_planner, name)]))
     wanted.append(("planner_frequency", 1.0, [("", "planner_frequency")]))
     for name, value, places in wanted:
@@ -162,7 +164,7 @@ def changes(robot: Robot) -> Iterator[Change]:
 
 
 def with_change(robot: Robot, change: Change) -> Robot:
-    """The robot with a changed parameter, under a name that says so."""
+    """Return the robot with a changed parameter, under a name that says so."""
     files = (*robot.move_base.without_map, LoadedFile("", "", change.tree))
     name = f"{robot.name} with {change.name} {change.value:g}"
     return replace(robot, name=name, move_base=replace(robot.move_base, without_map=files))

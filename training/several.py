@@ -1,6 +1,6 @@
 """Several trainings one after the other, of which the best is kept: `train.py --seeds 3`.
 
-What one training ends with depends on its seed. Here runs of several seeds share the time, their best policies drive
+The end of a training depends on its seed. Here runs of several seeds share the time, their best policies drive
 the same fresh courses, and the policy with the lowest mean score drives other fresh courses beside the robot's own
 parameters: no course on which something was chosen is part of the verdict.
 """
@@ -27,7 +27,7 @@ CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose 
 
 
 def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
-    """Trains config.seeds policies into folders of config.out, and keeps the best as best.safetensors there.
+    """Train config.seeds policies into folders of config.out, and keep the best as best.safetensors there.
 
     The time config.minutes is divided between the runs. A repetition with --resume continues where it was stopped.
 
@@ -61,7 +61,7 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
 
 
 def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
-    """Keeps the best of some policies as best.safetensors in `out`; what is said of it, line by line."""
+    """Keep the best of some policies as best.safetensors in `out`; return lines about it."""
     named = [f"{path.parent.name}={path}" for path in policies]
     means = mean_scores(_driven(config, out / "choice", CHOICE, named)).mean()
     best = out / "best.safetensors"
@@ -80,7 +80,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
 
 
 def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -> pd.DataFrame:
-    """The trials of some methods under the rules of the run's own evaluations, with their scores [s]."""
+    """Return the trials of some methods under the rules of the run's own evaluations, with their scores [s]."""
     shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
     how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
     how.update(worlds=worlds, methods=",".join(names), trials=1, out=str(out), protocol=config.eval_protocol)

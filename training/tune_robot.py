@@ -72,14 +72,15 @@ with extra(__name__):
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
 # parameters are put back; the rest is the verdict's
-KINEMATIC, SEARCHED, RACED, PUT_BACK = 0.25, 0.62, 0.74, 0.86
+COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
-SLOW = 10.0  # optimal times after which a drive of the search has failed
-JUDGED = "pybullet"  # the simulator of all but the search's first part
-MOST, FEWEST = 6, 12  # blocks of drives in which a parameter is put back; courses of the verdict
+COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
+LIMIT_OPTIMAL_TIMES = 10.0  # after which a drive of the search has failed
+PUT_BACK_BLOCKS = 6  # of drives, at most, in which a parameter is put back
+VERDICT_COURSES = 12  # at least
 COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
-WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # to search in, unless --worlds says otherwise; to judge in
-DIFFERENT: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
+WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
+DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
     **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
 }
@@ -87,7 +88,7 @@ T = TypeVar("T")
 
 
 class TuneOptions(Options):
-    """What to tune for, and for how long."""
+    """Options of a search."""
 
     # fmt: off
     robot: AnyRobot = Field(
@@ -138,7 +139,7 @@ class Clock:
         return now / self._seconds
 
     def until(self, share: float, blocks: Iterable[T], fewest: int = 1) -> Iterator[T]:
-        """Those of the blocks that begin before so much is spent, at least the fewest."""
+        """Yield those of the blocks that begin before so much is spent, at least the fewest."""
         for number, block in enumerate(blocks):
             if number >= fewest and self.spent() >= share:
                 return
@@ -153,14 +154,14 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 
 def run(options: TuneOptions) -> int:
-    """Searches, judges, writes and prints; returns the exit status."""
+    """Search, compare, write and print; return the exit status."""
     robot, searched, unseen = options.robot, options.worlds, UNSEEN
     out = make_folder(options.out or os.path.join("tune", robot.name))
     if "," in str(out):
         raise ApplrError(f"{out}: lists of worlds and methods are divided by commas; give an --out without one")
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
     folder = out if included else Path(robot.folder)
-    can, floor = open_floor.sentences(robot, "kinematic")
+    can, floor = open_floor.check(robot)
     print("\n".join(floor), flush=True)
     if not (can or options.anyway):
         return 1
@@ -182,11 +183,11 @@ def run(options: TuneOptions) -> int:
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, unseen, content(robot))).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        trials = judge(options, robot, unseen, drives, clock)
+        trials = driven_unseen(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     changed = changes(robot, values, worth)
     names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
-    shown = page.write(drives, said=[*sentences, names], first=[changed])
+    shown = page.write(drives, above=[*sentences, names], first=[changed])
     if better:
         parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
     lines = [
@@ -199,7 +200,7 @@ def run(options: TuneOptions) -> int:
 
 
 def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str, str]:
-    """What bags say: the robot with the fields that they measure, and worlds to search and to judge in.
+    """Return the robot with the fields that bags measure, and the worlds of the search and of the verdict.
 
     Half of the worlds are the bags' own: the courses and moved copies of them, others for the verdict.
 
@@ -233,8 +234,8 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
     """Return what a search in worlds drives with, but for the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DIFFERENT}
-    return TrialSettings(**rules, time_limit=min(TIME_LIMIT, SLOW * farthest / robot.base.max_speed))
+    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DRAWN}
+    return TrialSettings(**rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed))
 
 
 def find(
@@ -258,34 +259,34 @@ def find(
 
     def rounds() -> Iterator[Drive]:
         """Yield what drives each generation."""
-        while (spent := clock.spent()) < SEARCHED or not driven:
-            driven.append("kinematic" if spent < KINEMATIC else JUDGED)
+        while (spent := clock.spent()) < SEARCH_SHARE or not driven:
+            driven.append(COARSE if spent < COARSE_SHARE else FINE)
             yield partial(drives, driven[-1])
 
     with Pool(options.workers) as pool:
-        kinematic, judged = partial(drives, "kinematic"), partial(drives, JUDGED)
-        for run in (kinematic, judged):
+        coarse, fine = partial(drives, COARSE), partial(drives, FINE)
+        for run in (coarse, fine):
             run(space.theta0[None], [0], seed)  # compiles kernels, which shall not count
         clock.spent()
         every = blocks_of(len(worlds), seed)
-        (results,) = kinematic(space.theta0[None], sum(every[:2], []), seed)
+        (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
         cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
-        begun = last_race(kinematic, warm_starts(robot), every[:2], cost, seed)
+        begun = last_race(coarse, warm_starts(robot), every[:2], cost, seed)
         tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
         starts = [one.theta for one in begun]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
             means.append(mean)
             tell(f"generation {len(means)}, {driven[-1]}: {winner}")
-        best = last_race(judged, finalists(space, starts, means), clock.until(RACED, every), cost, seed)[0]
+        best = last_race(fine, finalists(space, starts, means), clock.until(RACE_SHARE, every), cost, seed)[0]
         tell(f"best of the last race: {best}")
         theta = space.clip([float(f"{value:.4g}") for value in best.theta])
-        turns = np.linspace(clock.spent(), PUT_BACK, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
-        some = blocks_of(len(worlds), seed + 1)[:MOST]
-        return without_idle(space, judged, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked())
+        turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
+        some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]
+        return without_idle(space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked())
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Sets (k, n): the robot's own parameters, the set in its folder, those of other included robots, and half-way.
+    """Return sets (k, n): the robot's own parameters, the set in its folder, those of included robots, and half-way.
 
     Those of others are brought to its size and speed. Parameters that the dimensionless form does not know are taken at
     the same place of their range.
@@ -304,8 +305,8 @@ def warm_starts(robot: Robot) -> np.ndarray:
     return np.array(found)
 
 
-def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
-    """Drives the robot's own parameters and the set in `drives` in the worlds `unseen`: paired_trials of both."""
+def driven_unseen(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
+    """Drive the robot's own parameters and the set in `drives` in the worlds `unseen`; return paired_trials of both."""
     names, workers = f"{BASELINE},{SET}={drives / 'static.json'}", max(1, options.workers)
     how = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     evaluation = EvaluationOptions.model_construct(
@@ -315,7 +316,7 @@ def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
         """Yield as many courses with both as there are workers, until the time is over."""
         parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
-        return clock.until(1.0, parts, fewest=-(-FEWEST // workers))
+        return clock.until(1.0, parts, fewest=-(-VERDICT_COURSES // workers))
 
     results = evaluate(evaluation, blocks)
     baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
@@ -323,7 +324,7 @@ def judge(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: 
 
 
 def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:
-    """The parameters that a set changes: own value, its value, what it saves [s], and what the parameter is."""
+    """Return the parameters that a set changes: own value, its value, what it saves [s], and what the parameter is."""
     space, rows = space_of(robot), []
     known = servers(robot.all_parameters())
     for name, own in space.as_dict(space.theta0).items():

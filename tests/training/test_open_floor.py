@@ -35,11 +35,11 @@ def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
     assert old in text
     (folder / file).write_text(text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5"))
     robot = load(str(folder), list)
-    assert why in Floor(robot, "kinematic").drive(courses(robot)[course])
+    assert why in Floor(robot).drive(courses(robot)[course])
 
 
 def test_wheels_that_do_not_move_it_are_said():
-    floor = Floor(BURGER, "kinematic")
+    floor = Floor(BURGER)
     floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
     assert floor.drive(courses(BURGER)[0]).startswith("its wheels move it")
 

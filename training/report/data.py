@@ -144,7 +144,7 @@ class Results:
         return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
 
     def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-        """What was recorded of a trial (store.read_trace), None where nothing was."""
+        """Return what was recorded of a trial (trials/table.py), None where nothing was."""
         folder = self._folder_of.get((world, method))
         return read_trace(folder, world, method, trial) if folder else None
 

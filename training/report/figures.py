@@ -96,8 +96,8 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     draw(ax, world, path=False)
     for method, trace in traces.items():
         first = results.of(method, [name]).iloc[0]
-        said = f"{first.time_s:.1f} s" if first.success else first.reason or "failed"
-        label = fill(f"{method}: {said}", 30)  # a reason in one line would leave the map no room
+        end = f"{first.time_s:.1f} s" if first.success else first.reason or "failed"
+        label = fill(f"{method}: {end}", 30)  # a reason in one line would leave the map no room
         ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label=label)
     _frame(ax, world, traces)
     ax.set_title(f"{name}: driven paths, first trial of each method")

@@ -38,14 +38,14 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
+def write(folder, joined: Sequence[str] = (), above: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
         joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
             which all tables count in.
-        said: the sentences that the page begins with, instead of the summary.
+        above: sentences that the page begins with, instead of the summary.
         first: tables that come before the others.
 
     Raises:
@@ -63,14 +63,14 @@ def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: S
         print(f"the report is without pictures: {missing}")
     pictures = [] if missing else _pictures(results, out)
     shown = [_picture(*picture) for picture in pictures]
-    verdict = [f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in said or summary(results)]
+    verdict = [f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in above or summary(results)]
     body = [f"<h1>{html.escape(title)}</h1>", *verdict]
     body += [table.html() for table in tables[:1]] + shown[:1]
     if drives.write(results, out, title):
         paths = next((file for file, _ in pictures if file.startswith("paths_")), "")
         picture = f'<img src="{html.escape(paths)}" alt="driven paths">' if paths else ""
-        said = "The drives of all methods side by side, world by world, as an animation"
-        body.append(f'<h2>Drives</h2><a class=drives href="{drives.FILE}">{picture}{said}</a>')
+        words = "The drives of all methods side by side, world by world, as an animation"
+        body.append(f'<h2>Drives</h2><a class=drives href="{drives.FILE}">{picture}{words}</a>')
     body += [table.html() for table in tables[1:]] + shown[1:]
     body += ["<h2>How it was measured</h2>", *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results))]
     view = '<meta name=viewport content="width=device-width,initial-scale=1">'
@@ -81,8 +81,8 @@ def write(folder, joined: Sequence[str] = (), said: Sequence[str] = (), first: S
 
 
 def _picture(file: str, caption: str) -> str:
-    said = html.escape(caption)
-    return f'<h2>{said}</h2><img src="{html.escape(file)}" alt="{said}">'
+    words = html.escape(caption)
+    return f'<h2>{words}</h2><img src="{html.escape(file)}" alt="{words}">'
 
 
 def _pictures(results: Results, out: Path) -> List[Tuple[str, str]]:

@@ -45,7 +45,7 @@ class Comparison(NamedTuple):
     p: float
 
     def sentence(self, method: str, other: str) -> str:
-        """How much less time the method takes than the other, without a full stop."""
+        """Return how much less time the method takes than the other, without a full stop."""
         gain, low, high = (100.0 * value for value in self.gain)
         text = f"{method} took {abs(gain):.1f} % {'less' if gain >= 0.0 else 'more'} time than {other}"
         if not math.isfinite(low):
@@ -87,7 +87,7 @@ def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
 
 
 def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estimate:
-    """The sum of `totals` (n,) over that of `counts` (n,), with its interval by bootstrap over the n worlds.
+    """Return the sum of `totals` (n,) over that of `counts` (n,), with its interval by bootstrap over the n worlds.
 
     Without counts it is the mean of the totals.
     """
@@ -105,7 +105,7 @@ def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estima
 
 
 def rate(flags: pd.Series, world: pd.Series) -> Estimate:
-    """The share of True among trials (n,), whose worlds are given, with its 95 % interval.
+    """Return the share of True among trials (n,), whose worlds are given, with its 95 % interval.
 
     The interval is Wilson's for as many independent trials as have the variance of this share over the worlds (at most
     as many as there are): trials of a world resemble each other.
@@ -119,13 +119,13 @@ def rate(flags: pd.Series, world: pd.Series) -> Estimate:
 
 
 def wilson(share: float, n: float) -> Tuple[float, float]:
-    """Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
+    """Return Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
     z = float(stats.norm.ppf(0.975))
     middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
     return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
 
 
 def mean_time(trials: pd.DataFrame) -> Estimate:
-    """Mean time of the successful trials [s]."""
+    """Return the mean time of the successful trials [s]."""
     by_world = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
     return over_worlds(by_world.sum(), by_world.count())

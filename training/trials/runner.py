@@ -32,7 +32,7 @@ TRIAL_RUNNER = "training.trials.runner:run"  # as the commands' hidden option na
 
 
 def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Result, bytes]:
-    """Drives a trial.
+    """Drive a trial.
 
     Args:
         settings: what with.
@@ -48,12 +48,12 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
 
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
-    """The world that a robot drives under a protocol: with its course, at the robot's scale. Raises WorldError."""
+    """Return a world with a protocol's course, at the robot's scale. Raises WorldError."""
     return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
 
 
 def described(robot: Robot) -> Dict[str, Any]:
-    """What evaluation.json says of the robot: name, length and width [m], scale of the worlds, space, content."""
+    """Return a robot as evaluation.json has it: name, length and width [m], scale of the worlds, space, content."""
     space = space_of(robot).to_dict()
     return {
         "name": robot.name,
@@ -65,7 +65,7 @@ def described(robot: Robot) -> Dict[str, Any]:
 
 
 def content(robot: Robot) -> str:
-    """SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
+    """Return the SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
     trees = json.dumps(vars(robot.move_base), sort_keys=True, default=str)
     return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
 
@@ -76,7 +76,7 @@ def _runner(settings: str) -> TrialRunner:
 
 
 class TrialRunner:
-    """Drives trials one after the other with one simulator, and a planner of each kind that the tasks name.
+    """One simulator, and a planner of each kind that the tasks name, which drive trials one after the other.
 
     Attributes:
         trace: Of the last one.
@@ -93,7 +93,7 @@ class TrialRunner:
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
     def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Result:
-        """Drives the trial; policy: what a trial of the method POLICY drives."""
+        """Drive the trial; policy: what a trial of the method POLICY drives."""
         world, method = self._world(task.world_spec), self._method(task, policy)
         if self.period is not None:
             method.period = self.period
@@ -114,7 +114,7 @@ class TrialRunner:
         return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
 
     def episode(self, planner: str, period: float) -> Episode:
-        """The loop that drives this kind of planner, made when first asked for; period: that of the decisions [s]."""
+        """Return the loop that drives this kind of planner; period: that of the decisions [s]."""
         if planner not in self._episodes:
             self._episodes[planner] = Episode(
                 self.simulator,
@@ -142,7 +142,7 @@ class TrialRunner:
 
 
 def pack_trace(trace: Trace) -> bytes:
-    """A trial's trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
+    """Return a trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
     buffer = io.BytesIO()
     arrays: Dict[str, Any] = {name: np.array(getattr(trace, name), np.float32) for name in TRACED}
     np.savez_compressed(buffer, **arrays)
@@ -150,7 +150,7 @@ def pack_trace(trace: Trace) -> bytes:
 
 
 def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
-    """[(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
+    """Return [(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
     found: List[Tuple[str, str, World]] = []
     for part in text.split(","):
         for spec in worlds_package.specs(part.strip()):

@@ -1,4 +1,4 @@
-"""What a trial costs [s]: its score, by which trials are compared, and the prices of what tune aims at."""
+"""The cost of a trial [s]: its score, by which trials are compared, and the prices of what tune aims at."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def seconds(result: Result, contact_seconds: float = CONTACT_SECONDS) -> float:
 
 
 class Aim(NamedTuple):
-    """What parameters are tuned for: prices beside a trial's time, in optimal times.
+    """An aim of tune: prices beside a trial's time, in optimal times.
 
     The optimal time is the reference path's length at the base's largest speed. failure: instead of the time; contact:
     more where the robot touched something; slower: of each optimal time that it takes beyond the mean with the robot's
@@ -97,7 +97,7 @@ AIMS = {
 
 
 def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: float = 2.0) -> Any:
-    """The BARN Challenge's metric of trials, numbers or arrays (n,): success x OT / clip(time, least x OT, 8 x OT).
+    """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, least x OT, 8 x OT).
 
     It is 0 where the trial failed or touched anything. OT is the optimal time: the reference path's length route_m [m]
     at 2 m/s. The Challenge's `least` is 2 since 2025, so that the most is .5; before, it was 4.
@@ -107,7 +107,7 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: f
 
 
 def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]:
-    """Means over trials, as JSON values.
+    """Return means over trials, as JSON values.
 
     Args:
         results: at least one.

@@ -37,7 +37,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """How a trial went, in the order of the columns of trials.csv.
+    """The result of a trial, in the order of the columns of trials.csv.
 
     An environment that knows no courses leaves time_s at NaN and gives only decisions and total_reward. time_s is the
     full limit where the trial timed out; min_clearance_m is the smallest laser range, mean_clearance_m its mean over
@@ -62,7 +62,7 @@ class Result:
 
 
 def seed_of(base: int, world: str, trial: int) -> int:
-    """The trial's seed: the same for every method, and whatever other worlds are driven."""
+    """Return the trial's seed: the same for every method, and whatever other worlds are driven."""
     return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
 
 
@@ -74,7 +74,7 @@ def plan_trials(
     traces: int = 1,
     planner: str = OURS,
 ) -> List[Trial]:
-    """All trials in the order of trials.csv.
+    """Return all trials in the order of trials.csv.
 
     First every world's first trial with each method, then every second one, so that a run that is stopped has driven
     all worlds, and more trials of the same evaluation only append.

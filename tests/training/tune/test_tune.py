@@ -63,7 +63,7 @@ def few(monkeypatch):
     DRIVEN.clear()
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
-    monkeypatch.setattr(tune_robot.open_floor, "sentences", lambda robot, simulator: (True, []))
+    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (True, []))
 
 
 @pytest.fixture
@@ -140,7 +140,7 @@ def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal
 
 
 def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
-    monkeypatch.setattr(tune_robot.open_floor, "sentences", lambda robot, simulator: (False, ["The set-up is wrong."]))
+    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (False, ["The set-up is wrong."]))
     assert tune(jackal, "toy") == 1
     assert capsys.readouterr().out == "The set-up is wrong.\n"
     assert not DRIVEN
