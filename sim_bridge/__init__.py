@@ -17,7 +17,7 @@ NAMES = ("pybullet", "kinematic")
 
 
 def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
-    """A simulator by name.
+    """Return a simulator by name.
 
     Args:
         name: One of NAMES.

@@ -25,13 +25,13 @@ from worlds import Mover, World
 from .mechanics import GRAVITY, mechanics
 from .simulator import SimulatorError
 
-CASTER_MASS = 0.001  # [kg], taken from the body
-OBSTACLE_TOP = 1.0  # BARN's cylinders reach .5 m; the robot never sees over them
-_COMPOUND = 16  # shapes in one body: createCollisionShapeArray drops what is more
+CASTER_MASS_KG = 0.001  # [kg], taken from the body
+OBSTACLE_TOP_M = 1.0  # BARN's cylinders reach .5 m; the robot never sees over them
+_COMPOUND_SHAPES = 16  # shapes in one body: createCollisionShapeArray drops what is more
 
 
 def load_pybullet() -> Any:
-    """The pybullet module, without its banner."""
+    """Return the pybullet module, without its banner."""
     if sys.modules.get("pybullet") is not None:
         return sys.modules["pybullet"]
     sys.stdout.flush()
@@ -57,7 +57,7 @@ def load_pybullet() -> Any:
 
 
 def clear(p: Any, client: int, step: float) -> None:
-    """An empty scene with ground.
+    """Empty the scene but for the ground.
 
     Args:
         p: the pybullet module.
@@ -75,7 +75,7 @@ def clear(p: Any, client: int, step: float) -> None:
 
 
 def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> Tuple[List[int], np.ndarray]:
-    """The world's static obstacles.
+    """Make the world's static obstacles.
 
     Args:
         p: the pybullet module.
@@ -96,9 +96,9 @@ def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> 
 
 
 def add_mover(p: Any, client: int, mover: Mover) -> int:
-    """A moving cylinder; the simulator puts it where it is at every step."""
+    """Make a moving cylinder; the simulator puts it where it is at every step."""
     on = {"physicsClientId": client}
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP, **on)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M, **on)
     body = p.createMultiBody(0, shape, basePosition=_upright(*mover.position(0.0)), **on)
     p.changeDynamics(body, -1, lateralFriction=1.0, **on)
     return body
@@ -110,7 +110,7 @@ def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
 
 
 def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int:
-    """The robot at pose (x, y, yaw); its joints are the driven wheels in the order of geometry.wheel_places.
+    """Make the robot at pose (x, y, yaw); its joints are the driven wheels in the order of geometry.wheel_places.
 
     The body's frame is its centre of mass. Casters are spheres that slide on the ground, fixed to the body.
     """
@@ -142,11 +142,11 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
         shapes += [p.createCollisionShape(p.GEOM_SPHERE, radius=radius, **on)] * k
         places += [(x - com_x, y - com_y, radius - found.base_height - com_z) for x, y in base.casters]
     made = p.createMultiBody(
-        body.mass - k * CASTER_MASS,
+        body.mass - k * CASTER_MASS_KG,
         box,
         -1,
         *_standing(p, robot, pose),
-        linkMasses=[base.wheel_mass] * n + [CASTER_MASS] * k,
+        linkMasses=[base.wheel_mass] * n + [CASTER_MASS_KG] * k,
         linkCollisionShapeIndices=shapes,
         linkVisualShapeIndices=[-1] * (n + k),
         linkPositions=places,
@@ -182,7 +182,7 @@ def put_robot(p: Any, client: int, body: int, robot: Robot, pose: Sequence[float
 
 
 def _standing(p, robot, pose):
-    """Position and attitude of the body's centre of mass for a robot that stands at pose (x, y, yaw)."""
+    """Return position and attitude of the body's centre of mass for a robot that stands at pose (x, y, yaw)."""
     x, y, yaw = pose
     found = mechanics(robot)
     com_x, com_y, com_z = found.body_com
@@ -193,20 +193,20 @@ def _standing(p, robot, pose):
 
 
 def _upright(x, y):
-    return (x, y, OBSTACLE_TOP / 2)
+    return (x, y, OBSTACLE_TOP_M / 2)
 
 
 def _parts(world):
-    """The static obstacles as (x, y, yaw, radius, half sizes), near ones together, at most _COMPOUND at a time.
+    """Return the static obstacles as (x, y, yaw, radius, half sizes), near ones together, no more than a body takes.
 
     A cylinder has no half sizes, a box no radius.
     """
     cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
     boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()
     obstacles = [(x, y, 0.0, radius, (0.0, 0.0, 0.0)) for x, y, radius in cylinders]
-    obstacles += [(x, y, yaw, 0.0, (dx / 2, dy / 2, OBSTACLE_TOP / 2)) for x, y, yaw, dx, dy in boxes]
+    obstacles += [(x, y, yaw, 0.0, (dx / 2, dy / 2, OBSTACLE_TOP_M / 2)) for x, y, yaw, dx, dy in boxes]
     obstacles.sort(key=lambda obstacle: (round(obstacle[1]), obstacle[0]))
-    return [obstacles[i : i + _COMPOUND] for i in range(0, len(obstacles), _COMPOUND)]
+    return [obstacles[i : i + _COMPOUND_SHAPES] for i in range(0, len(obstacles), _COMPOUND_SHAPES)]
 
 
 def _compound(p, on, obstacles, look):
@@ -214,7 +214,7 @@ def _compound(p, on, obstacles, look):
     shape = p.createCollisionShapeArray(
         shapeTypes=[p.GEOM_CYLINDER if radius else p.GEOM_BOX for _, _, _, radius, _ in obstacles],
         radii=[radius for _, _, _, radius, _ in obstacles],
-        lengths=[OBSTACLE_TOP] * len(obstacles),
+        lengths=[OBSTACLE_TOP_M] * len(obstacles),
         halfExtents=[half for *_, half in obstacles],
         collisionFramePositions=[_upright(x, y) for x, y, *_ in obstacles],
         collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, *_ in obstacles],

@@ -1,47 +1,49 @@
 """KinematicSimulator: the robot of the pybullet simulator without a physics engine, for training volume.
 
-Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
-(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator.
+Same interface, laser, odometry, wheels and tyres; in the plane, with contacts that push and slide by geometry. What
+Bullet does in space (lift of a wheel at an obstacle, its way of rubbing) is in three numbers of the
+robot's description, wheel_rub, body_rub and undo, which are fitted to PybulletSimulator.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import ceil, cos, inf, sin
+from math import atan2, ceil, cos, hypot, inf, sin
 from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
 
-from . import kinematic_kernel as kernel
+from . import mechanics as m
 from . import wheels
-from .mechanics import mechanics
-from .odometry import Odometry
 from .simulator import RobotState, Simulator
 
-STEP = kernel.STEP
-JUMP = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where its animation starts
+STEP = m.STEP
+# the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; what a drive reports
+X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
+_MARGIN_M = 0.02  # contacts are watched from this distance on [m]
+_UNDONE_M_S = 1.0  # speed at which an overlap is undone, at most [m/s]
+_SWEEPS = 8
+_MOST_CONTACTS = 24  # contacts at a time
+JUMP_M_S = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where its animation starts
 
 
 class KinematicSimulator(Simulator):
-    """See Simulator. wheel_rub, body_rub and undo of the robot's description are fitted to PybulletSimulator."""
+    """The planar robot; see Simulator."""
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         super().__init__(robot, **randomisation)
-        found = self._mechanics = mechanics(self.robot)
+        found = self._mechanics = m.mechanics(self.robot)
         self._constants = found.scalars, found.supports, found.parts, wheels.rim_table(self.robot)
         self._noises = wheels.noises(found.supports)
         self._friction = self.robot.base.wheel_friction
 
-    def _place(self, pose, new_world, seed):
-        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed), self.drawn.odometry)
-        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
+    def _place(self, pose, new_world):
         if new_world:
             self._stand()
-        self._steps, self._elapsed = 0, 0.0
         self._move_to(pose)
-        self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _stand(self):
         self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
@@ -50,7 +52,7 @@ class KinematicSimulator(Simulator):
 
     def _move_to(self, pose):
         self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)
-        self._body = np.zeros(kernel.SIZE)
+        self._body = np.zeros(SIZE)
         c, s = cos(pose[2]), sin(pose[2])
         com_x, com_y = self._mechanics.com
         self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
@@ -66,27 +68,23 @@ class KinematicSimulator(Simulator):
             angles: of the left and right wheels [rad].
         """
         (u, s, w), (com_x, com_y) = twist, self._mechanics.com
-        self._body[kernel.U], self._body[kernel.S], self._body[kernel.W] = u - w * com_y, s + w * com_x, w
+        self._body[U], self._body[S], self._body[W] = u - w * com_y, s + w * com_x, w
         self._rolling[[wheels.RAMP_V, wheels.RAMP_W]] = wheels_twist
         self._rolling[wheels.ANGLE : wheels.ANGLE + 2] = angles
         self.state = replace(self.state, twist=(u, w))
 
-    def _drive(self, duration):
-        self._elapsed += duration
-        steps = int(round(self._elapsed / STEP)) - self._steps
-        if steps <= 0:
-            return
+    def _drive(self, steps):
         circles = self._circles
         if self.world.movers:
             now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
             velocity = (then - now)[:, :2] / (steps * STEP)
-            velocity[np.hypot(*velocity.T) > JUMP] = 0.0
+            velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
         ground, shape = self._ground(), (steps, self._noises)
         noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)  # Gazebo's wheels turn evenly
         place = self._body, self._rolling, steps, self._schedule(steps), circles, self._boxes
         friction = self._friction * self.drawn.friction
-        kernel.drive(*place, *self._constants, noise, friction, self.drawn.slip, ground)
+        drive(*place, *self._constants, noise, friction, self.drawn.slip, ground)
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
         com_x, com_y = self._mechanics.com
@@ -100,7 +98,7 @@ class KinematicSimulator(Simulator):
         )
 
     def _schedule(self, steps):
-        """(k, 3): from which step on a velocity target holds, and the target [m/s, rad/s]."""
+        """Return (k, 3): from which step on a velocity target holds, and the target [m/s, rad/s]."""
         start, command = self._steps, self._command
         rows = [(0, *self._target(start * STEP))]
         step, last = 0, (start + steps - 1) * STEP
@@ -112,3 +110,210 @@ class KinematicSimulator(Simulator):
                 return np.array(rows)
             step = max(step + 1, ceil((change - 1e-9) / STEP) - start)
             rows.append((step, *self._target((start + step) * STEP)))
+
+
+@kernel
+def _circle_contact(px, py, r, part):
+    """Return the contact of a circle at (px, py) in the body's frame with one part of the outline.
+
+    Returns the depth (negative: a gap) [m], the contact point and the direction in which it pushes the robot.
+    """
+    x, y, a, b = part[0], part[1], part[2], part[3]
+    px, py = px - x, py - y
+    qx, qy = min(max(px, -a), a), min(max(py, -b), b)
+    gap = hypot(px - qx, py - qy)
+    if gap > 0.0:
+        return r - gap, x + qx, y + qy, (qx - px) / gap, (qy - py) / gap
+    if a - abs(px) < b - abs(py):  # the centre is under the robot: out by the nearest side
+        sign = 1.0 if px > 0.0 else -1.0
+        return r + a - abs(px), x + sign * a, y + py, -sign, 0.0
+    sign = 1.0 if py > 0.0 else -1.0
+    return r + b - abs(py), x + px, y + sign * b, 0.0, -sign
+
+
+@kernel
+def _box_contact(px, py, ax, ay, hx, hy, part):
+    """Return the contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
+
+    Returns the same as _circle_contact, from the least overlap over four axes.
+    """
+    x, y, a, b = part[0], part[1], part[2], part[3]
+    px, py = px - x, py - y
+    depth, nx, ny, own = np.inf, 0.0, 0.0, True
+    for k in range(4):
+        if k == 0:
+            ex, ey = 1.0, 0.0
+        elif k == 1:
+            ex, ey = 0.0, 1.0
+        elif k == 2:
+            ex, ey = ax, ay
+        else:
+            ex, ey = -ay, ax
+        apart = px * ex + py * ey
+        if apart < 0.0:
+            ex, ey, apart = -ex, -ey, -apart
+        reach = a * abs(ex) + b * abs(ey) + hx * abs(ax * ex + ay * ey) + hy * abs(ax * ey - ay * ex)
+        if reach - apart < depth - 1e-9:
+            depth, nx, ny, own = reach - apart, -ex, -ey, k < 2
+    if own:  # a corner of the box at one of the part's sides
+        i = 1.0 if nx * ax + ny * ay > 0.0 else -1.0
+        j = 1.0 if ny * ax - nx * ay > 0.0 else -1.0
+        qx, qy = px + i * hx * ax - j * hy * ay, py + i * hx * ay + j * hy * ax
+        return depth, x + min(max(qx, -a), a), y + min(max(qy, -b), b), nx, ny
+    return depth, x + (-a if nx > 0.0 else a), y + (-b if ny > 0.0 else b), nx, ny
+
+
+@kernel
+def _note(row, depth, x, y, nx, ny, part):
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = depth, x, y, nx, ny, part, 0.0, 0.0
+
+
+@kernel
+def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, found):
+    """Fill found (_MOST_CONTACTS, 8) with the contacts of the outline at (x, y), heading (c, s); return their number.
+
+    parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0
+    the body, 1 on the wheels), the obstacle's velocity, all in the body's frame.
+    """
+    n = 0
+    reach = reach + _MARGIN_M
+    for i in range(n_circles):
+        dx, dy = circles[i, 0] - x, circles[i, 1] - y
+        far = circles[i, 2] + reach
+        if dx * dx + dy * dy >= far * far:
+            continue
+        px, py = c * dx + s * dy, c * dy - s * dx
+        for k in range(parts.shape[0]):
+            depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], parts[k])
+            if depth > -_MARGIN_M and n < _MOST_CONTACTS:
+                _note(found[n], depth, qx, qy, nx, ny, k)
+                found[n, 6] = c * circles[i, 3] + s * circles[i, 4]
+                found[n, 7] = c * circles[i, 4] - s * circles[i, 3]
+                n += 1
+    for i in range(n_boxes):
+        dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
+        hx, hy = 0.5 * boxes[i, 3], 0.5 * boxes[i, 4]
+        px, py = c * dx + s * dy, c * dy - s * dx
+        cb, sb = cos(boxes[i, 2]), sin(boxes[i, 2])
+        along = abs(cb * dx + sb * dy) - hx  # outside the box by more than the robot's reach?
+        aside = abs(cb * dy - sb * dx) - hy
+        if along > reach or aside > reach:
+            continue
+        for k in range(parts.shape[0]):
+            depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, parts[k])
+            if depth > -_MARGIN_M and n < _MOST_CONTACTS:
+                _note(found[n], depth, qx, qy, nx, ny, k)
+                n += 1
+    return n
+
+
+@kernel
+def _press(u, s, w, found, n, rims, scalars):
+    """Return the velocity (u, s, w) after the impulses of n contacts on the moving body, and whether any pressed.
+
+    Normal: no approach beyond the gap, a share UNDO of an overlap is undone. Friction: Coulomb's, WHEEL_RUB at
+    wheels and BODY_RUB at the body; a wheel's front and back run up or down the obstacle, which leaves less
+    friction for sliding across.
+    """
+    mass, inertia = scalars[m.MASS], scalars[m.YAW_INERTIA]
+    push, hold = np.zeros(n), np.zeros(n)
+    for _ in range(_SWEEPS):
+        for i in range(n):
+            depth, x, y, nx, ny, part, its_u, its_s = found[i]
+            arm = x * ny - y * nx
+            soft = 1.0 / mass + arm * arm / inertia
+            speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
+            want = depth / STEP if depth < 0.0 else min(scalars[m.UNDO] * depth / STEP, _UNDONE_M_S)
+            total = max(0.0, push[i] + (want - speed) / soft)
+            d, push[i] = total - push[i], total
+            u += d * nx / mass
+            s += d * ny / mass
+            w += d * arm / inertia
+            if total > 0.0:
+                tx, ty = -ny, nx
+                arm = x * ty - y * tx
+                soft = 1.0 / mass + arm * arm / inertia
+                speed = (u - w * y - its_u) * tx + (s + w * x - its_s) * ty
+                limit = scalars[m.BODY_RUB] * total
+                if part > 0.0:
+                    up = rims[int(part - 1) % 2] * abs(nx)
+                    limit = scalars[m.WHEEL_RUB] * total * abs(speed) / (hypot(speed, up) + 1e-6)
+                rub = min(max(hold[i] - speed / soft, -limit), limit)
+                d, hold[i] = rub - hold[i], rub
+                u += d * tx / mass
+                s += d * ty / mass
+                w += d * arm / inertia
+    pressed = False
+    for i in range(n):
+        pressed |= push[i] > 0.0
+    return u, s, w, pressed
+
+
+@kernel
+def drive(
+    state,
+    rolling,
+    steps,
+    targets,
+    circles,
+    boxes,
+    scalars,
+    supports,
+    parts,
+    table,
+    noise,
+    friction,
+    slip,
+    ground,
+):
+    """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
+
+    targets (k, 3): the steps from which velocity targets hold, and these. circles (n, 5) x, y,
+    radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
+    noise (steps, wheels.noises()) standard normal. friction, ground: as wheels.tyres() takes them.
+    """
+    reach = scalars[m.REACH]
+    span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
+    close = np.empty((circles.shape[0], 5))
+    n_close = 0
+    for k in range(circles.shape[0]):
+        dx, dy, far = circles[k, 0] - state[X], circles[k, 1] - state[Y], circles[k, 2] + span
+        if dx * dx + dy * dy < far * far:
+            close[n_close] = circles[k]
+            n_close += 1
+    near_boxes = np.empty((boxes.shape[0], 5))
+    n_boxes = 0
+    for k in range(boxes.shape[0]):
+        dx, dy = boxes[k, 0] - state[X], boxes[k, 1] - state[Y]
+        far = 0.5 * hypot(boxes[k, 3], boxes[k, 4]) + span
+        if dx * dx + dy * dy < far * far:
+            near_boxes[n_boxes] = boxes[k]
+            n_boxes += 1
+    found, lift, rims = np.empty((_MOST_CONTACTS, 8)), np.ones(supports.shape[0]), np.empty(2)
+    x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
+    contact, rolled, k_target = False, 0.0, 0
+    for step in range(steps):
+        while k_target + 1 < targets.shape[0] and targets[k_target + 1, 0] <= step:
+            k_target += 1
+        _, v, yaw_rate = targets[k_target]
+        wheels.turn_wheels(rolling, v, yaw_rate, table, scalars, noise[step], slip, ground)
+        rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
+        rolled += 0.5 * (rims[0] + rims[1])
+        du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)
+        u, s, w = u + du, s + ds, w + dw
+        c, sn = cos(yaw), sin(yaw)
+        if n_close > 0 or n_boxes > 0:
+            n = _contacts(x, y, c, sn, parts, reach, close, n_close, near_boxes, n_boxes, found)
+            if n > 0:
+                u, s, w, pressed = _press(u, s, w, found, n, rims, scalars)
+                contact |= pressed
+        for i in range(n_close):
+            close[i, 0] += STEP * close[i, 3]
+            close[i, 1] += STEP * close[i, 4]
+        x += STEP * (c * u - sn * s)
+        y += STEP * (sn * u + c * s)
+        yaw += STEP * w
+        c, sn = cos(STEP * w), sin(STEP * w)
+        u, s = c * u + sn * s, c * s - sn * u
+    state[X], state[Y], state[YAW], state[U], state[S], state[W] = x, y, atan2(sin(yaw), cos(yaw)), u, s, w
+    state[ROLLED], state[CONTACT] = rolled / steps, 1.0 if contact else 0.0

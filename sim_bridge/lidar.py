@@ -41,7 +41,7 @@ class Lidar:
         self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = _NO_MOVERS) -> np.ndarray:
-        """Exact ranges (beams,) float32 [m] of the laser at (x, y), looking along yaw.
+        """Return exact ranges (beams,) float32 [m] of the laser at (x, y), looking along yaw.
 
         +inf: nothing within range_max; -inf: nearer than range_min, or inside an obstacle. `movers` (k, 3) are further
         circles x, y, radius, for this scan only.
@@ -57,7 +57,7 @@ class Lidar:
 
 @lru_cache(maxsize=16)
 def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The numbers of a fan as _scan takes them, and cosine and sine of its beams."""
+    """Return the numbers of a fan as _scan takes them, and cosine and sine of its beams."""
     first, step = laser.first_angle, laser.increment
     found = first + step * np.arange(laser.beams)
     while first > pi:  # so that bearings from -pi to pi lie at most one turn away from the fan
@@ -67,7 +67,7 @@ def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def box_edges(boxes: np.ndarray) -> np.ndarray:
-    """(4 m, 4) end points x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
+    """Return (4 m, 4) end points x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
     edges = np.empty((4 * len(boxes), 4))
     for i, (x, y, yaw, size_x, size_y) in enumerate(boxes):
         c, s = np.cos(yaw), np.sin(yaw)

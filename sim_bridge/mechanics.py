@@ -1,6 +1,6 @@
 """The mechanics of a robot, as both simulators compute with them: masses, supports on the ground, limits.
 
-`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_kernel.py take. Lengths [m], masses
+`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_simulator.py take. Lengths [m], masses
 [kg]; places are from the centre of mass unless a name says otherwise.
 """
 
@@ -33,7 +33,7 @@ TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """What the simulators need of a robot beside its description.
+    """Numbers and arrays that the simulators need of a robot beside its description.
 
     mass, yaw_inertia (about the centre of mass), com (x, y) in the base frame; base_height: of the base frame above the
     ground. scalars (SCALARS,): what the kernels take, in the order above. supports (n, COLUMNS): the driven wheels in
@@ -57,7 +57,7 @@ class Mechanics:
 
 @lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> Mechanics:
-    """The mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/rules.py)."""
+    """Return the mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/rules.py)."""
     base, body = robot.base, robot.body
     n = base.wheels
     mass, com, loads = geometry.balance(robot)
@@ -113,7 +113,7 @@ def _wheel_inertia(mass, radius, width):
 
 
 def _supports(robot, com, loads):
-    """The array of supports, and the levers of the load's shift along x and y [m]."""
+    """Return the array of supports, and the levers of the load's shift along x and y [m]."""
     base, places = robot.base, geometry.supports(robot.base)
     supports = np.zeros((len(places), COLUMNS))
     supports[:, X], supports[:, Y] = places[:, 0] - com[0], places[:, 1] - com[1]

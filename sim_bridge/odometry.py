@@ -1,4 +1,4 @@
-"""What the robot believes about its own motion: wheels for the distance, IMU for the heading.
+"""Motion of the robot as it believes itself: wheels for the distance, IMU for the heading.
 
 As robot_localization fuses them on the Jackal. Sideways slip and wheels that spin at an obstacle go unnoticed. Both
 simulators call it.
@@ -38,7 +38,7 @@ class Odometry:
         return self._noise[self._next - 1]
 
     def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
-        """From now on the pose is this one."""
+        """Make this the pose from now on."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
         self._behind = self._rate = 0.0

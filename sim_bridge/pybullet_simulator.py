@@ -19,12 +19,11 @@ from applr_ros1.robots import Robot
 from . import bullet_scene as scene
 from . import mechanics as m
 from . import wheels
-from .odometry import Odometry
 from .simulator import RobotState, Simulator, SimulatorError
 
 STEP = m.STEP
-_CLOSING = 20.0  # [m/s] at which a moving obstacle and the robot come nearer at most
-_MARGIN = 0.1  # [m] between two bodies that cannot touch: more than Bullet keeps contacts for, and than it penetrates
+_CLOSING_M_S = 20.0  # [m/s] at which a moving obstacle and the robot come nearer at most
+_MARGIN_M = 0.1  # [m] between two bodies that cannot touch: more than Bullet keeps contacts for, and than it penetrates
 
 
 class PybulletSimulator(Simulator):
@@ -41,7 +40,7 @@ class PybulletSimulator(Simulator):
         self._mechanics = m.mechanics(self.robot)
         self._table = wheels.rim_table(self.robot)
         self._lift = np.ones(len(self._mechanics.supports))
-        self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN
+        self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN_M
         self._spin_step = 0.01 * self.robot.base.max_speed  # a smaller change of rim speeds is not passed on [m/s]
 
     def close(self) -> None:
@@ -53,20 +52,15 @@ class PybulletSimulator(Simulator):
     def __del__(self):
         self.close()
 
-    def _place(self, pose, new_world, seed):
+    def _place(self, pose, new_world):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
         scene.clear(self._p, self._client, STEP)
         self._obstacles, self._movers = [], []
         self._stand()
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)
-        rng = np.random.default_rng(seed)
-        self._odometry = Odometry(self.robot.odometry, pose[2], rng, self.drawn.odometry)
-        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
         self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._rims = (0.0, 0.0)
         self._spin(0.0, 0.0)
-        self._steps, self._elapsed = 0, 0.0
-        self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _stand(self):
         for body in self._obstacles + self._movers:
@@ -80,11 +74,7 @@ class PybulletSimulator(Simulator):
         self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._spin(0.0, 0.0)
 
-    def _drive(self, duration):
-        self._elapsed += duration
-        steps = int(round(self._elapsed / STEP)) - self._steps
-        if steps <= 0:
-            return
+    def _drive(self, steps):
         p, client, body, drive = self._p, self._client, self._body, self._drive_state
         scalars, supports = self._mechanics.scalars, self._mechanics.supports
         noise = self._noise.standard_normal((steps, wheels.noises(supports)))
@@ -121,7 +111,7 @@ class PybulletSimulator(Simulator):
     def _place_movers(self, steps, position):
         """Puts all movers where they will be after so many steps; those that come near until then, as (body, Mover)."""
         now, then = self.mover_circles(self._steps * STEP), self.mover_circles((self._steps + steps) * STEP)
-        reach, near = self._span + _CLOSING * steps * STEP, []
+        reach, near = self._span + _CLOSING_M_S * steps * STEP, []
         for body, mover, here, there in zip(self._movers, self.world.movers, now.tolist(), then.tolist()):
             scene.put_mover(self._p, self._client, body, *there[:2])
             if min(dist(place[:2], position[:2]) for place in (here, there)) < reach + mover.radius:
@@ -129,7 +119,7 @@ class PybulletSimulator(Simulator):
         return near
 
     def _touching(self, position, movers):
-        """Whether anything but the ground presses on the robot now; movers: those of _place_movers()."""
+        """Return whether anything but the ground presses on the robot now; movers: those of _place_movers()."""
         if _find_near(self._circles, position[0], position[1], self._span, self._near):  # asking Bullet is slow
             for obstacle, near in zip(self._obstacles, self._near):
                 if near and self._pressing(obstacle):
@@ -166,7 +156,7 @@ def _find_near(circles, x, y, span, near):
 
 @kernel
 def _axes(qx, qy, qz, qw):
-    """Cosine and sine of the heading, and the heights of the body's three axes.
+    """Return cosine and sine of the heading, and the heights of the body's three axes.
 
     The heights are the third row of the rotation matrix.
     """
@@ -201,7 +191,7 @@ def _pull(
 
 @kernel
 def _planar(scalars, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
-    """x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
+    """Return x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)
     off_x, off_y = scalars[m.OFF_X], scalars[m.OFF_Y]
     x, y = px - c * off_x + s * off_y, py - s * off_x - c * off_y

@@ -46,11 +46,11 @@ from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
 
-TICK = 0.01  # simulated seconds between clocks; data every second one
-BASE_TIME = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
-CONTROL_FREQUENCY = 20.0  # Hz of a planner that states none, for the lock-step of real_time_factor 0
-PATIENCE = 0.25  # wall seconds that the lock-step waits for a command
-CAUGHT_UP = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
+TICK_S = 0.01  # simulated seconds between clocks; data every second one
+BASE_TIME_S = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
+CONTROL_FREQUENCY_HZ = 20.0  # Hz of a planner that states none, for the lock-step of real_time_factor 0
+PATIENCE_S = 0.25  # wall seconds that the lock-step waits for a command
+CAUGHT_UP_S = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
 IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
 
 
@@ -66,7 +66,7 @@ class Bridge:
             raise SimulatorError(f"randomisation is {options!r}: give a dictionary such as {{slip: 1.2}}")
         if rospy.get_param("~gui", False):
             options = dict(options, gui=True)
-        self.base_time = BASE_TIME
+        self.base_time = BASE_TIME_S
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
         with_map = bool(rospy.get_param("~map", False))
@@ -119,23 +119,23 @@ class Bridge:
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
     def _load(self, spec):
-        """A world at the robot's scale, with the other robots as moving obstacles."""
+        """Return a world at the robot's scale, with the other robots as moving obstacles."""
         world: Any = worlds.scaled(worlds.load(spec), self.scale)
         return dataclasses.replace(world, movers=world.movers + self.others) if self.others else world
 
     def _await_clock(self):
-        """Where another robot makes the clock: wait until it runs, and count from then on."""
+        """Wait until the clock that another robot makes runs, and count from then on."""
         with announced("waiting for another simulated robot's /clock (parameter ~clock is false)", rospy.loginfo):
             while rospy.get_time() == 0.0 and not rospy.is_shutdown():
                 time.sleep(0.02)
         self.base_time = rospy.get_time() - self.simulator.state.time
 
     def sim_time(self, stamp: rospy.Time) -> float:
-        """Simulated time [s] of a ROS time."""
+        """Return the simulated time [s] of a ROS time."""
         return stamp.to_sec() - self.base_time
 
     def stamp(self) -> rospy.Time:
-        """ROS time of the simulator's present state."""
+        """Return the ROS time of the simulator's present state."""
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
 
     # -- the simulating thread ---------------------------------------------------------------------
@@ -143,7 +143,7 @@ class Bridge:
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
         pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
-        every, every_scan = (max(1, round(1.0 / TICK / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
+        every, every_scan = (max(1, round(1.0 / TICK_S / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
             if not self.running.is_set() and not self.single_ticks:
                 self.running.wait(0.02)
@@ -153,7 +153,7 @@ class Bridge:
             ticks += 1
             with self.lock:
                 self._take_command()
-                state = self.simulator.advance(TICK)
+                state = self.simulator.advance(TICK_S)
                 self.touched |= state.contact
                 stamp = self.stamp()
                 if ticks % every == 0:
@@ -171,9 +171,9 @@ class Bridge:
                 if self.driven:
                     pace.begin()
                 else:
-                    pace.wait(TICK, IDLE_FACTOR, False)
+                    pace.wait(TICK_S, IDLE_FACTOR, False)
             else:
-                pace.wait(TICK, self.factor)
+                pace.wait(TICK_S, self.factor)
 
     def _take_command(self):
         with self.arrived:
@@ -188,22 +188,22 @@ class Bridge:
         while not rospy.is_shutdown() and self.running.is_set():
             with self.lock:
                 ahead = self.sim_time(rospy.get_rostime()) - self.simulator.state.time
-                if abs(ahead) > CAUGHT_UP:
+                if abs(ahead) > CAUGHT_UP_S:
                     self.base_time += ahead
                     return
-            if ahead >= TICK - 1e-6:
+            if ahead >= TICK_S - 1e-6:
                 return
             time.sleep(0.001)
 
     def _lock_step(self):
         """Wait for the planner's next command once it is due.
 
-        So the simulation runs as fast as it can without running ahead of the planner. It waits at most PATIENCE; if
+        So the simulation runs as fast as it can without running ahead of the planner. It waits at most PATIENCE_S; if
         nothing comes, it does not wait again before the next command.
         """
         if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:
-                self.driven = self.arrived.wait_for(lambda: self.newest is not None, PATIENCE)
+                self.driven = self.arrived.wait_for(lambda: self.newest is not None, PATIENCE_S)
 
     # -- callbacks ---------------------------------------------------------------------------------
     def on_command(self, message: Any) -> None:
@@ -271,7 +271,7 @@ class Bridge:
                 world, self.seed = self.simulator.world, self.seed + 1
             else:
                 self.start = None  # that of the new world's course
-            self.base_time += self.simulator.state.time + (TICK if self.makes_clock else 0.0)
+            self.base_time += self.simulator.state.time + (TICK_S if self.makes_clock else 0.0)
             with self.arrived:
                 self.newest, self.driven, self.due = None, False, 0.0
             state = self.simulator.reset(world, self.seed, self.start)
@@ -336,15 +336,15 @@ def _clear_costmaps(patience=2.0):
 
 
 def _control_frequency():
-    """The frequency [Hz] at which move_base commands, by its parameter."""
+    """Return the frequency [Hz] at which move_base commands, by its parameter."""
     try:
         return number_within("controller_frequency", rospy.get_param("move_base/controller_frequency"), 0.1, 1e3)
     except (KeyError, ApplrError):
-        return CONTROL_FREQUENCY
+        return CONTROL_FREQUENCY_HZ
 
 
 def _parameter(name, default, most):
-    """A private parameter of this node, a number from 0 to `most`."""
+    """Return a private parameter of this node, a number from 0 to `most`."""
     return number_within(name, rospy.get_param("~" + name, default), 0, most)
 
 

@@ -15,7 +15,7 @@ import rospy
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 
-SINGLE_STEP = 5  # ticks of 0.01 s: one control period
+SINGLE_STEP_TICKS = 5  # ticks of 0.01 s: one control period
 
 
 class Changes:
@@ -59,5 +59,5 @@ class Changes:
     def _step(self, _: Any) -> TriggerResponse:
         if self._bridge.running.is_set():
             return TriggerResponse(False, "time goes on: pause it first")
-        self._bridge.single_ticks += SINGLE_STEP
+        self._bridge.single_ticks += SINGLE_STEP_TICKS
         return TriggerResponse(True, "one control period")

@@ -52,7 +52,7 @@ class GazeboInterface:
         return SetModelStateResponse(True, "SetModelState: set model state done")
 
     def get_model_state(self, request: Any) -> GetModelStateResponse:
-        """Pose and twist of the robot in the world."""
+        """Return pose and twist of the robot in the world."""
         with self.bridge.lock:
             state, stamp = self.bridge.simulator.state, self.bridge.stamp()
         answer = GetModelStateResponse()
@@ -71,7 +71,7 @@ class GazeboInterface:
 
 
 def _planar(message: Any) -> Optional[Tuple[float, float, float]]:
-    """(x, y, yaw) of a geometry_msgs/Pose; None where a number is not finite.
+    """Return (x, y, yaw) of a geometry_msgs/Pose; None where a number is not finite.
 
     The quaternion may have any length, and one of zeros is the identity, as in Gazebo.
     """

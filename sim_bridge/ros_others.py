@@ -14,8 +14,8 @@ from nav_msgs.msg import Odometry
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.robots import geometry, load
 
-FAR_AWAY = (1e3, 1e3)  # [m], until its first message
-AHEAD = 0.1  # s for which a pose is carried on with its velocity
+FAR_AWAY_M = (1e3, 1e3)  # [m], until its first message
+AHEAD_S = 0.1  # s for which a pose is carried on with its velocity
 
 
 class OtherRobot:
@@ -35,12 +35,12 @@ class OtherRobot:
         rospy.Subscriber(bridge + "ground_truth", Odometry, self._keep, queue_size=1, tcp_nodelay=True)
 
     def position(self, t: float) -> Tuple[float, float]:
-        """Centre (x, y) [m] at simulated time t [s], carried on from the newest pose."""
+        """Return centre (x, y) [m] at simulated time t [s], carried on from the newest pose."""
         newest = self._newest
         if newest is None:
-            return FAR_AWAY
+            return FAR_AWAY_M
         stamp, (x, y), (vx, vy) = newest
-        late = min(max(t - self._sim_time(stamp), 0.0), AHEAD)
+        late = min(max(t - self._sim_time(stamp), 0.0), AHEAD_S)
         return x + late * vx, y + late * vy
 
     def _keep(self, message: Odometry) -> None:

@@ -1,4 +1,4 @@
-"""What the simulated robot publishes: a RobotState and a scan as the messages of the real one.
+"""Messages of the simulated robot: a RobotState and a scan as the messages of the real one.
 
 ros_bridge.py publishes through it. Positions are planar; z is that of the base frame.
 """
@@ -27,8 +27,8 @@ from .mechanics import GRAVITY
 from .simulator import RobotState, Simulator
 
 WORLD = "world"
-OBSTACLE_HEIGHT = 0.5
-MAP_RESOLUTION = 0.05  # m
+OBSTACLE_HEIGHT_M = 0.5
+MAP_RESOLUTION_M = 0.05  # m
 WHEELS = {  # names of the joints, left before right
     "skid_steer": ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"),
     "two_wheel": ("wheel_left_joint", "wheel_right_joint"),
@@ -92,7 +92,7 @@ class BridgeTopics:
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Static frames, obstacles, the world's name and its map: after every reset and change of world."""
+        """Publish static frames, obstacles, the world's name and its map: after every reset and change of world."""
         self.publish_frames(simulator, stamp)
         self.publish_obstacles(simulator, stamp)
         self.world.publish(simulator.world.name)
@@ -104,7 +104,7 @@ class BridgeTopics:
         self._last = None
 
     def publish_obstacles(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """The static obstacles. What moves comes with publish_movers; a listener forgets it here."""
+        """Publish the static obstacles. What moves comes with publish_movers; a listener forgets it here."""
         cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
         markers = [Marker(action=Marker.DELETEALL)]
         markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
@@ -113,7 +113,7 @@ class BridgeTopics:
         self.obstacles.publish(markers)
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """The static frames: the robot's parts, and where odom lies in the world."""
+        """Publish the static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
         base, prefix = self.base_frame, self.prefix
         # the map's frame is the world's; all robots share it
@@ -144,15 +144,15 @@ class BridgeTopics:
 
 
 def quaternion(yaw: float) -> Quaternion:
-    """A geometry_msgs/Quaternion for a yaw [rad]."""
+    """Return a geometry_msgs/Quaternion for a yaw [rad]."""
     return Quaternion(*quaternion_of(yaw))
 
 
 def _map(frame, world, stamp):
-    cells, origin = occupancy(world, MAP_RESOLUTION)
+    cells, origin = occupancy(world, MAP_RESOLUTION_M)
     message = OccupancyGrid()
     message.header.frame_id, message.header.stamp = frame, stamp
-    message.info.map_load_time, message.info.resolution = stamp, MAP_RESOLUTION
+    message.info.map_load_time, message.info.resolution = stamp, MAP_RESOLUTION_M
     message.info.height, message.info.width = cells.shape
     message.info.origin.position.x, message.info.origin.position.y = origin
     message.info.origin.orientation.w = 1.0
@@ -210,7 +210,7 @@ def _imu(frame, errors: OdometryErrors, state, stamp):
 def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
     marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD, color=ColorRGBA(*colour))
     marker.header.frame_id, marker.header.stamp = WORLD, stamp
-    marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT / 2
+    marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT_M / 2
     marker.pose.orientation = quaternion(yaw)
     marker.scale.x, marker.scale.y, marker.scale.z = size
     return marker
@@ -219,11 +219,11 @@ def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
 def _cylinder(circle, number, stamp, name="obstacles"):
     x, y, radius = circle
     colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
-    size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT)
+    size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT_M)
     return _marker(Marker.CYLINDER, x, y, 0.0, size, number, stamp, name, colour)
 
 
 def _box(rectangle, number, stamp):
     x, y, yaw, size_x, size_y = rectangle
-    size, colour = (size_x, size_y, OBSTACLE_HEIGHT), (0.62, 0.5, 0.35, 1.0)
+    size, colour = (size_x, size_y, OBSTACLE_HEIGHT_M), (0.62, 0.5, 0.35, 1.0)
     return _marker(Marker.CUBE, x, y, yaw, size, number, stamp, "obstacles", colour)

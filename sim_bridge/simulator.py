@@ -19,6 +19,7 @@ from applr_ros1.robots import Robot, load
 from worlds import World
 
 from .lidar import Lidar
+from .mechanics import STEP
 from .odometry import Odometry
 
 Pose = Tuple[float, float, float]
@@ -31,7 +32,7 @@ class SimulatorError(ApplrError):
 
 @dataclass
 class RobotState:
-    """What is known of the robot at one instant.
+    """State of the robot at one instant.
 
     Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s].
     """
@@ -48,7 +49,7 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What may differ from the nominal robot.
+    """Differences from the nominal robot.
 
     Each is a number or a (low, high) span drawn at reset from the seed.
     """
@@ -103,7 +104,6 @@ class Simulator(ABC):
 
     world: World  # since the last reset()
     drawn: Any  # the Randomisation of this reset: every span replaced by a number
-    _odometry: Odometry  # made by _place(), brought up to date by _drive()
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         self.robot = load("jackal") if robot is None else robot
@@ -140,11 +140,16 @@ class Simulator(ABC):
         self.world = world
         self.odom_origin = pose[:2]
         self._command = _Command()
-        self._place(pose, new_world, int(self._rng.integers(2**31)))
+        seed = int(self._rng.integers(2**31))
+        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed), self.drawn.odometry)
+        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
+        self._steps, self._elapsed = 0, 0.0
+        self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+        self._place(pose, new_world)
         return self.state
 
     def command(self, v: float, w: float) -> None:
-        """The newest velocity command [m/s, rad/s]. The base stops its command timeout after the last one."""
+        """Take the newest velocity command [m/s, rad/s]. The base stops its command timeout after the last one."""
         if not (isfinite(v) and isfinite(w)):
             raise SimulatorError(f"command ({v!r}, {w!r}): velocities must be finite")
         base = self.robot.base
@@ -156,11 +161,14 @@ class Simulator(ABC):
         """Let `duration` seconds pass (rounded to whole physics steps by what has passed in total)."""
         if not 0.0 < duration < 3600.0:
             raise SimulatorError(f"duration {duration!r}: give seconds between 0 and 3600")
-        self._drive(duration)
+        self._elapsed += duration
+        steps = int(round(self._elapsed / STEP)) - self._steps
+        if steps > 0:
+            self._drive(steps)
         return self.state
 
     def scan(self) -> np.ndarray:
-        """Ranges (beams,) float32 [m] from the laser at the present instant.
+        """Return ranges (beams,) float32 [m] from the laser at the present instant.
 
         +inf where nothing returns and -inf nearer than range_min (REP 117, as Gazebo's laser does). Each call draws new
         noise.
@@ -176,7 +184,7 @@ class Simulator(ABC):
         return np.add(ranges, noise, out=ranges)
 
     def to_odom(self, pose: Pose) -> Pose:
-        """A pose (x, y, yaw) of the world frame in frame odom."""
+        """Return a pose (x, y, yaw) of the world frame in frame odom."""
         return pose[0] - self.odom_origin[0], pose[1] - self.odom_origin[1], pose[2]
 
     def set_odometry(self, pose: Pose) -> None:
@@ -210,7 +218,7 @@ class Simulator(ABC):
         self._stand()
 
     def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
-        """(k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
+        """Return (k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
         if not movers:
             return _NO_CIRCLES
@@ -223,8 +231,8 @@ class Simulator(ABC):
 
     # -- for the implementations -------------------------------------------------------------------
     @abstractmethod
-    def _place(self, pose, new_world: bool, seed: int) -> None:
-        """Start anew: the robot stands at `pose` in self.world, self.state is set."""
+    def _place(self, pose, new_world: bool) -> None:
+        """Let the robot stand at `pose` in self.world."""
 
     @abstractmethod
     def _stand(self) -> None:
@@ -235,15 +243,15 @@ class Simulator(ABC):
         """Put the robot at `pose`, standing, in the middle of a drive; the caller renews self.state."""
 
     @abstractmethod
-    def _drive(self, duration: float) -> None:
-        """Move on by `duration` and renew self.state; `_target(time)` says what the wheels are asked for."""
+    def _drive(self, steps: int) -> None:
+        """Move on by `steps` of STEP, renew self._steps and self.state; the wheels are asked for `_target(time)`."""
 
     def _ground(self) -> float:
-        """What wheels.tyres() takes for the ground of this reset."""
+        """Return what wheels.tyres() takes for the ground of this reset."""
         return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
 
     def _target(self, time: float):
-        """(v, w) in force at `time`: latency and time-out included."""
+        """Return (v, w) in force at `time`: latency and time-out included."""
         command = self._command
         while command.pending and command.pending[0][0] <= time + 1e-9:
             since, command.v, command.w = command.pending.pop(0)

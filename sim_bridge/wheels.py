@@ -1,4 +1,4 @@
-"""How driven wheels move a robot: velocity controller, wheel speeds, friction of tyres and casters on the ground.
+"""Driven wheels that move a robot: velocity controller, wheel speeds, friction of tyres and casters on the ground.
 
 Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between wheels and
 ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the commanded rate depending
@@ -31,19 +31,19 @@ from .mechanics import STEP
 # then the noise of each side and each support
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _KEEP_PULL = exp(-STEP / 0.02)
-_JAM = 0.1  # a wheel on Gazebo's ground is pressed down by at most ten times its load
-_STICK = 0.01  # slip speed below which Gazebo's friction holds less than its full force [m/s]
+_JAM_SHARE = 0.1  # a wheel on Gazebo's ground is pressed down by at most ten times its load
+_STICK_M_S = 0.01  # slip speed below which Gazebo's friction holds less than its full force [m/s]
 
 
 def new_drive(supports: np.ndarray, seed: Sequence[int]) -> np.ndarray:
-    """The state of a drive that stands; its wheels' angles are drawn from the seed."""
+    """Return the state of a drive that stands; its wheels' angles are drawn from the seed."""
     drive = np.zeros(GRIP_NOISE + len(supports))
     drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
     return drive
 
 
 def noises(supports: np.ndarray) -> int:
-    """How many standard normal numbers a step takes: one for each side, one for each support."""
+    """Return how many standard normal numbers a step takes: one for each side, one for each support."""
     return 2 + len(supports)
 
 
@@ -83,7 +83,7 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
 
 @kernel
 def _rims(v, w, table, scalars):
-    """Mean and half difference of the rim speeds for (v, w), bilinear in the table."""
+    """Return the mean and half difference of the rim speeds for (v, w), bilinear in the table."""
     sign = 1.0 if v > 0.0 else -1.0
     a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
     b = min(abs(w) * scalars[m.PER_W], table.shape[1] - 1.001)
@@ -182,8 +182,8 @@ def _pyramid(slip_x, slip_y, c, sn, friction):
     and a part of the first force presses the wheel down or lifts it. From a friction of 1 on it would jam.
     """
     ahead = slip_x * c
-    over_x, over_y = max(abs(ahead), _STICK), max(abs(slip_y * c), _STICK)
-    press = 1.0 / max(1.0 + friction * ahead / over_x * sn, _JAM)
+    over_x, over_y = max(abs(ahead), _STICK_M_S), max(abs(slip_y * c), _STICK_M_S)
+    press = 1.0 / max(1.0 + friction * ahead / over_x * sn, _JAM_SHARE)
     return press * c * c / over_x, press * c * c / over_y
 
 

@@ -9,26 +9,26 @@ from typing import Tuple
 
 import numpy as np
 
-from applr_ros1.monitor.memory import ObstacleMemory
-from applr_ros1.monitor.motion import SPAN, PoseMotion
+from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
+from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
-from applr_ros1.monitor.scanner import FAR, FROZEN_DISTANCE, FROZEN_TURN, ScannerCheck
-from applr_ros1.monitor.seen import SeenSpace
+from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, braking_time, edge_points, half_planes, on_arc, safe_scale
+from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
-IMPOSSIBLE = 2.0  # a measured speed above this many times the fastest command is rejected
-AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
-HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
-TINY = 1e-6  # [m/s, rad/s]: what is slower stands
-AHEAD_OF_CLOCK = 0.1  # [s] by which stamps may be ahead of the clock; beyond, the clock was set back
+IMPOSSIBLE_FACTOR = 2.0  # a measured speed above this many times the fastest command is rejected
+STOP_WITHIN_M = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
+HELD_M_S, HELD_RAD_S = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
+TINY_SPEED = 1e-6  # [m/s, rad/s]: what is slower stands
+AHEAD_OF_CLOCK_S = 0.1  # [s] by which stamps may be ahead of the clock; beyond, the clock was set back
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the monitor made of a command.
+    """Verdict of the monitor on a command.
 
     Attributes:
         command: (v [m/s], w [rad/s]) for the base.
@@ -46,11 +46,11 @@ class Verdict:
     def held(self) -> bool:
         """Whether next to nothing of a command was let through."""
         v, w = self.command
-        return self.action != PASS and abs(v) < HELD_V and abs(w) < HELD_W
+        return self.action != PASS and abs(v) < HELD_M_S and abs(w) < HELD_RAD_S
 
 
 class _Laser:
-    """What is kept of one laser: its obstacles, whether it can be believed, and the stamp of its newest scan."""
+    """Memory of one laser: its obstacles, whether it can be believed, and the stamp of its newest scan."""
 
     def __init__(self, settings):
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
@@ -80,7 +80,7 @@ class CollisionMonitor:
         more_scans: names of further lasers. The first one alone tells where the robot is (ScanMatcher).
 
     Attributes:
-        fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
+        fastest: (v [m/s], w [rad/s]) from which the base stops within STOP_WITHIN_M, or a full turn, if all is fresh.
         ages: of the newest scan, pose and twist at the last command [s].
     """
 
@@ -98,11 +98,11 @@ class CollisionMonitor:
 
     def _fastest(self, reaction):
         s = self.settings
-        ways = (s.deceleration, min(AHEAD, s.memory_radius)), (s.yaw_deceleration, 2.0 * math.pi)
+        ways = (s.deceleration, min(STOP_WITHIN_M, s.memory_radius)), (s.yaw_deceleration, 2.0 * math.pi)
         return tuple(a * (math.sqrt(reaction**2 + 2.0 * way / a) - reaction) for a, way in ways)
 
     def reset(self):
-        """As a new object: no scan, no memory, nothing seen. To be called when time or odometry jumps."""
+        """Begin anew: no scan, no memory, nothing seen. To be called when time or odometry jumps."""
         for laser in self._lasers.values():
             laser.clear()
         self.seen.clear()
@@ -139,7 +139,7 @@ class CollisionMonitor:
         return laser.fault
 
     def filter(self, now, pose, twist, command, ages=(0.0, 0.0)):
-        """What of a command the base may be given.
+        """Return the part of a command that the base may be given.
 
         Args:
             now: time [s] on the scans' clock.
@@ -149,11 +149,11 @@ class CollisionMonitor:
             ages: of pose and twist [s].
 
         Returns:
-            A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within AHEAD
-            are reduced to it.
+            A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within
+            STOP_WITHIN_M are reduced to it.
         """
         pose, twist, command = (tuple(map(float, numbers)) for numbers in (pose, twist, command))
-        command = tuple(0.0 if abs(value) < TINY else value for value in command)
+        command = tuple(0.0 if abs(value) < TINY_SPEED else value for value in command)
         stamps = [laser.stamp for laser in self._lasers.values()]
         self.ages = (0.0 if None in stamps else now - min(stamps), *ages)
         problem = self._problem(pose, twist, command) or self._freezing(now - ages[0], pose, twist)
@@ -181,7 +181,7 @@ class CollisionMonitor:
         return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
 
     def braked(self, now, measured, command=(0.0, 0.0)):
-        """The (v, w) that the base is given at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
+        """Return the (v, w) given to the base at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
 
         Where v falls more slowly than asked, w stays with it on the command's arc, as safe_scale has judged it; but the
         base turns no faster for that than it was commanded before.
@@ -199,7 +199,7 @@ class CollisionMonitor:
         return v, w
 
     def _judge(self, pose, twists, command):
-        """The Verdict on a command; it must be safe from each of the velocities (v, w, slide)."""
+        """Return the Verdict on a command; it must be safe from each of the velocities (v, w, slide)."""
         v, w = command
         self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
@@ -227,7 +227,10 @@ class CollisionMonitor:
             return Verdict((v, w))
         if scale >= 1.0:
             return Verdict(
-                (v, w), SLOW, most, f"slowed to what can be stopped within {min(AHEAD, settings.memory_radius):g} m"
+                (v, w),
+                SLOW,
+                most,
+                f"slowed to what can be stopped within {min(STOP_WITHIN_M, settings.memory_radius):g} m",
             )
         if scale <= 0.0:
             reason = (
@@ -238,7 +241,7 @@ class CollisionMonitor:
         return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
 
     def _scale(self, points, twists, command, times, seen):
-        """The least safe_scale of all the velocities, before points (k, 2) [m] in the robot's frame."""
+        """Return the least safe_scale of all the velocities, before points (k, 2) [m] in the robot's frame."""
         s, scales = self.settings, []
         brake = s.deceleration, s.yaw_deceleration
         for v, w, slide in twists:
@@ -247,22 +250,24 @@ class CollisionMonitor:
         return min(scales)
 
     def _is_impossible(self, twist):
-        return any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest))
+        return any(abs(value) > IMPOSSIBLE_FACTOR * limit for value, limit in zip(twist, self.fastest))
 
     def _freezing(self, stamp, pose, twist):
-        """What is wrong where the poses stand, whatever their stamps, while the velocity says that the base moves."""
-        stands = abs(twist[0]) < HELD_V and abs(twist[1]) < HELD_W  # what is stated of a base at rest is seldom just 0
+        """Return what is wrong where the poses stand, whatever their stamps, while the velocity says otherwise."""
+        stands = (
+            abs(twist[0]) < HELD_M_S and abs(twist[1]) < HELD_RAD_S
+        )  # what is stated of a base at rest is seldom just 0
         if pose != self._pose[1] or stamp < self._pose[0] or stands:
             self._pose = stamp, pose
         since = stamp - self._pose[0]
-        moved = abs(twist[0]) * since >= FROZEN_DISTANCE or abs(twist[1]) * since >= FROZEN_TURN
-        said = f"the pose is frozen: the velocity is {twist[0]:g} m/s and {twist[1]:g} rad/s, and it stands"
-        return said if moved and since >= SPAN else ""
+        moved = abs(twist[0]) * since >= FROZEN_M or abs(twist[1]) * since >= FROZEN_RAD
+        sentence = f"the pose is frozen: the velocity is {twist[0]:g} m/s and {twist[1]:g} rad/s, and it stands"
+        return sentence if moved and since >= SPAN_S else ""
 
     def _problem(self, pose, twist, command):
         if not all(map(math.isfinite, (*pose, *twist, *command))):
             return "the command, the pose or the velocity is not finite"
-        if max(map(abs, pose)) > FAR:
+        if max(map(abs, pose)) > FARTHEST_M:
             return f"the pose is ({pose[0]:g} m, {pose[1]:g} m, {pose[2]:g} rad), which cannot be"
         if self._is_impossible(twist):
             return f"the odometry says {twist[0]:g} m/s and {twist[1]:g} rad/s, which cannot be"
@@ -272,6 +277,16 @@ class CollisionMonitor:
         for what, age in zip(("scan", "pose", "odometry"), self.ages):
             if age > self.settings.scan_timeout:
                 return f"the newest {what} is {age:.2f} s old; the limit is {self.settings.scan_timeout:g} s"
-            if not age >= -AHEAD_OF_CLOCK:
+            if not age >= -AHEAD_OF_CLOCK_S:
                 return f"the newest {what} is stamped {-age:.2f} s ahead of the clock"
         return ""
+
+
+def warm_up(settings: MonitorSettings) -> None:
+    """Compile or load all kernels: a throw-away monitor takes two scans, a wide sector of the second without return."""
+    monitor = CollisionMonitor(settings)
+    ranges = np.full(8, 0.6)
+    for stamp in (0.0, 0.1):
+        monitor.see(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
+        ranges = np.where(np.arange(8) < 4, ranges, np.inf)
+        monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

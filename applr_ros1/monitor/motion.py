@@ -1,4 +1,4 @@
-"""How the base moves by its poses, which the velocity that odometry states is checked against.
+"""Velocity of the base by its poses, which the velocity that odometry states is checked against.
 
 CollisionMonitor holds one PoseMotion. Its poses are ScanMatcher's: they show how far the base slides, also sideways,
 and in which direction it moves where the stated velocity has the wrong sign or size.
@@ -9,10 +9,10 @@ from collections import deque
 
 from applr_ros1.common.angles import compose, inverse
 
-SPAN = 0.25  # [s]: poses so long ago are compared with the newest one
-SHORTEST = 0.08  # [s]: over less nothing is said
-SLOW_V, SLOW_W = 0.15, 0.4  # [m/s, rad/s]: differences up to these, and
-SHARE = 0.2  # up to this share of the velocity, are those of a velocity that changes
+SPAN_S = 0.25  # [s]: poses so long ago are compared with the newest one
+SHORTEST_S = 0.08  # [s]: over less nothing is said
+DIFFERENCE_M_S, DIFFERENCE_RAD_S = 0.15, 0.4  # [m/s, rad/s]: differences up to these, and
+DIFFERENCE_SHARE = 0.2  # up to this share of the velocity, are those of a velocity that changes
 
 
 class PoseMotion:
@@ -26,23 +26,23 @@ class PoseMotion:
         self.clear()
 
     def clear(self):
-        """No pose is known."""
+        """Forget all poses."""
         self._poses = deque()
         self.velocity = (0.0, 0.0, 0.0)
 
     def take(self, stamp, pose):
         """Take the base's pose (x, y, yaw) [m, rad] at `stamp` [s]."""
         poses = self._poses
-        if poses and not 0.0 <= stamp - poses[-1][0] <= SPAN:  # the clock was set, or poses ceased
+        if poses and not 0.0 <= stamp - poses[-1][0] <= SPAN_S:  # the clock was set, or poses ceased
             self.clear()
             poses = self._poses
         if poses and stamp == poses[-1][0]:
             return
         poses.append((stamp, pose))
-        while stamp - poses[1 if len(poses) > 1 else 0][0] >= SPAN:
+        while stamp - poses[1 if len(poses) > 1 else 0][0] >= SPAN_S:
             poses.popleft()
         since, before = poses[0]
-        if stamp - since < SHORTEST:
+        if stamp - since < SHORTEST_S:
             return
         x, y, yaw = compose(inverse(before), pose)
         yaw = math.remainder(yaw, 2.0 * math.pi)
@@ -51,8 +51,9 @@ class PoseMotion:
         self.velocity = (c * x + s * y) / time, yaw / time, (c * y - s * x) / time
 
     def contradicts(self, twist):
-        """Whether the base moves the other way than the measured (v, w), or much faster."""
+        """Return whether the base moves the other way than the measured (v, w), or much faster."""
         return any(
-            abs(moved) > limit and (moved * stated < 0.0 or abs(moved) > abs(stated) + limit + SHARE * abs(moved))
-            for moved, stated, limit in zip(self.velocity, twist, (SLOW_V, SLOW_W))
+            abs(moved) > limit
+            and (moved * stated < 0.0 or abs(moved) > abs(stated) + limit + DIFFERENCE_SHARE * abs(moved))
+            for moved, stated, limit in zip(self.velocity, twist, (DIFFERENCE_M_S, DIFFERENCE_RAD_S))
         )

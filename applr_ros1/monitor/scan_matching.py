@@ -1,4 +1,4 @@
-"""Where the robot is by what the scanner shows, where the wheels have slipped. CollisionMonitor holds one ScanMatcher.
+"""Pose of the robot by what the scanner shows, where the wheels have slipped. CollisionMonitor holds one ScanMatcher.
 
 A base that brakes harder than its tyres hold slides on while its wheels stand: its odometry is then wrong by
 centimetres, and whatever the monitor remembers behind it by as much. The difference shows in the next scan, because
@@ -16,21 +16,23 @@ import numpy as np
 from applr_ros1.common.angles import compose, inverse, normalize_angle
 from applr_ros1.common.kernels import kernel
 
-REACH = 8.0  # [m]: farther beams are not used
-STRIDE = 3  # every third beam is laid over the earlier scan
-BASE = 0.02  # [m]: a surface's direction is taken from its points so far to both sides
-APART = 0.15, 0.3  # [m, rad]: a scan that is farther from every reference becomes one more of them
-KEPT = 256  # references
+REACH_M = 8.0  # [m]: farther beams are not used
+STRIDE_BEAMS = 3  # every third beam is laid over the earlier scan
+BASE_M = 0.02  # [m]: a surface's direction is taken from its points so far to both sides
+APART_M_RAD = 0.15, 0.3  # [m, rad]: a scan that is farther from every reference becomes one more of them
+REFERENCES_KEPT = 256  # references
 ITERATIONS, COARSE = 12, 4
-WIDE, NARROW = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, in the coarse and later iterations
-NOISE = 0.01  # [m]: of a distance between a point and its line
-SLIP, YAW_ERROR = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
-MOST, MOST_TURN = 0.15, 0.1  # [m, rad]: a larger correction at once is rejected
-BETTER = 0.05  # by so much the mean weight of a match that does not begin at the odometry's pose must be better
-LONGEST = 0.5  # [s]: over more between two scans nothing goes on as before
-ENOUGH = 20  # points that must have found a line ...
-FITTING = 0.5  # ... and the mean weight that they must have then
-ELSEWHERE = 0.15  # share of a scan's points that the other, which does not fit, must see through, either way round
+WIDE_M, NARROW_M = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, in the coarse and later iterations
+NOISE_M = 0.01  # [m]: of a distance between a point and its line
+SLIP_M, YAW_ERROR_RAD = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
+LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # [m, rad]: a larger correction at once is rejected
+BETTER_WEIGHT = 0.05  # by so much the mean weight of a match that does not begin at the odometry's pose must be better
+LONGEST_S = 0.5  # [s]: over more between two scans nothing goes on as before
+ENOUGH_POINTS = 20  # points that must have found a line ...
+FITTING_WEIGHT = 0.5  # ... and the mean weight that they must have then
+ELSEWHERE_SHARE = (
+    0.15  # share of a scan's points that the other, which does not fit, must see through, either way round
+)
 
 
 class ScanMatcher:
@@ -57,7 +59,7 @@ class ScanMatcher:
         self._speed = (0.0, 0.0, 0.0)  # from the last two: forwards, to the left [m/s], turning [rad/s]
 
     def corrected(self, pose):
-        """The pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
+        """Return the pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
         return compose(self.correction, pose)
 
     def see(self, scan):
@@ -72,7 +74,7 @@ class ScanMatcher:
         pose = self.corrected(scan.sensor_pose)
         measured = np.asarray(scan.ranges, dtype=np.float32)
         ranges = np.where(
-            (measured >= scan.range_min) & (measured < min(scan.range_max, REACH)), measured, np.float32(np.nan)
+            (measured >= scan.range_min) & (measured < min(scan.range_max, REACH_M)), measured, np.float32(np.nan)
         )
         beams = float(scan.angle_min), float(scan.angle_increment)
         nearest = self._nearest(pose)
@@ -92,36 +94,36 @@ class ScanMatcher:
             self.correction = compose(pose, inverse(scan.sensor_pose))
         newest = ranges, beams, pose
         self._measured = measured
-        if nearest is None or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
-            self._references = [*self._references[1 - KEPT :], newest]
+        if nearest is None or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART_M_RAD)):
+            self._references = [*self._references[1 - REFERENCES_KEPT :], newest]
         self._remember(scan.stamp, newest)
         return found is not None
 
     def _is_elsewhere(self, measured, newest):
-        """Whether a scan and the last one see through each other's points, or the last one had next to none."""
+        """Return whether a scan and the last one see through each other's points, or the last one had next to none."""
         last = self._last[2]
         shown, appeared = _seen_through(*newest, self._measured, *last[1:])
         seen, gone = _seen_through(*last, measured, *newest[1:])
-        came = shown >= ENOUGH and appeared > ELSEWHERE * shown
-        return came and (seen < ENOUGH or gone > ELSEWHERE * seen)
+        came = shown >= ENOUGH_POINTS and appeared > ELSEWHERE_SHARE * shown
+        return came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen)
 
     def _guesses(self, pose, stamp):
         """[pose, and where the base would be had it gone on as between the last two scans, if that is elsewhere]."""
-        if self._last is None or not 0.0 < stamp - self._last[0] <= LONGEST:
+        if self._last is None or not 0.0 < stamp - self._last[0] <= LONGEST_S:
             return [pose]
         gone_on = compose(self._last[1], tuple(speed * (stamp - self._last[0]) for speed in self._speed))
-        return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW else [pose]
+        return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
 
     def _remember(self, stamp, newest):
         pose = newest[2]
         since = stamp - self._last[0] if self._last is not None else 0.0
         self._speed = (0.0, 0.0, 0.0)
-        if 0.0 < since <= LONGEST:
+        if 0.0 < since <= LONGEST_S:
             self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
         self._last = stamp, pose, newest
 
     def _lay_over(self, earlier, ranges, beams, guesses):
-        """The pose at which a scan fits onto an earlier one, or None."""
+        """Return the pose at which a scan fits onto an earlier one, or None."""
         old, old_beams, old_pose = earlier
         if self._surface[0] is not old:
             self._surface = old, lines(old, old_beams)
@@ -129,13 +131,18 @@ class ScanMatcher:
         for guess in guesses:
             pose, found, weight = _match(self._surface[1], old_beams, old_pose, points, guess)
             moved, turned = _difference(pose, guess)
-            fits = found >= ENOUGH and weight >= FITTING * found and moved <= MOST and turned <= MOST_TURN
-            tried.append((fits, weight / max(found, 1) - BETTER * bool(tried), pose))
+            fits = (
+                found >= ENOUGH_POINTS
+                and weight >= FITTING_WEIGHT * found
+                and moved <= LARGEST_SHIFT_M
+                and turned <= LARGEST_TURN_RAD
+            )
+            tried.append((fits, weight / max(found, 1) - BETTER_WEIGHT * bool(tried), pose))
         fits, _, pose = max(tried, key=lambda match: match[:2])
         return pose if fits else None
 
     def _nearest(self, pose):
-        """The number of the reference nearest to a pose; None without any."""
+        """Return the number of the reference nearest to a pose; None without any."""
         if not self._references:
             return None
         if self._places[0] is not self._references[-1]:  # one that goes makes room for the newest
@@ -147,7 +154,7 @@ class ScanMatcher:
 
 
 def _difference(a, b):
-    """Distance [m] and angle [rad] between two poses."""
+    """Return distance [m] and angle [rad] between two poses."""
     return math.hypot(a[0] - b[0], a[1] - b[1]), abs(normalize_angle(a[2] - b[2]))
 
 
@@ -164,10 +171,10 @@ def _nearest(places, pose):
 
 @kernel
 def _points(ranges, beams):
-    """(k, 3) every STRIDE-th point x, y [m] of a scan in the scanner's frame, and its beam; none without a return."""
-    points = np.empty((ranges.shape[0] // STRIDE + 1, 3))
+    """Return (k, 3) x, y [m] in the scanner's frame of every STRIDE_BEAMS-th beam that has a return, and its number."""
+    points = np.empty((ranges.shape[0] // STRIDE_BEAMS + 1, 3))
     k = 0
-    for i in range(0, ranges.shape[0], STRIDE):
+    for i in range(0, ranges.shape[0], STRIDE_BEAMS):
         if not math.isnan(ranges[i]):
             angle = beams[0] + i * beams[1]
             points[k] = ranges[i] * math.cos(angle), ranges[i] * math.sin(angle), float(i)
@@ -177,7 +184,7 @@ def _points(ranges, beams):
 
 @kernel
 def _match(surface, old_beams, old_pose, points, guess):
-    """The pose (x, y, yaw) at which points lie best on an earlier scan's lines(), how many found one, sum of weights.
+    """Return the pose (x, y, yaw) at which points lie best on an earlier scan's lines(), their number, sum of weights.
 
     All is reckoned in the frame of that scan's scanner, where its lines were found once and for all. points (k, 3):
     see _points(); of each the earlier scan's beam that points to it is noted for the next time.
@@ -188,11 +195,11 @@ def _match(surface, old_beams, old_pose, points, guess):
     x, y, yaw = guess_x, guess_y, guess_yaw
     found, weights = 0, 0.0
     for iteration in range(ITERATIONS):
-        scale = WIDE if iteration < COARSE else NARROW
+        scale = WIDE_M if iteration < COARSE else NARROW_M
         found, weights = 0, 0.0
         # normal equations of the correction (dx, dy, dyaw), with the odometry's pose as prior
-        a00 = a11 = (NOISE / SLIP) ** 2
-        a22 = (NOISE / YAW_ERROR) ** 2
+        a00 = a11 = (NOISE_M / SLIP_M) ** 2
+        a22 = (NOISE_M / YAW_ERROR_RAD) ** 2
         a01 = a02 = a12 = 0.0
         b0, b1, b2 = a00 * (guess_x - x), a11 * (guess_y - y), a22 * (guess_yaw - yaw)
         turn_c, turn_s = math.cos(yaw), math.sin(yaw)
@@ -226,7 +233,7 @@ def _match(surface, old_beams, old_pose, points, guess):
 
 @kernel
 def _seen_through(old, old_beams, old_pose, new, beams, pose):
-    """How many points of one scan (old) lie in another's field of view, and behind how many of them that one sees."""
+    """Return how many points of one scan (old) lie in another's field of view, and how many of them it sees through."""
     seen = gone = 0
     for i in range(old.shape[0]):
         if math.isnan(old[i]):
@@ -237,13 +244,13 @@ def _seen_through(old, old_beams, old_pose, new, beams, pose):
         j = int(place + 0.5)
         if 0 < j < new.shape[0] - 1:
             seen += 1
-            gone += min(new[j - 1], new[j], new[j + 1]) > math.sqrt(dx * dx + dy * dy) + WIDE
+            gone += min(new[j - 1], new[j], new[j + 1]) > math.sqrt(dx * dx + dy * dy) + WIDE_M
     return seen, gone
 
 
 @kernel
 def lines(ranges, beams):
-    """(n, 6) of a scan: each beam's point [m], unit normal of the surface from it to the next beam's, and direction.
+    """Return (n, 6) of a scan: each beam's point [m], unit normal of the surface to the next one's, and direction.
 
     In the scanner's frame. The normal is NaN where there is no surface: at an edge, and where a beam has no return.
     """
@@ -257,7 +264,7 @@ def lines(ranges, beams):
         near = abs(ranges[i] * beams[1])  # between neighbouring points of a surface that is seen squarely
         if not abs(ranges[i + 1] - ranges[i]) < 4.0 * near:
             continue
-        span = min(int(math.ceil(BASE / max(near, 1e-6))), 20)
+        span = min(int(math.ceil(BASE_M / max(near, 1e-6))), 20)
         low, high = i, i + 1
         while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:  # not across an edge
             low -= 1
@@ -272,7 +279,7 @@ def lines(ranges, beams):
 
 @kernel
 def _line(surface, place):
-    """The surface in the direction of a beam with a fraction: (hit, point on it, unit normal)."""
+    """Return the surface in the direction of a beam with a fraction: (hit, point on it, unit normal)."""
     i = int(math.floor(place))
     if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
         return False, 0.0, 0.0, 0.0, 0.0
@@ -283,7 +290,7 @@ def _line(surface, place):
 
 @kernel
 def _beam_near(surface, beams, x, y, last):
-    """What beam_at gives for the point x, y [m] in the scanner's frame, faster where it was near the beam `last`.
+    """Return beam_at of the point x, y [m] in the scanner's frame, faster where it was near the beam `last`.
 
     From beam to beam by the angle between a beam and the point, whose arc tangent is a short series.
     """
@@ -305,7 +312,7 @@ def _beam_near(surface, beams, x, y, last):
 
 @kernel
 def beam_at(angle_min, increment, bearing):
-    """The index, with a fraction, of the beam of a scan that points to a bearing [rad]; past its end for none."""
+    """Return the index, with a fraction, of the beam that points to a bearing [rad]; past the scan's end for none."""
     turn = bearing - angle_min if increment > 0.0 else angle_min - bearing
     if -2.0 * math.pi < turn < 0.0:
         turn += 2.0 * math.pi  # what % gives there, which takes far longer

@@ -1,4 +1,4 @@
-"""Whether a scanner can be believed: geometry, blindness, frozen images, sectors. CollisionMonitor asks each time."""
+"""Check of a scanner that may be broken: geometry, blindness, frozen images, sectors. CollisionMonitor asks it."""
 
 import math
 from dataclasses import replace
@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.monitor.memory import CAPACITY
+from applr_ros1.monitor.known_space import CAPACITY_POINTS
 from applr_ros1.monitor.scan_matching import beam_at
 
-FINEST = 1e-5  # [rad] between beams
-FAR = 1e6  # [m, rad]: no pose of a sensor or the robot is farther from its frame's origin
+FINEST_RAD = 1e-5  # [rad] between beams
+FARTHEST_M = 1e6  # [m, rad]: no pose of a sensor or the robot is farther from its frame's origin
 BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
-ENOUGH = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
-STILL_VISIBLE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
+ENOUGH_HITS = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
+VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
 FROZEN_SCANS = 5  # equal images in a row ...
-FROZEN_DISTANCE, FROZEN_TURN = 0.03, 0.03  # ... while the robot moved by more than this [m, rad]
-SECTOR = math.pi / 4  # [rad]: neighbouring beams of at least so much that all at once return nothing ...
-STOOD = 0.3  # ... where for this share of them something must stand, are not believed
-REPEATED = 0.005  # [m, rad]: an equal image after a motion of more than this is not news
+FROZEN_M, FROZEN_RAD = 0.03, 0.03  # ... while the robot moved by more than this [m, rad]
+SECTOR_RAD = math.pi / 4  # [rad]: neighbouring beams of at least so much that all at once return nothing ...
+STOOD_SHARE = 0.3  # ... where for this share of them something must stand, are not believed
+REPEATED_M_RAD = 0.005  # [m, rad]: an equal image after a motion of more than this is not news
 
 
 class ScannerCheck:
@@ -39,7 +39,7 @@ class ScannerCheck:
         self._forget_image()
 
     def fault(self, scan):
-        """What is wrong with a scan (planner.costmap.scan.LaserScan in the odometry frame) in one line, or ""."""
+        """Return what is wrong with a scan (planner.costmap.scan.LaserScan in the odometry frame), a line or ""."""
         problem = geometry_fault(scan)
         if problem:
             return problem
@@ -56,18 +56,20 @@ class ScannerCheck:
         if not hits:
             self._forget_image()
             count = self._expected(scan, beams)[1]
-            return f"the scanner sees nothing where it saw {count} obstacle points before" if count >= ENOUGH else ""
-        wide = widest * abs(beams[1]) >= SECTOR
+            return (
+                f"the scanner sees nothing where it saw {count} obstacle points before" if count >= ENOUGH_HITS else ""
+            )
+        wide = widest * abs(beams[1]) >= SECTOR_RAD
         if wide or self._doubts:  # wide sectors that return nothing all at once: nothing that stands there goes so fast
             expected = self._expected(scan, beams)[0] if wide else self._doubted
             self._doubts = _doubt(ranges, limits[1], abs(beams[1]), full_turn, expected, self._doubted)
         problem = self._freezing(ranges, scan.sensor_pose)
-        if hits >= ENOUGH:
+        if hits >= ENOUGH_HITS:
             self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
         return problem
 
     def believed(self, scan):
-        """The newest scan; NaN are the ranges of a sector that has failed until its beams return again."""
+        """Return the newest scan; NaN are the ranges of a sector that has failed until its beams return again."""
         return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges)) if self._doubts else scan
 
     def _forget_image(self):
@@ -76,12 +78,9 @@ class ScannerCheck:
         self.repeats = False
 
     def _expected(self, scan, beams):
-        """Beams (n,) on which hits of the last scan must lie in this one, unless what stood there has gone; how many.
-
-        The number is that of the hits.
-        """
+        """Return the beams (n,) that must meet what the last scan hit unless it has gone; the number of those hits."""
         marks = np.zeros(len(scan.ranges), np.bool_)
-        pose, reach = tuple(map(float, scan.sensor_pose)), STILL_VISIBLE * scan.range_max
+        pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
         return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
 
     def _freezing(self, ranges, pose):
@@ -92,8 +91,8 @@ class ScannerCheck:
         self._equal += 1
         moved = math.hypot(pose[0] - self._since[0], pose[1] - self._since[1])
         turned = abs(math.remainder(pose[2] - self._since[2], 2.0 * math.pi))
-        self.repeats = moved > REPEATED or turned > REPEATED
-        if self._equal < FROZEN_SCANS or (moved < FROZEN_DISTANCE and turned < FROZEN_TURN):
+        self.repeats = moved > REPEATED_M_RAD or turned > REPEATED_M_RAD
+        if self._equal < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
             return ""
         return (
             f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {moved:.2f} m and "
@@ -102,16 +101,16 @@ class ScannerCheck:
 
 
 def geometry_fault(scan):
-    """What is impossible about a scan's description, in one line, or ""."""
+    """Return what is impossible about a scan's description, in one line, or ""."""
     count = np.size(scan.ranges)
     numbers = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, *scan.sensor_pose, scan.stamp
     if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
-    if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FAR:
-        return f"the scan's first angle or pose is beyond {FAR:g}"
-    if not 3 <= count <= CAPACITY:  # of more some would be neither remembered nor unseen
-        return f"a scan of {count} beams: 3 to {CAPACITY} are possible"
-    if abs(scan.angle_increment) < FINEST or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
+    if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FARTHEST_M:
+        return f"the scan's first angle or pose is beyond {FARTHEST_M:g}"
+    if not 3 <= count <= CAPACITY_POINTS:  # of more some would be neither remembered nor unseen
+        return f"a scan of {count} beams: 3 to {CAPACITY_POINTS} are possible"
+    if abs(scan.angle_increment) < FINEST_RAD or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
         return f"{count} beams {scan.angle_increment:g} rad apart are no planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"
@@ -120,7 +119,7 @@ def geometry_fault(scan):
 
 @kernel
 def _look(ranges, range_min, range_max, full_turn):
-    """How many beams measure nothing at all and how many hit, and the most neighbours that say there is nothing."""
+    """Return how many beams measure nothing at all, how many hit, and the most neighbours that see nothing there."""
     n = ranges.shape[0]
     blind = hits = run = widest = 0
     for i in range(n):
@@ -139,7 +138,7 @@ def _look(ranges, range_min, range_max, full_turn):
 
 @kernel
 def _is_equal(a, b):
-    """Whether two images are the same; NaN equals NaN."""
+    """Return whether two images are the same; NaN equals NaN."""
     same = a.shape[0] == b.shape[0]
     for i in range(a.shape[0] if same else 0):
         if a[i] != b[i] and not (math.isnan(a[i]) and math.isnan(b[i])):
@@ -167,7 +166,7 @@ def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
 
 @kernel
 def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
-    """Doubt the beams of each wide sector without a return that has STOOD of its beams among the expected ones.
+    """Doubt the beams of each wide sector without a return that has STOOD_SHARE of its beams among the expected ones.
 
     doubted (n,): beams that return something again are not doubted any more. Returns whether any is.
     """
@@ -181,7 +180,7 @@ def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
         if j < n and ranges[i] >= range_max:
             stood += expected[i]
             continue
-        if (j - begin) * increment >= SECTOR and stood >= STOOD * (j - begin):
+        if (j - begin) * increment >= SECTOR_RAD and stood >= STOOD_SHARE * (j - begin):
             for k in range(begin, j):
                 doubted[(first + k) % n] = True
         if j < n:

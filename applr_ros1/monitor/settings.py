@@ -1,4 +1,4 @@
-"""What the collision monitor must know of a base, checked."""
+"""Settings of the collision monitor for a base, checked."""
 
 from dataclasses import dataclass
 from typing import Tuple
@@ -13,7 +13,7 @@ from applr_ros1.robots.robot import Monitoring
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """What the monitor must know of the base.
+    """Settings of the monitor for a base.
 
     Attributes:
         body: convex outline of everything that can touch an obstacle, (x, y) [m] in the robot's frame.
@@ -45,7 +45,7 @@ class MonitorSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
-        """What a robot's description gives: its outline, rounded up to millimetres, and its section `monitor`."""
+        """Return those of a robot's description: its outline, rounded up to millimetres, and its section `monitor`."""
         outline = corners(robot)
         body = np.copysign(np.ceil(1e3 * np.abs(outline) - 1e-6) / 1e3, outline)
         return cls(body=tuple((x, y) for x, y in body.tolist()), **robot.monitor.model_dump())

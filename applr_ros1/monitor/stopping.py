@@ -1,4 +1,4 @@
-"""How much of a command leaves room to stop: the geometry of the collision monitor, in numba.
+"""Share of a command that leaves room to stop: the geometry of the collision monitor, in numba.
 
 The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time, with
 its turn as commanded or still as measured, and then to brake along the same arc, its last .3 m/s gently. A stop brakes
@@ -12,21 +12,23 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.monitor.seen import CELL
+from applr_ros1.monitor.known_space import CELL_M
 
-STEP = 0.02  # [s] between two checked poses
+CHECK_STEP_S = 0.02  # [s] between two checked poses
 # A base that nearly stands has less grip than the braking that was measured from full speed says: below this speed the
 # Jackal on Gazebo's ground, which holds or not by the angle at which its wheels stand, loses .3 to .6 m/s each second.
 LAST_SPEED_M_S = 0.3
 LAST_DECELERATION_M_S2 = 0.6
-DEEPER = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
+DEEPER_M = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
 HALVINGS = 5  # of the interval in which the largest safe factor is searched
-BEYOND = 1.5 * CELL  # [m]: a cell that the body has touched counts as seen all over; more must be seen than it needs
+BEYOND_M = (
+    1.5 * CELL_M
+)  # [m]: a cell that the body has touched counts as seen all over; more must be seen than it needs
 EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # for `seen`: all space is known
 
 
 def half_planes(outline):
-    """The convex hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
+    """Return the hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
 
     Raises ApplrError for fewer than three points, points on one line, or points that are not finite.
     """
@@ -35,10 +37,10 @@ def half_planes(outline):
 
 
 def edge_points(outline):
-    """Points (n, 2) [m] all along the convex hull of an outline, less than a cell of SeenSpace apart."""
+    """Return points (n, 2) [m] all along the convex hull of an outline, less than a cell of SeenSpace apart."""
     corners = np.asarray(outline, dtype=np.float64)[_hull(outline).vertices]
     edges = zip(corners, np.roll(corners, -1, axis=0))
-    return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL))[1:] for a, b in edges])
+    return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL_M))[1:] for a, b in edges])
 
 
 def _hull(outline):
@@ -52,7 +54,7 @@ def _hull(outline):
 
 @kernel
 def penetration(planes, margin, x, y):
-    """How deep a point [m] lies inside the widened body; negative outside."""
+    """Return how deep a point [m] lies inside the widened body; negative outside."""
     depth = np.inf
     for k in range(planes.shape[0]):
         depth = min(depth, planes[k, 2] + margin - planes[k, 0] * x - planes[k, 1] * y)
@@ -61,7 +63,7 @@ def penetration(planes, margin, x, y):
 
 @kernel
 def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns=(0.0, 1.0, 0.0, 0.0)):
-    """The largest factor for a command after which the base can still stop freely, and whether braking now is free.
+    """Return the largest factor of a command after which the base can still stop freely; whether braking now is free.
 
     Args:
         points: (n, 2) obstacle points in the robot's frame [m].
@@ -83,7 +85,7 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
     rows = np.empty((6, points.shape[0]))  # of the points: x, y, the depth that is allowed; room for _is_deeper
     for i in range(points.shape[0]):
         rows[0, i], rows[1, i] = points[i]
-        rows[2, i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1])) + DEEPER
+        rows[2, i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1])) + DEEPER_M
     if _is_free_either_way(rows, planes, margin, twist, command, 1.0, times, brake, seen, turns):
         return 1.0, True
     if not _is_free(rows, planes, margin, twist, command, 0.0, times, brake, seen, 0.0, turns):
@@ -111,7 +113,7 @@ def _towards(value, target, change):
 
 @kernel
 def on_arc(v, command_v, command_w, turned):
-    """The turn rate with which a base that is faster than commanded, at v, is on the command's arc; command_v not 0.
+    """Return the turn rate that keeps a base, faster than commanded at v, on the command's arc; command_v not 0.
 
     No larger than the larger of the commanded one and the one given before, `turned`. [m/s, rad/s]
     """
@@ -121,7 +123,7 @@ def on_arc(v, command_v, command_w, turned):
 
 @kernel
 def _is_free_either_way(rows, planes, margin, twist, command, scale, times, brake, seen, turns):
-    """Whether a command is free where the base turns as commanded at once, faster, and where it goes on as measured."""
+    """Return whether a command is free where the base turns as commanded at once, faster, and still as measured."""
     gain = turns[1]
     return (
         _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, 1.0, turns)
@@ -132,7 +134,7 @@ def _is_free_either_way(rows, planes, margin, twist, command, scale, times, brak
 
 @kernel
 def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, gain, turns):
-    """Whether the body meets nothing while the base goes on, takes scale * command, and brakes after the reaction.
+    """Return whether the body meets nothing while the base goes on, takes scale * command, and then brakes.
 
     gain: how many times as fast as commanded it turns during the reaction; 0: as measured. A scale of 0 brakes at once.
     Sideways it moves as a turn about the stated point makes it, and slides on as it was measured to beyond that; where
@@ -146,23 +148,23 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, ga
     x = y = yaw = 0.0
     since, left = times[0], times[1] if scale > 0.0 else 0.0
     while True:
-        step = STEP
+        step = CHECK_STEP_S
         if since > 0.0:
-            step = min(since, STEP)
-            since -= STEP
+            step = min(since, CHECK_STEP_S)
+            since -= CHECK_STEP_S
         elif left > 0.0:
             # the base gains speed at once, the worst case; it loses speed no faster than it can brake
-            v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * STEP)
+            v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * CHECK_STEP_S)
             if gain > 0.0:
                 falls = want_v * v > 0.0 and abs(v) > abs(want_v)
                 w = gain * (on_arc(v, want_v, want_w, turned) if falls else want_w)
-            left -= STEP
+            left -= CHECK_STEP_S
         else:
             gently = max(
-                LAST_DECELERATION_M_S2, (abs(v) - LAST_SPEED_M_S) / STEP
+                LAST_DECELERATION_M_S2, (abs(v) - LAST_SPEED_M_S) / CHECK_STEP_S
             )  # no step goes far below LAST_SPEED_M_S
             deceleration = min(brake[0], gently)
-            steps = max(abs(v) / deceleration, abs(w) / brake[1]) / STEP
+            steps = max(abs(v) / deceleration, abs(w) / brake[1]) / CHECK_STEP_S
             if steps <= 1.0:
                 return _is_seen_beyond(seen, x, y, yaw, want_v, want_w)
             v -= v / steps
@@ -180,7 +182,7 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, ga
 
 @kernel
 def _is_deeper(rows, planes, margin, x, y, c, s):
-    """Whether the penetration() of any point is more than allowed when the body is at (x, y, cosine, sine of yaw).
+    """Return whether any point's penetration() is more than allowed with the body at (x, y, cosine, sine of yaw).
 
     All points are looked at, plane by plane: such loops compile to vector instructions.
     """
@@ -200,15 +202,15 @@ def _is_deeper(rows, planes, margin, x, y, c, s):
 
 @kernel
 def _is_seen(seen, x, y, c, s):
-    """Whether all of the body's edge lies in seen cells when the body is at (x, y, cosine, sine of yaw)."""
+    """Return whether all of the body's edge lies in seen cells when the body is at (x, y, cosine, sine of yaw)."""
     cells, corner_i, corner_j, edge, pose = seen
     n = cells.shape[0]
     pc, ps = math.cos(pose[2]), math.sin(pose[2])
     first_i, first_j = corner_i % n, corner_j % n
     for k in range(edge.shape[0]):
         ex, ey = x + c * edge[k, 0] - s * edge[k, 1], y + s * edge[k, 0] + c * edge[k, 1]
-        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL)) - corner_i
-        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL)) - corner_j
+        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL_M)) - corner_i
+        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL_M)) - corner_j
         if not (0 <= i < n and 0 <= j < n):
             return False
         i, j = i + first_i, j + first_j  # less than 2 n: without a slow division
@@ -219,13 +221,13 @@ def _is_seen(seen, x, y, c, s):
 
 @kernel
 def _is_seen_beyond(seen, x, y, yaw, v, w):
-    """The same where it would be had its fastest point gone on by BEYOND; True for a base that is to stand."""
+    """Return the same where it would be had its fastest point gone on by BEYOND_M; True for a base that is to stand."""
     fastest = 0.0
     for k in range(seen[3].shape[0]):
         fastest = max(fastest, math.hypot(v - w * seen[3][k, 1], w * seen[3][k, 0]))
     if fastest == 0.0:
         return True
-    time = BEYOND / fastest
+    time = BEYOND_M / fastest
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time

@@ -1,1 +1,1 @@
-"""What moves around the robot: the tracker that finds it in scans, and where it will be. Knows nothing of ROS."""
+"""Moving obstacles around the robot: the tracker that finds it in scans, and where it will be. Knows nothing of ROS."""

@@ -15,10 +15,12 @@ MAX_CLUSTERS = 256
 CX, CY, RADIUS, NEAR, FROM, TO, HIDDEN_FROM, HIDDEN_TO, SIGMA, POINTS = range(10)
 COLUMNS = POINTS + 6
 
-GRAZING = 0.2  # [rad]: a surface seen under less than this angle falls apart (Borges and Aldon, J. Int. Rob. Sys. 2004)
-APART = 0.08  # [m] between neighbouring points of a cluster that is always allowed: noise
-GAP = 3  # beams from one point of a cluster to the next at most
-FEWEST = 3  # points of a cluster
+GRAZING_RAD = (
+    0.2  # [rad]: a surface seen under less than this angle falls apart (Borges and Aldon, J. Int. Rob. Sys. 2004)
+)
+APART_M = 0.08  # [m] between neighbouring points of a cluster that is always allowed: noise
+GAP_BEAMS = 3  # beams from one point of a cluster to the next at most
+FEWEST_POINTS = 3  # points of a cluster
 
 
 @kernel
@@ -36,7 +38,7 @@ def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
     """
     n = ranges.shape[0]
     step = abs(limits[1])
-    widen = math.sin(step) / math.sin(max(GRAZING - step, 0.02))
+    widen = math.sin(step) / math.sin(max(GRAZING_RAD - step, 0.02))
     full = full_turn(n, step)
     begin = 0  # a beam after which a cluster may begin: on a full turn one may lie across its ends
     while full and begin < n - 1 and _joined(ranges, table, limits, begin - 1, begin, widen):
@@ -50,7 +52,7 @@ def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
         points, near = 1, ranges[k % n]
         while True:
             k = last + 1
-            while k < min(last + GAP, begin + n) and not _joined(ranges, table, limits, last, k, widen):
+            while k < min(last + GAP_BEAMS, begin + n) and not _joined(ranges, table, limits, last, k, widen):
                 k += 1
             if k >= begin + n or not _joined(ranges, table, limits, last, k, widen):
                 break
@@ -58,7 +60,7 @@ def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
             points += 1
             near = min(near, ranges[k % n])
         k = last + 1
-        if points >= FEWEST and near < reach:
+        if points >= FEWEST_POINTS and near < reach:
             cluster = clusters[count]
             cluster[NEAR] = near
             cluster[HIDDEN_FROM] = _hides(ranges, limits, first, -1, full)
@@ -75,20 +77,20 @@ def _hit(r, limits):
 
 @kernel
 def _joined(ranges, table, limits, a, b, widen):
-    """Whether the points of beams a and b belong to one surface."""
+    """Return whether the points of beams a and b belong to one surface."""
     n = ranges.shape[0]
     i, j = a % n, b % n
     r, q = ranges[i], ranges[j]
     if not (_hit(r, limits) and _hit(q, limits)):
         return False
     dx, dy = r * table[i, 0] - q * table[j, 0], r * table[i, 1] - q * table[j, 1]
-    apart = APART + (b - a) * widen * min(r, q)
+    apart = APART_M + (b - a) * widen * min(r, q)
     return dx * dx + dy * dy < apart * apart
 
 
 @kernel
 def _hides(ranges, limits, edge, way, full):
-    """Whether what is beyond a cluster's last beam on one side hides more of it."""
+    """Return whether what is beyond a cluster's last beam on one side hides more of it."""
     n = ranges.shape[0]
     beyond = edge + way
     if not full and not 0 <= beyond < n:
@@ -99,7 +101,7 @@ def _hides(ranges, limits, edge, way, full):
 
 @kernel
 def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
-    """The disc of the beams from first to last. False if it is larger than `largest`."""
+    """Fill in the disc of the beams from first to last; return False if it is larger than `largest`."""
     n = ranges.shape[0]
     step = abs(limits[1])
     i, j = first % n, last % n
@@ -129,7 +131,7 @@ def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
 
 @kernel
 def centre(cluster, radius, sensor):
-    """Centre (x, y) [m] of the disc of this radius of which a cluster is the visible part; its standard deviation.
+    """Return the centre (x, y) [m] of a disc of this radius whose visible part is a cluster; its standard deviation.
 
     An edge beyond which the laser sees farther is the disc's edge; where the other one is hidden, the centre lies so
     far beside the visible one as the radius says.

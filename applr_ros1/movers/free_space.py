@@ -1,4 +1,4 @@
-"""What earlier scans saw free: the space through which their beams went. MoverTracker holds one FreeSpace.
+"""Space that earlier scans saw free: that through which their beams went. MoverTracker holds one FreeSpace.
 
 A mover occupies what was free before, and leaves free what it occupied. The visible part of a wall, which slides along
 it as the robot drives, or what comes into view from behind something else, does neither.
@@ -11,9 +11,9 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 
 SCANS = 7  # that are kept ...
-APART = 0.14  # ... at least so far apart [s]
-DEEP = 0.12  # [m]: a beam has to go on beyond a point for so long ...
-BESIDE, TURNED = 0.06, 0.02  # ... as have those beside it: by so much [m, rad] poses and edges may be wrong
+APART_S = 0.14  # ... at least so far apart [s]
+DEEP_M = 0.12  # [m]: a beam has to go on beyond a point for so long ...
+BESIDE_M, TURNED_RAD = 0.06, 0.02  # ... as have those beside it: by so much [m, rad] poses and edges may be wrong
 # of a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad], range_min [m], beams, how fast the
 # robot turned [rad/s], and how far between its first and its last beam [rad]
 STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
@@ -34,13 +34,13 @@ class FreeSpace:
         self.clear()
 
     def clear(self):
-        """Nothing has been seen."""
+        """Forget all scans."""
         self.fans[:, STAMP] = -math.inf
         self.newest = 0
 
     def due(self, stamp):
-        """Whether a scan of this stamp is to be kept."""
-        return stamp - self.fans[self.newest, STAMP] >= APART - 1e-3
+        """Return whether a scan of this stamp is to be kept."""
+        return stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3
 
     def take(self, depth, fan):
         """Keep a scan in place of the oldest: depth (n,) as in `ranges`, fan (10,) as in `fans`."""
@@ -54,13 +54,13 @@ class FreeSpace:
 
 @kernel
 def full_turn(n, step):
-    """Whether n beams go all around, or but for a gap of some beams, as where their number varies."""
+    """Return whether n beams go all around, or but for a gap of some beams, as where their number varies."""
     return (n + 3.5) * abs(step) >= 2.0 * math.pi
 
 
 @kernel
 def depths(ranges, range_min, range_max, out):
-    """How far each beam of a scan saw [m]: out (n,) float32; 0 where that is not known."""
+    """Fill out (n,) float32 with how far each beam of a scan saw [m]; 0 where that is not known."""
     for i in range(ranges.shape[0]):
         r = ranges[i]
         out[i] = min(r, range_max) if r >= range_min else 0.0  # NaN and -inf, too
@@ -68,9 +68,9 @@ def depths(ranges, range_min, range_max, out):
 
 @kernel
 def sees_through(depth, fan, x, y, turned):
-    """Whether all beams of a scan that pass near the point (x, y) [m] go on beyond it.
+    """Return whether all beams of a scan that pass near the point (x, y) [m] go on beyond it.
 
-    depth: (at least n,), fan: (10,) as in FreeSpace; turned: possible error of the bearing beyond TURNED [rad].
+    depth: (at least n,), fan: (10,) as in FreeSpace; turned: possible error of the bearing beyond TURNED_RAD [rad].
     """
     dx, dy = x - fan[X], y - fan[Y]
     distance = math.sqrt(dx * dx + dy * dy)
@@ -80,7 +80,7 @@ def sees_through(depth, fan, x, y, turned):
     turn = math.atan2(dy, dx) - fan[YAW] - fan[FIRST]
     turn = turn % (2.0 * math.pi) if step > 0.0 else -((-turn) % (2.0 * math.pi))
     middle = int(turn / step + 0.5)
-    around = int(min(BESIDE / distance + TURNED + turned, 1.0) / abs(step)) + 1
+    around = int(min(BESIDE_M / distance + TURNED_RAD + turned, 1.0) / abs(step)) + 1
     if not full_turn(n, step) and (middle - around < 0 or middle + around >= n):
         return False
     known = 0
@@ -88,6 +88,6 @@ def sees_through(depth, fan, x, y, turned):
         r = depth[i % n]
         if r > 0.0:
             known += 1
-            if r < distance + DEEP:
+            if r < distance + DEEP_M:
                 return False
     return known > around

@@ -1,4 +1,4 @@
-"""How far a scan's pose is wrong, by what stands: tracks that do not move vote on a small shift and turn of the laser.
+"""Error of a scan's pose, by what stands: tracks that do not move vote on a small shift and turn of the laser.
 
 A base that turns by skidding, or whose wheels spin, moves otherwise than its odometry says: then all that stands seems
 to move. Weighted least squares on the places of the standing tracks, those that do not fit weighted down.
@@ -10,15 +10,15 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
 VOTES = 3  # standing tracks that are needed
-SHIFT, TURN = 0.03, 0.01  # [m, rad]: errors of the odometry that are expected from scan to scan
-FITS = 0.04  # [m]: what is so far off counts half
+SHIFT_M, TURN_RAD = 0.03, 0.01  # [m, rad]: errors of the odometry that are expected from scan to scan
+FITS_M = 0.04  # [m]: what is so far off counts half
 ROUNDS = 4
-AGREE = 0.6  # share of the votes that have to fit
+AGREE_SHARE = 0.6  # share of the votes that have to fit
 
 
 @kernel
 def slip(places, voters, votes, clusters, sensor):
-    """(dx, dy [m], turn [rad]) by which the laser's pose has to be corrected; zeros where too little stands.
+    """Return (dx, dy [m], turn [rad]) by which the laser's pose has to be corrected; zeros where too little stands.
 
     Args:
         places: (n, 3) of what stands: x, y [m] and variance [m^2].
@@ -31,14 +31,14 @@ def slip(places, voters, votes, clusters, sensor):
     if votes < VOTES:
         return dx, dy, turn
     for _ in range(ROUNDS):
-        a00 = a11 = 1.0 / SHIFT**2
-        a22 = 1.0 / TURN**2
+        a00 = a11 = 1.0 / SHIFT_M**2
+        a22 = 1.0 / TURN_RAD**2
         a02 = a12 = b0 = b1 = b2 = fitting = 0.0
         for k in range(votes):
             cluster = clusters[voters[k]]
             x, y = cluster[CX] - sensor[0], cluster[CY] - sensor[1]
             ex, ey = places[k, 0] - cluster[CX], places[k, 1] - cluster[CY]
-            off = ((ex - dx + turn * y) ** 2 + (ey - dy - turn * x) ** 2) / FITS**2
+            off = ((ex - dx + turn * y) ** 2 + (ey - dy - turn * x) ** 2) / FITS_M**2
             fitting += 1.0 / (1.0 + off)
             w = 1.0 / ((places[k, 2] + cluster[SIGMA] ** 2) * (1.0 + off))
             a00 += w
@@ -51,7 +51,7 @@ def slip(places, voters, votes, clusters, sensor):
             b2 += w * (x * ey - y * ex)
         turn = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
         dx, dy = (b0 - a02 * turn) / a00, (b1 - a12 * turn) / a11
-    if fitting < AGREE * votes:
+    if fitting < AGREE_SHARE * votes:
         return 0.0, 0.0, 0.0
     return dx, dy, turn
 

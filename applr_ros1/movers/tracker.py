@@ -16,16 +16,16 @@ from applr_ros1.movers.free_space import FreeSpace, depths
 from applr_ros1.planner.costmap.scan import LaserScan, beam_directions
 from applr_ros1.robots import Robot
 
-REACH = 8.0  # [m]: what is farther is not followed
-LARGEST = 0.8  # [m]: radius of the largest mover
-PAUSE = 1.0  # [s] without a scan, or by which a stamp is older: another time has begun
-FASTER = 1.5  # a pose that changes so many times as fast as the base can: another place
-SHIFT, TURN = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
-SMOOTH = 0.1  # [s]: time constant of the measured speed and turn rate
+REACH_M = 8.0  # [m]: what is farther is not followed
+LARGEST_M = 0.8  # [m]: radius of the largest mover
+PAUSE_S = 1.0  # [s] without a scan, or by which a stamp is older: another time has begun
+FASTER_FACTOR = 1.5  # a pose that changes so many times as fast as the base can: another place
+SHIFT_M, TURN_RAD = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
+SMOOTH_S = 0.1  # [s]: time constant of the measured speed and turn rate
 
 
 class Movers(NamedTuple):
-    """What moves, in the odometry's frame at a scan's stamp; arrays of one length.
+    """Movers in the odometry's frame at a scan's stamp; arrays of one length.
 
     id: a mover's number, which it keeps (int64). x, y: centre of the disc [m]. vx, vy: its velocity [m/s]. radius [m].
     deviation: standard deviation of either component of the velocity [m/s].
@@ -50,7 +50,7 @@ class MoverTracker:
         reach: distance [m] from the laser within which movers are followed.
     """
 
-    def __init__(self, max_speed: float, max_yaw_rate: float, period: float, reach: float = REACH):
+    def __init__(self, max_speed: float, max_yaw_rate: float, period: float, reach: float = REACH_M):
         self.max_speed, self.max_yaw_rate = float(max_speed), float(max_yaw_rate)
         self.period, self.reach = float(period), float(reach)
         self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
@@ -62,11 +62,11 @@ class MoverTracker:
 
     @classmethod
     def of(cls, robot: Robot) -> MoverTracker:
-        """A tracker for a robot's base and laser."""
+        """Return a tracker for a robot's base and laser."""
         return cls(robot.base.max_speed, robot.base.max_yaw_rate, 1.0 / robot.laser.rate)
 
     def reset(self) -> None:
-        """Nothing has been seen. To be called when time or odometry jumps; update() sees most jumps by itself."""
+        """Begin anew. To be called when time or odometry jumps; update() sees most jumps by itself."""
         self._tracks[:] = 0.0
         self._history[:] = math.nan
         self._free.clear()
@@ -88,9 +88,9 @@ class MoverTracker:
         dt = 0.0
         if self._last is not None:
             dt = scan.stamp - self._last[0]
-            if -PAUSE < dt <= 0.0:
+            if -PAUSE_S < dt <= 0.0:
                 return self._movers()
-            if abs(dt) > PAUSE or self._jumps((x, y, yaw), dt):
+            if abs(dt) > PAUSE_S or self._jumps((x, y, yaw), dt):
                 self.reset()
                 dt = 0.0
         if scan.rotation is not None:
@@ -98,7 +98,7 @@ class MoverTracker:
         if self._last is not None:
             rate = normalize_angle(yaw - self._last[1][2]) / dt
             speed = math.hypot(x - self._last[1][0], y - self._last[1][1]) / dt
-            share = 1.0 - math.exp(-dt / SMOOTH)
+            share = 1.0 - math.exp(-dt / SMOOTH_S)
             self._rates = self._rates[1], abs(rate)
             self._turning += share * (rate - self._turning)
             self._speed += share * (speed - self._speed)
@@ -110,7 +110,10 @@ class MoverTracker:
         assert self._last is not None
         was = self._last[1]
         moved, turned = math.hypot(pose[0] - was[0], pose[1] - was[1]), abs(normalize_angle(pose[2] - was[2]))
-        return moved > FASTER * self.max_speed * dt + SHIFT or turned > FASTER * self.max_yaw_rate * dt + TURN
+        return (
+            moved > FASTER_FACTOR * self.max_speed * dt + SHIFT_M
+            or turned > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD
+        )
 
     def _follow(self, scan: LaserScan, dt: float) -> None:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
@@ -124,7 +127,7 @@ class MoverTracker:
         swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
         fan = np.array((now, *sensor, *limits[:3], n, self._turning, swept))
         table = beam_directions(first, step, n)
-        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST, self.reach, self._clusters)
+        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST_M, self.reach, self._clusters)
         before = self._free.ranges, self._free.fans
         given = self._tracks, self._history, self._clusters, count
         found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
@@ -141,3 +144,11 @@ class MoverTracker:
         x, y = transform_point(back, rows[:, tracks.TX], rows[:, tracks.TY])
         vx, vy = transform_point((0.0, 0.0, back[2]), rows[:, tracks.VX], rows[:, tracks.VY])
         return Movers(rows[:, tracks.ID].astype(np.int64), x, y, vx, vy, rows[:, tracks.TR], deviation)
+
+
+def warm_up() -> None:
+    """Compile or load all kernels: a throw-away tracker takes two scans of a disc that comes nearer."""
+    tracker = MoverTracker(1.0, 1.0, 0.1)
+    for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
+        ranges = np.where(abs(np.arange(41) - 20) < 8, distance, 5.0)
+        tracker.update(LaserScan(stamp, -0.4, 0.02, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))

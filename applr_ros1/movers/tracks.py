@@ -23,25 +23,25 @@ ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, 
 COLUMNS = 19
 
 ACCELERATION = 0.2  # [m^2/s^3]: spectral density of the acceleration
-BEARING = 0.005  # [rad]: standard deviation of a bearing in the odometry's frame
-LATENCY = 0.04  # [s] by which stamps of scans and poses may differ: bearings err where the robot's turn changes
-BENT = 0.15  # [rad]: scans during which the robot turns by more show nothing that moves
-FIRST_SPEED = 1.5  # [m/s]: standard deviation of the velocity of a new track
+BEARING_RAD = 0.005  # [rad]: standard deviation of a bearing in the odometry's frame
+LATENCY_S = 0.04  # [s] by which stamps of scans and poses may differ: bearings err where the robot's turn changes
+BENT_RAD = 0.15  # [rad]: scans during which the robot turns by more show nothing that moves
+FIRST_SPEED_M_S = 1.5  # [m/s]: standard deviation of the velocity of a new track
 GATE = 9.0  # squared deviations up to which a cluster may be a track's
-SUDDEN = 1.0  # [m/s] by which a velocity may change from scan to scan
-FARTHEST = 1.0  # [m] between both at most
-RESIZED = 0.15  # [m]: a difference of both radii that counts as one deviation
-SLOWEST, STANDING = 0.25, 0.12  # [m/s]: what is faster may be a mover, what becomes slower is none any more
-CLEAR = 2.0  # deviations by which a mover's velocity differs from zero
-ENOUGH, OFTEN = 0.12, 2  # evidence [s], and in how many scans, that makes a mover
-MOST = 0.5  # [s] of evidence that counts
-SAME_SIZE = 0.03  # [m]: of a cluster and a track, for that
-SETTLED = 3  # clusters after which a track that stands tells where the robot is
-AVERAGED = 0.5  # [s] over which its place is averaged for that
-SLIDES = 0.2  # [m/s]: a base that turns or brakes may slide so fast beside what its wheels say
-SILENT = 1.0  # [s] after which a mover needs new evidence
-HIDDEN = 0.8  # [s] for which a mover that is hidden is carried on
-LOST = 0.25  # [s] after which another track ends without a cluster
+SUDDEN_M_S = 1.0  # [m/s] by which a velocity may change from scan to scan
+FARTHEST_M = 1.0  # [m] between both at most
+RESIZED_M = 0.15  # [m]: a difference of both radii that counts as one deviation
+SLOWEST_M_S, STANDING_M_S = 0.25, 0.12  # [m/s]: what is faster may be a mover, what becomes slower is none any more
+CLEAR_DEVIATIONS = 2.0  # deviations by which a mover's velocity differs from zero
+ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence [s], and in how many scans, that makes a mover
+MOST_EVIDENCE_S = 0.5  # [s] of evidence that counts
+SAME_SIZE_M = 0.03  # [m]: of a cluster and a track, for that
+SETTLED_HITS = 3  # clusters after which a track that stands tells where the robot is
+AVERAGED_S = 0.5  # [s] over which its place is averaged for that
+SLIDES_M_S = 0.2  # [m/s]: a base that turns or brakes may slide so fast beside what its wheels say
+SILENT_S = 1.0  # [s] after which a mover needs new evidence
+HIDDEN_S = 0.8  # [s] for which a mover that is hidden is carried on
+LOST_S = 0.25  # [s] after which another track ends without a cluster
 
 
 @kernel
@@ -70,14 +70,14 @@ def associate(tracks, clusters, count, sensor, dt, found):
         if row[ID] == 0.0:
             continue
         for c in range(count):
-            if abs(clusters[c, 0] - row[TX]) > FARTHEST or abs(clusters[c, 1] - row[TY]) > FARTHEST:
+            if abs(clusters[c, 0] - row[TX]) > FARTHEST_M or abs(clusters[c, 1] - row[TY]) > FARTHEST_M:
                 continue
             x, y, sigma = centre(clusters[c], row[TR], sensor)
             dx, dy = x - row[TX], y - row[TY]
-            cost = (dx * dx + dy * dy) / (row[PP] + sigma * sigma + (SUDDEN * dt) ** 2)
+            cost = (dx * dx + dy * dy) / (row[PP] + sigma * sigma + (SUDDEN_M_S * dt) ** 2)
             larger = clusters[c, RADIUS] - row[TR]
             if larger > 0.0 or clusters[c, HIDDEN_FROM] + clusters[c, HIDDEN_TO] == 0.0:
-                cost += (larger / RESIZED) ** 2
+                cost += (larger / RESIZED_M) ** 2
             if cost < GATE and n < costs.shape[0]:
                 costs[n], pairs[n, 0], pairs[n, 1] = cost, t, c
                 n += 1
@@ -92,7 +92,7 @@ def associate(tracks, clusters, count, sensor, dt, found):
 
 @kernel
 def correct(row, cluster, sensor, dt):
-    """A track's row takes a cluster's place and size, dt [s] after the last one."""
+    """Give a track's row a cluster's place and size, dt [s] after the last one."""
     radius = cluster[RADIUS]
     if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
         row[TR] = max(row[TR], radius)
@@ -100,10 +100,10 @@ def correct(row, cluster, sensor, dt):
         row[TR] += 0.2 * (radius - row[TR])
     x, y, sigma = centre(cluster, row[TR], sensor)
     row[HITS] += 1.0
-    share = max(1.0 / (row[HITS] + 1.0), min(dt / AVERAGED, 0.5))
+    share = max(1.0 / (row[HITS] + 1.0), min(dt / AVERAGED_S, 0.5))
     row[MX] += share * (x - row[MX])
     row[MY] += share * (y - row[MY])
-    lever = BEARING * math.hypot(x - sensor[0], y - sensor[1])
+    lever = BEARING_RAD * math.hypot(x - sensor[0], y - sensor[1])
     variance = row[PP] + sigma * sigma + lever * lever
     k, kv = row[PP] / variance, row[PV] / variance
     dx, dy = x - row[TX], y - row[TY]
@@ -118,16 +118,16 @@ def correct(row, cluster, sensor, dt):
 
 @kernel
 def has_moved(points, history, ranges, fans, depth, fan):
-    """Whether a cluster's points (6,) are where a scan saw through, or the newest sees through where they were.
+    """Return whether a cluster's points (6,) are where a scan saw through, or the newest sees through where they were.
 
     history: (SCANS, 6), NaN where there was no cluster; ranges, fans: FreeSpace's; depth, fan: of the newest scan.
     """
     for s in range(SCANS):
         swept = max(fan[SWEPT], fans[s, SWEPT])
-        if fans[s, STAMP] == -math.inf or swept > BENT:
+        if fans[s, STAMP] == -math.inf or swept > BENT_RAD:
             continue
         came = left = 0
-        turned = LATENCY * abs(fan[RATE] - fans[s, RATE]) + swept
+        turned = LATENCY_S * abs(fan[RATE] - fans[s, RATE]) + swept
         for k in range(0, 6, 2):
             came += sees_through(ranges[s], fans[s], points[k], points[k + 1], turned)
             if not math.isnan(history[s, k]):
@@ -172,24 +172,24 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
             continue
         if found[t] < 0:
             row[GONE] += sees_through(depth, fan, row[TX], row[TY], 0.0)
-            if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN if row[MOVES] > 0.0 else LOST):
+            if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN_S if row[MOVES] > 0.0 else LOST_S):
                 _end(row, history, t)
             continue
         row[SEEN], row[GONE] = now, 0.0
-        own = math.hypot(row[VX], row[VY])
-        if own < STANDING:
+        speed_seen = math.hypot(row[VX], row[VY])
+        if speed_seen < STANDING_M_S:
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
-        clear = max(SLOWEST, CLEAR * math.sqrt(row[VV]))
-        if own > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
+        clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(row[VV]))
+        if speed_seen > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
             if has_moved(clusters[found[t], POINTS:], history[:, t], ranges, fans, depth, fan):
-                row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST)
+                row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST_EVIDENCE_S)
                 row[TIMES] += 1.0
                 row[EVIDENT] = now
-                if row[EVIDENCE] >= ENOUGH and row[TIMES] >= OFTEN:
+                if row[EVIDENCE] >= ENOUGH_S and row[TIMES] >= ENOUGH_SCANS:
                     row[MOVES] = 1.0
             else:
                 row[EVIDENCE] = max(row[EVIDENCE] - dt, 0.0)
-        if now - row[EVIDENT] > SILENT:
+        if now - row[EVIDENT] > SILENT_S:
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
     return found, taken, sensor
 
@@ -199,10 +199,10 @@ def _correct_pose(tracks, clusters, count, found, fan, sensor):
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
         row = tracks[t]
-        if found[t] < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST or row[HITS] < SETTLED:
+        if found[t] < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST_M_S or row[HITS] < SETTLED_HITS:
             continue
         cluster = clusters[found[t]]
-        if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0 and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE:
+        if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0 and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE_M:
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
             voters[votes] = found[t]
             votes += 1
@@ -211,16 +211,16 @@ def _correct_pose(tracks, clusters, count, found, fan, sensor):
 
 @kernel
 def _drift(tracks, found, speed):
-    """The velocity (x, y) [m/s] with which all that is no mover seems to move, if wheels that slip can be why."""
+    """Return the velocity (x, y) [m/s] with which all but movers seems to move, if wheels that slip can be why."""
     n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
     for t in range(tracks.shape[0]):
-        if found[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED:
+        if found[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED_HITS:
             vx[n], vy[n] = tracks[t, VX], tracks[t, VY]
             n += 1
     if n < VOTES:
         return 0.0, 0.0
     x, y = np.median(vx[:n]), np.median(vy[:n])
-    return (x, y) if math.hypot(x, y) < speed + SLIDES else (0.0, 0.0)
+    return (x, y) if math.hypot(x, y) < speed + SLIDES_M_S else (0.0, 0.0)
 
 
 @kernel
@@ -251,7 +251,7 @@ def begin(tracks, clusters, count, taken, now, number):
         row[:] = 0.0
         row[ID], row[TX], row[TY], row[TR], row[BORN], row[SEEN] = number, x, y, radius, now, now
         row[MX], row[MY] = x, y
-        row[PP], row[VV], row[EVIDENT] = 0.1**2, FIRST_SPEED**2, now
+        row[PP], row[VV], row[EVIDENT] = 0.1**2, FIRST_SPEED_M_S**2, now
         number += 1
     return number
 

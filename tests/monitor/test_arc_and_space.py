@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.known_space import ObstacleMemory
 from applr_ros1.monitor.monitor import SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.settings import MonitorSettings
@@ -67,7 +67,7 @@ def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(com
 def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
     """A post is looked at and left behind; the robot turns its back to it, and may then only creep to it."""
     if forgets == "capacity":
-        monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1500)
+        monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1500)
     monitor, post = CollisionMonitor(), np.array([-0.65, 0.0])
     edge = [post + radius * np.array([math.cos(a), math.sin(a)]) for a in np.arange(-1.4, 1.41, 0.1)]
     for stamp, yaw in ((0.0, math.pi), (0.1, 0.0)):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import compose
-from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.scanner import FROZEN_SCANS
-from applr_ros1.monitor.seen import CELL, SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, penetration, safe_scale
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -186,7 +185,7 @@ def test_what_is_hidden_by_something_a_little_nearer_is_kept():
 
 
 def test_a_full_memory_forgets_the_oldest(monkeypatch):
-    monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1000)
+    monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory, newest = ObstacleMemory(), ObstacleMemory()
     for x in (0.0, 2.0, 4.0, 6.0, 8.0):  # each time far beyond what the scan before has shown
         pose = (x, 0.0, 0.0)
@@ -407,7 +406,7 @@ def test_what_lies_behind_an_obstacle_or_the_robot_has_not_been_seen():
     seen = SeenSpace(8.0)
     seen.update(scan_of(wall(1.0), (0.0, 0.0, 0.0)))
     places = np.array([(0.8, 0.0), (1.15, 0.0), (-0.6, 0.0), (0.0, 1.5), (7.0, 0.0)])
-    assert [seen.cells[tuple(cell)] for cell in np.floor(places / CELL).astype(int) % len(seen.cells)] == [
+    assert [seen.cells[tuple(cell)] for cell in np.floor(places / CELL_M).astype(int) % len(seen.cells)] == [
         1,
         0,
         0,

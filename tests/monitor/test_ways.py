@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from applr_ros1.monitor.known_space import CELL_M
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.scan_matching import beam_at
-from applr_ros1.monitor.seen import CELL
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     EVERYTHING,
@@ -199,11 +199,11 @@ def test_what_is_computed_in_rows_is_what_one_point_at_a_time_gives():
 
         cells = (random.random((n, n)) > 0.002).astype(np.uint8)
         corner, pose = random.integers(-200, 200, 2), (0.0, 0.0, random.uniform(-3.0, 3.0))
-        pose = (*(CELL * (corner + random.uniform(8.0, n - 8.0, 2))), pose[2])
+        pose = (*(CELL_M * (corner + random.uniform(8.0, n - 8.0, 2))), pose[2])
         pc, ps, seen = math.cos(pose[2]), math.sin(pose[2]), True
         for ahead, aside in edge:
             ex, ey = x + c * ahead - s * aside, y + s * ahead + c * aside
-            place = (pose[0] + pc * ex - ps * ey) / CELL, (pose[1] + ps * ex + pc * ey) / CELL
+            place = (pose[0] + pc * ex - ps * ey) / CELL_M, (pose[1] + ps * ex + pc * ey) / CELL_M
             i, j = map(math.floor, place)
             window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
             seen = seen and window and bool(cells[i % n, j % n])

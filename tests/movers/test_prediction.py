@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.movers.prediction import HORIZON, STEP, Prediction
+from applr_ros1.movers.prediction import HORIZON_S, STEP_S, Prediction
 from applr_ros1.movers.tracker import Movers, MoverTracker
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
@@ -46,7 +46,7 @@ def test_marks_lie_on_discs_carried_on_step_by_step_where_the_laser_sees(told):
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
     cloud = prediction.see(replace(robot.scan(), sensor_height=0.4))
-    points, times = prediction.marks.astype(float), STEP * np.arange(1, 1 + HORIZON // STEP)
+    points, times = prediction.marks.astype(float), STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
     off = np.array([np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times])
     assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
     assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"

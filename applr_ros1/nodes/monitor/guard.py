@@ -1,10 +1,10 @@
 """Starts the collision monitor's node and stops the base while that does not live: what `collision_monitor.py` runs.
 
 A base without a time-out of its own drives on with its last command when the monitor is killed, or frozen by a debugger
-or by a machine that swaps. The node therefore writes a heartbeat to a pipe. Where none comes for SILENCE, this process,
-which has nothing else to do, publishes zeros on cmd_vel until it comes again; a node that has ended is started anew,
-and one that stays silent is ended first. Where this process is killed, the node stops the base and ends. The node has
-its ROS name, and this process the same with `_guard` behind it.
+or by a machine that swaps. The node therefore writes a heartbeat to a pipe. Where none comes for SILENCE_S, this
+process, which has nothing else to do, publishes zeros on cmd_vel until it comes again; a node that has ended is started
+anew, and one that stays silent is ended first. Where this process is killed, the node stops the base and ends. The node
+has its ROS name, and this process the same with `_guard` behind it.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from geometry_msgs.msg import Twist
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
 
-from .other_publishers import GUARD
+from .other_publishers import GUARD_SUFFIX
 
-PIPE = "APPLR_HEARTBEAT"  # environment variable with the descriptor to which the node writes
-SILENCE = 0.35  # s without a heartbeat after which zeros are published ...
-ZEROS = 0.05  # ... so many seconds apart
-FROZEN = 5.0  # s of silence after which the node is ended
-ENDS = 3.0  # s that the node has to end when this process is asked to
+PIPE_VARIABLE = "APPLR_HEARTBEAT"  # environment variable with the descriptor to which the node writes
+SILENCE_S = 0.35  # s without a heartbeat after which zeros are published ...
+ZEROS_S = 0.05  # ... so many seconds apart
+FROZEN_S = 5.0  # s of silence after which the node is ended
+ENDS_S = 3.0  # s that the node has to end when this process is asked to
 
 
 class Heartbeat:
     """The node's end of the pipe; without a guard it does nothing."""
 
     def __init__(self) -> None:
-        self._pipe = int(os.environ.get(PIPE, -1))
+        self._pipe = int(os.environ.get(PIPE_VARIABLE, -1))
         if self._pipe >= 0:
             os.set_blocking(self._pipe, False)
 
@@ -66,13 +66,13 @@ class Guard:
         while not rospy.is_shutdown() and status == 0:
             if self._node is None:
                 self._start()
-            self._listen(ZEROS)
+            self._listen(ZEROS_S)
             silence = time.monotonic() - self._heard
-            if self._heard and silence > SILENCE:
+            if self._heard and silence > SILENCE_S:
                 self._out.publish(Twist())
             assert self._node is not None
-            if self._alive and silence > FROZEN and self._node.poll() is None:
-                rospy.logerr("collision monitor: no sign of life for %g s; it is started anew", FROZEN)
+            if self._alive and silence > FROZEN_S and self._node.poll() is None:
+                rospy.logerr("collision monitor: no sign of life for %g s; it is started anew", FROZEN_S)
                 self._node.kill()
                 self._node.wait()
             if self._node.poll() is not None:
@@ -88,7 +88,7 @@ class Guard:
         self._pipe, theirs = os.pipe()
         self._alive = False
         command = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
-        self._node = subprocess.Popen(command, pass_fds=[theirs], env={**os.environ, PIPE: str(theirs)})
+        self._node = subprocess.Popen(command, pass_fds=[theirs], env={**os.environ, PIPE_VARIABLE: str(theirs)})
         os.close(theirs)
 
     def _listen(self, patience: float) -> None:
@@ -103,16 +103,16 @@ class Guard:
             return
         self._node.terminate()
         try:
-            self._node.wait(ENDS)
+            self._node.wait(ENDS_S)
         except subprocess.TimeoutExpired:
             self._node.kill()
 
 
 def main() -> int:
-    """The command."""
+    """Run the command."""
     names = [argument[8:] for argument in sys.argv if argument.startswith("__name:=")]
     node_name = names[-1] if names else "collision_monitor"
-    init_node(node_name + GUARD, argv=[a for a in sys.argv if not a.startswith(("__name:=", "__log:="))])
+    init_node(node_name + GUARD_SUFFIX, argv=[a for a in sys.argv if not a.startswith(("__name:=", "__log:="))])
     with until_shutdown():
         return Guard().watch()
     return 0

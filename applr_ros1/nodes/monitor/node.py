@@ -27,9 +27,8 @@ from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
-from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
+from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.robots import JACKAL, Robot, load
@@ -37,13 +36,13 @@ from applr_ros1.robots import JACKAL, Robot, load
 from .guard import Heartbeat
 from .other_publishers import OtherPublishers
 
-LOOK = 0.01  # s of wall time between looks for a new scan
-REPORT = 1.0  # s of wall time between diagnostics
-IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as idle
-ZEROS = 0.05  # s of wall time between the commands of the node's own while none comes
-BEATS = 10  # intervals between commands that are remembered; silence is ZEROS longer than all of them
-STALLED = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
-STANDS_V, STANDS_W = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
+LOOK_S = 0.01  # s of wall time between looks for a new scan
+REPORT_S = 1.0  # s of wall time between diagnostics
+IDLE_AFTER_S = 2.0  # s of wall time without a command after which it counts as idle
+ZEROS_S = 0.05  # s of wall time between the commands of the node's own while none comes
+BEATS = 10  # intervals between commands that are remembered; silence is ZEROS_S longer than all of them
+STALLED_S = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
+STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
 
 
 class CollisionMonitorNode:
@@ -104,9 +103,9 @@ class CollisionMonitorNode:
                 self._out.publish(conversions.twist(0.0, 0.0))
                 rospy.signal_shutdown("the process that started this node is gone")
             if time.monotonic() >= due:
-                due = time.monotonic() + REPORT
+                due = time.monotonic() + REPORT_S
                 self._report()
-            time.sleep(LOOK)
+            time.sleep(LOOK_S)
 
     def _warn_of_others(self, names: str) -> None:
         rospy.logwarn(
@@ -131,23 +130,23 @@ class CollisionMonitorNode:
     @property
     def _stalled(self) -> str:
         """What is wrong if ROS time stands still, else ""."""
-        return f"/clock has not moved for {STALLED:g} s" if time.monotonic() - self._moved > STALLED else ""
+        return f"/clock has not moved for {STALLED_S:g} s" if time.monotonic() - self._moved > STALLED_S else ""
 
     def _break_silence(self) -> None:
         """Brakes to zero while no command comes; beside others that publish there, only until the base stands."""
         reaction = self.monitor.settings.reaction_time
-        silence = min(reaction, max(self._beats, default=reaction) + ZEROS)
+        silence = min(reaction, max(self._beats, default=reaction) + ZEROS_S)
         if (self._now - self._commanded).to_sec() <= silence and not self._stalled:
             return
-        stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_V, STANDS_W)))
+        stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
         self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
         if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
-            self._zero_due = time.monotonic() + ZEROS
+            self._zero_due = time.monotonic() + ZEROS_S
             self._out.publish(conversions.twist(*self._braked()))
             self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
 
     def _braked(self) -> Tuple[float, float]:
-        """The (v, w) of a stop. On a clock that stands nothing falls with time."""
+        """Return the (v, w) of a stop. On a clock that stands nothing falls with time."""
         return (0.0, 0.0) if self._stalled else self.monitor.braked(self._now.to_sec(), self.sensors.twist()[0])
 
     def _say(self, verdict: Verdict) -> None:
@@ -195,7 +194,7 @@ class CollisionMonitorNode:
 
     def _report(self) -> None:
         verdict = self._verdict
-        idle = time.monotonic() - self._heard > IDLE_AFTER
+        idle = time.monotonic() - self._heard > IDLE_AFTER_S
         others = ", ".join(self._others.names)
         fine = not others and (idle or verdict.action == PASS)
         message = "idle: no commands" if idle else verdict.reason or "commands pass"
@@ -229,7 +228,7 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
 
 
 def main() -> int:
-    """The command. Raises ApplrError, one line, for parameters that cannot be used."""
+    """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
     parameters = private_parameters()
     robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))

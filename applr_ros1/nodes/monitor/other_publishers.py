@@ -13,8 +13,10 @@ from typing import Callable, Tuple
 import rosgraph
 import rospy
 
-GUARD = "_guard"  # behind the name of a node: that of the process which stops the base while the node does not live
-EVERY = 2.0  # s of wall time between two looks
+GUARD_SUFFIX = (
+    "_guard"  # behind the name of a node: that of the process which stops the base while the node does not live
+)
+PERIOD_S = 2.0  # s of wall time between two looks
 
 
 class OtherPublishers:
@@ -41,8 +43,8 @@ class OtherPublishers:
             except (rosgraph.MasterException, xmlrpc.client.Error, OSError):
                 pass  # no master for the moment: what is known stays
             else:
-                found = tuple(sorted(set(dict(publishers).get(self._topic, ())) - {me, me + GUARD}))
+                found = tuple(sorted(set(dict(publishers).get(self._topic, ())) - {me, me + GUARD_SUFFIX}))
                 if found and found != self.names:
                     self._say(", ".join(found))
                 self.names = found
-            time.sleep(EVERY)
+            time.sleep(PERIOD_S)

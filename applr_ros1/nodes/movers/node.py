@@ -22,16 +22,16 @@ from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.movers.prediction import Prediction
-from applr_ros1.movers.warm_up import warm_up
+from applr_ros1.movers.tracker import warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors, jumped_back
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import JACKAL, Robot, load
 
-LOOK = 0.2  # s of wall time after which the clock is looked at where no scan comes
-SHOWN = 0.3  # s for which it stays
-HEIGHT = 0.3  # m of the arrows above the ground
+LOOK_S = 0.2  # s of wall time after which the clock is looked at where no scan comes
+SHOWN_S = 0.3  # s for which it stays
+HEIGHT_M = 0.3  # m of the arrows above the ground
 COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)
 
 
@@ -56,7 +56,7 @@ class MoversNode:
     def spin(self) -> None:
         """Until shutdown: takes scans as they come."""
         while not rospy.is_shutdown():
-            self._news.wait(LOOK)
+            self._news.wait(LOOK_S)
             self._news.clear()
             now = rospy.get_rostime()
             if jumped_back(self._now, now):
@@ -74,22 +74,22 @@ class MoversNode:
 
 
 def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]:
-    """The marks as points, and an arrow for each mover, from its middle to where that is a second later."""
+    """Return the marks as points, and an arrow for each mover, from its middle to where that is a second later."""
     head, movers = conversions.header(frame, stamp), prediction.movers
     marks = Marker(header=head, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
     marks.points = [Point(*point) for point in prediction.marks.tolist()]
     made = [marks]
     for name, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
         arrow = Marker(header=head, ns="movers", id=int(name), type=Marker.ARROW, scale=Vector3(0.05, 0.12, 0.0))
-        arrow.points = [Point(x, y, HEIGHT), Point(x + vx, y + vy, HEIGHT)]
+        arrow.points = [Point(x, y, HEIGHT_M), Point(x + vx, y + vy, HEIGHT_M)]
         made.append(arrow)
     for marker in made:
-        marker.pose.orientation.w, marker.color, marker.lifetime = 1.0, COLOUR, rospy.Duration(SHOWN)
+        marker.pose.orientation.w, marker.color, marker.lifetime = 1.0, COLOUR, rospy.Duration(SHOWN_S)
     return made
 
 
 def main() -> int:
-    """The command. Raises ApplrError, one line, for parameters that cannot be used."""
+    """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("movers")
     parameters = private_parameters()
     robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))

@@ -12,9 +12,9 @@ import sim_bridge
 import worlds
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import announced
+from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.warm_up import warm_up as warm_up_monitor
-from applr_ros1.movers.warm_up import warm_up as warm_up_tracker
+from applr_ros1.movers.tracker import warm_up as warm_up_tracker
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.robots import JACKAL

@@ -33,7 +33,7 @@ from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load, tell
-from sim_bridge.ros_bridge import BASE_TIME
+from sim_bridge.ros_bridge import BASE_TIME_S
 
 from . import send_goal
 from .launcher import given_arguments, launch_arguments, private_stack, say
@@ -236,7 +236,7 @@ class Observer:
             [t - began for t in self.contacts if t - began <= seconds],
             np.array([time for time, _ in changes]),
             np.array([theta for _, theta in changes]),
-            began - BASE_TIME,
+            began - BASE_TIME_S,
         )
 
     def _move_base_up(self):

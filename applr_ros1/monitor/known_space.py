@@ -1,0 +1,268 @@
+"""What scans have shown around the robot: points of obstacles, and space that is free.
+
+CollisionMonitor holds an ObstacleMemory for each laser and one SeenSpace. A scanner that covers 270 degrees does not
+look behind, one near the front edge does not see what lies beside the rear wheels, and none sees behind what it sees.
+The points that it measured there before are kept in the frame of ScanMatcher's poses until they are measured anew, seen
+through, too far away or too old. Space that no scan has shown and the body has not been in, or about a point that was
+forgotten, is unknown: there the monitor lets the robot creep only (safe_scale in stopping.py looks the cells up).
+"""
+
+import math
+
+import numpy as np
+
+from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.scan_matching import beam_at
+
+CAPACITY_POINTS = 16384  # points; beyond, the oldest go
+SPACING_M = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
+TOLERANCE_M = 0.08  # [m]: a measured range that differs less from a point's distance is that point
+THIN_M = 0.02  # [m]: where neighbouring beams are farther apart, what they pass by may still stand between them
+CELL_M = 0.05  # [m]
+TOUCHED_M = 0.71 * CELL_M  # [m]: a cell whose middle is so far from the body may be touched by it
+BEHIND_M = 0.1  # [m]: so far behind a point where a beam has ended nothing can be reached but through the point
+APART_M = 0.1  # [m]: where beams are farther apart, what stands between them is not shown
+SHOWN_M = 2.5  # [m] from the scanner within which a scan shows space: farther than any stopping distance
+
+
+class ObstacleMemory:
+    """Points (x, y) [m] in a fixed frame, with the time at which they were measured.
+
+    Args:
+        radius: distance [m] from the scanner beyond which points are forgotten.
+        seconds: age [s] at which points that are not measured again are forgotten.
+    """
+
+    def __init__(self, radius=8.0, seconds=300.0):
+        self.radius, self.seconds = float(radius), float(seconds)
+        self._points = np.zeros((CAPACITY_POINTS, 3))
+        self._forgotten = np.empty((CAPACITY_POINTS, 2))
+        self._count = 0
+
+    @property
+    def points(self):
+        """(n, 2) float64 x, y [m] of all remembered points, in the fixed frame, the oldest first."""
+        return self._points[: self._count, :2]
+
+    def clear(self):
+        """Forgets everything, for instance after the odometry was reset."""
+        self._count = 0
+
+    def update(self, scan):
+        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame).
+
+        Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
+        NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
+
+        Returns:
+            (k, 2) x, y [m] of the points that were forgotten without a scan that shows them gone: for their age, their
+            distance, or because there are too many.
+        """
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        x, y, yaw = (float(v) for v in scan.sensor_pose)
+        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
+        limits = self.radius, float(scan.stamp) - self.seconds, float(scan.stamp)
+        self._count, lost = _update(self._points, self._count, self._forgotten, ranges, beams, (x, y, yaw), limits)
+        return self._forgotten[:lost]
+
+    def around(self, pose, reach):
+        """Return (k, 2) the points at most `reach` [m] from a robot at pose (x, y, yaw) [m], in its frame [m]."""
+        return _around(self._points, self._count, tuple(map(float, pose)), float(reach))
+
+
+@kernel
+def _around(points, count, pose, reach):
+    near = np.empty((count, 2))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    n = 0
+    for k in range(count):
+        dx, dy = points[k, 0] - pose[0], points[k, 1] - pose[1]
+        if dx * dx + dy * dy <= reach * reach:
+            near[n, 0], near[n, 1] = c * dx + s * dy, c * dy - s * dx
+            n += 1
+    return near[:n]
+
+
+@kernel
+def _update(points, count, forgotten, ranges, beams, sensor, limits):
+    """Return (number of points, number of rows of `forgotten` that were written)."""
+    count, lost = _keep(points, count, forgotten, ranges, beams, sensor, limits)
+    angle_min, increment, range_min, range_max = beams
+    sx, sy, syaw = sensor
+    radius, _, now = limits
+    surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
+    count -= surplus  # the oldest stand in front
+    for k in range(surplus):
+        forgotten[lost] = points[k, :2]
+        lost += 1
+    for k in range(count):
+        points[k] = points[k + surplus]
+    last_x, last_y = np.inf, np.inf
+    for i in range(ranges.shape[0]):
+        r = ranges[i]
+        if not range_min <= r < range_max:
+            continue
+        angle = syaw + angle_min + i * increment
+        x, y = sx + r * math.cos(angle), sy + r * math.sin(angle)
+        if (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
+            continue
+        if (x - last_x) ** 2 + (y - last_y) ** 2 < SPACING_M * SPACING_M:
+            continue
+        if count < points.shape[0]:
+            points[count, 0], points[count, 1], points[count, 2] = x, y, now
+            count += 1
+        last_x, last_y = x, y
+    return count, lost
+
+
+@kernel
+def _keep(points, count, forgotten, ranges, beams, sensor, limits):
+    """Move the points that stay to the front of the array; returns how many they are, and how many are forgotten."""
+    radius, oldest, _ = limits
+    kept = lost = 0
+    for k in range(count):
+        x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
+        if _is_measured(x, y, ranges, beams, sensor):
+            continue
+        if stamp < oldest or (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
+            forgotten[lost] = x, y
+            lost += 1
+            continue
+        points[kept, 0], points[kept, 1], points[kept, 2] = x, y, stamp
+        kept += 1
+    return kept, lost
+
+
+@kernel
+def _is_measured(x, y, ranges, beams, sensor):
+    """Return whether a beam ends at the point (it is measured anew), or passes with its neighbours (it is gone).
+
+    From where the scanner could not have seen it, beyond its range or thinner than its beams are apart, it stays.
+    """
+    angle_min, increment, range_min, range_max = beams
+    dx, dy = x - sensor[0], y - sensor[1]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < range_min:
+        return False
+    n = ranges.shape[0]
+    i = int(math.floor(beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])))
+    if i >= n:
+        return False
+    if abs(ranges[i] - distance) < SPACING_M:
+        return True
+    full_turn = (n + 0.5) * abs(increment) >= 2.0 * math.pi
+    if (i == 0 or i == n - 1) and not full_turn:
+        return False
+    met = distance < min(range_max, THIN_M / abs(increment))
+    for j in range(i - 1, i + 2):
+        r = ranges[j % n]
+        if not r >= range_min or r < distance - TOLERANCE_M:
+            return False
+        met |= r < distance + TOLERANCE_M
+    return met
+
+
+class SeenSpace:
+    """A grid that moves with the robot in the frame of ScanMatcher's poses: 1 where a cell is known.
+
+    Attributes:
+        cells: (n, n) uint8; the cell of point (x, y) is [floor(x / CELL_M) % n, floor(y / CELL_M) % n].
+        corner: (2,) int64, floor(x / CELL_M) and floor(y / CELL_M) of the lowest cell of the window.
+
+    Args:
+        radius: distance [m] from the robot within which cells are kept, and obstacles remembered.
+    """
+
+    def __init__(self, radius):
+        self.cells = np.zeros((2 * math.ceil((max(radius, SHOWN_M) + 1.0) / CELL_M),) * 2, np.uint8)
+        self.corner = np.zeros(2, np.int64)
+        self._shown = min(SHOWN_M, float(radius))  # what would not be remembered is not shown either
+
+    def clear(self):
+        """Forget all that was seen."""
+        self.cells[:] = 0
+
+    def update(self, scan):
+        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
+        x, y, yaw = map(float, scan.sensor_pose)
+        shown = min(self._shown, float(scan.range_max), APART_M / abs(beams[1]))
+        _see(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
+
+    def forget(self, points):
+        """Count as not seen what is about points (k, 2) [m] of obstacles that the memory has let go."""
+        if len(points):
+            _forget(self.cells, self.corner, points)
+
+    def stand(self, planes, reach, pose):
+        """Count as free what the body (half planes within `reach` [m] of its origin) touches at pose (x, y, yaw)."""
+        x, y, yaw = pose
+        _stand(self.cells, self.corner, planes, reach, (float(x), float(y), float(yaw)))
+
+
+@kernel
+def _follow(cells, corner, x, y):
+    """Move the window to the robot; what comes in on the other side has not been seen."""
+    n = cells.shape[0]
+    for axis, place in enumerate((x, y)):
+        old, new = corner[axis], int(math.floor(place / CELL_M)) - n // 2
+        low, high = min(old, new), max(old, new)
+        for k in range(low, min(high, low + n)):
+            if axis == 0:
+                cells[k % n] = 0
+            else:
+                cells[:, k % n] = 0
+        corner[axis] = new
+
+
+@kernel
+def _see(cells, corner, ranges, beams, sensor, shown):
+    _follow(cells, corner, sensor[0], sensor[1])
+    angle_min, increment, range_min = beams
+    n = cells.shape[0]
+    reach = int(shown / CELL_M)
+    ci, cj = int(math.floor(sensor[0] / CELL_M)), int(math.floor(sensor[1] / CELL_M))
+    for i in range(ci - reach, ci + reach + 1):
+        dx = (i + 0.5) * CELL_M - sensor[0]
+        row, column = cells[i % n], (cj - reach - 1) % n
+        for j in range(cj - reach, cj + reach + 1):
+            column = column + 1 if column + 1 < n else 0
+            if row[column]:
+                continue
+            dy = (j + 0.5) * CELL_M - sensor[1]
+            distance = math.sqrt(dx * dx + dy * dy)
+            if distance > shown:
+                continue
+            place = beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])
+            if place < ranges.shape[0] and ranges[int(place)] >= max(distance - BEHIND_M, range_min):
+                row[column] = 1
+
+
+@kernel
+def _forget(cells, corner, points):
+    n, around = cells.shape[0], int(math.ceil(BEHIND_M / CELL_M))
+    for k in range(points.shape[0]):
+        ci, cj = int(math.floor(points[k, 0] / CELL_M)), int(math.floor(points[k, 1] / CELL_M))
+        for i in range(max(ci - around, corner[0]), min(ci + around + 1, corner[0] + n)):
+            for j in range(max(cj - around, corner[1]), min(cj + around + 1, corner[1] + n)):
+                cells[i % n, j % n] = 0
+
+
+@kernel
+def _stand(cells, corner, planes, reach, pose):
+    _follow(cells, corner, pose[0], pose[1])
+    n = cells.shape[0]
+    around = int(reach / CELL_M) + 2
+    ci, cj = int(math.floor(pose[0] / CELL_M)), int(math.floor(pose[1] / CELL_M))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(ci - around, ci + around + 1):
+        dx = (i + 0.5) * CELL_M - pose[0]
+        for j in range(cj - around, cj + around + 1):
+            dy = (j + 0.5) * CELL_M - pose[1]
+            x, y = c * dx + s * dy, c * dy - s * dx
+            inside = True
+            for k in range(planes.shape[0]):
+                inside = inside and planes[k, 0] * x + planes[k, 1] * y <= planes[k, 2] + TOUCHED_M
+            if inside:
+                cells[i % n, j % n] = 1
