@@ -164,7 +164,7 @@ def complete(distance, queue, ends, nx, ny, out):
 
 @kernel
 def _final_value(distance, k, stride, n):
-    """What C++ holds at the cell k, once k and its four neighbours are settled."""
+    """Return what C++ holds at the cell k, once k and its four neighbours are settled."""
     value = int(distance[k])
     if value == n and not (
         distance[k - 1] < n or distance[k + 1] < n or distance[k - stride] < n or distance[k + stride] < n

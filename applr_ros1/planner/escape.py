@@ -1,4 +1,4 @@
-"""What a robot with a collision monitor does where it is stuck: other small motions, one after the other.
+"""Small motions, one after the other, of a robot with a collision monitor that is stuck.
 
 C++ knows no monitor. Its local planner backs out whenever it finds no legal trajectory, whatever stands behind, and
 samples no forward velocity before it has come out; with a monitor before the base the robot would stand there for
@@ -39,12 +39,12 @@ class Escape:
         self._tries = 0
 
     def report(self, held: bool) -> None:
-        """Whether next to nothing of the last command came through."""
+        """Note if next to nothing of the last command came through."""
         self._held = bool(held)
 
     @property
     def is_exhausted(self) -> bool:
-        """Whether so many motions did not help that a recovery is due."""
+        """True if so many motions did not help that a recovery is due."""
         return self._tries >= TRIES
 
     def instead(self, now: float, blocked: bool) -> Optional[Tuple[float, float]]:

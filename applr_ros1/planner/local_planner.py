@@ -1,4 +1,4 @@
-"""What a local planner is to MoveBase: it follows a plan with velocity commands and tells when the goal is reached.
+"""The interface of a local planner to MoveBase: it follows a plan with velocity commands and tells when it is there.
 
 Implemented by trajectory/local_planner.py and dwa/local_planner.py; factory.py chooses by base_local_planner, as
 pluginlib does in C++. tests/planner/test_local_planner_contract.py checks that every planner keeps this contract.

@@ -88,7 +88,7 @@ class MoveBase:
 
     @property
     def frequency(self) -> float:
-        """How often step() wants to be called [Hz]: the fastest of its parts."""
+        """Rate at which step() wants to be called [Hz]: that of its fastest part."""
         settings = self._config[""]
         return max(
             [settings["controller_frequency"], settings["planner_frequency"]]
@@ -125,7 +125,7 @@ class MoveBase:
         self._machine.cancel()
 
     def report_held(self, held: bool) -> None:
-        """Whether a collision monitor let next to nothing of the last command through (Verdict.held)."""
+        """Note if a collision monitor let next to nothing of the last command through (Verdict.held)."""
         self._machine.report_held(held)
 
     def reset(self, now: float, restore: bool = True, seed=None) -> None:
@@ -281,7 +281,7 @@ class MoveBase:
 
     @property
     def goal_number(self) -> int:
-        """How many goals there were since the last reset."""
+        """Number of goals since the last reset."""
         return self._machine.goal_number
 
     @property

@@ -1,4 +1,4 @@
-"""What the robot senses, on its way into the obstacle layers: who listens to which topic, and which source is silent.
+"""The way of sensors' readings into the obstacle layers: who listens to which topic, and which source is silent.
 
 Called by MoveBase.
 """

@@ -59,7 +59,7 @@ def within(plan, x, y, limit):
 
 @kernel
 def leading_far(plan, x, y):
-    """How many of the first points are NEAR or farther away."""
+    """Count the first points that are NEAR or farther away."""
     far = 0
     while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
         far += 1

@@ -1,4 +1,4 @@
-"""What move_base does when it is stuck: clear the maps away from the robot, or turn once in place and look.
+"""Recoveries of a move_base that is stuck: clear the maps away from the robot, or turn once in place and look.
 
 MoveBase holds one object per behaviour and calls step() once per control turn until it says it is over, so a
 rotation can be cancelled between two turns.

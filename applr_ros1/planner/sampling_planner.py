@@ -1,4 +1,4 @@
-"""What the two planners that sample velocities share.
+"""The common part of the two planners that sample velocities.
 
 Called by trajectory/ and dwa/: the class that both derive from, with parameters and memory between cycles; what a cycle
 chose; its costs for display; angles as C++ ROS handles them, to the last bit; and the heap in which samples wait, the
@@ -71,7 +71,7 @@ def record(reals: str, integers: str, after: str = "") -> np.dtype:
 
 
 class Choice:
-    """What a cycle chose.
+    """The choice of a cycle.
 
     Attributes:
         cost: below 0 means no valid command.
@@ -162,7 +162,7 @@ class SamplingPlanner:
         raise NotImplementedError
 
     def _fits(self, costmap: Any) -> bool:
-        """Whether size and resolution are as before; otherwise they are taken over, for new grids and tables."""
+        """Return true if size and resolution are as before; else take them over, for new grids and tables."""
         resolution = float(costmap.resolution)
         if costmap.cells.shape == self._shape and resolution == self._resolution:
             return True

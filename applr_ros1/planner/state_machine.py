@@ -42,7 +42,7 @@ class Timer:
             self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """Whether the turn is to be taken now; taking it starts the next period."""
+        """Return true if the turn is to be taken now; taking it starts the next period."""
         period = self._period
         if period == math.inf:
             return False
@@ -77,7 +77,7 @@ LATE = 1.0 / 200.0
 
 @dataclass
 class Cycle:
-    """What one step did. `command` (v [m/s], w [rad/s]) or None: then nothing is published."""
+    """The outcome of one step. `command` (v [m/s], w [rad/s]) or None: then nothing is published."""
 
     command: Optional[Twist] = None
     state: str = IDLE
@@ -93,7 +93,7 @@ class Cycle:
 
 @dataclass
 class Components:
-    """What the state machine drives with.
+    """The parts that the state machine drives with.
 
     plan: (start, goal) in the global frame -> (n, 3), (0, 3) if none. recovery_rounds: of applr/recovery_rounds.
     """
@@ -107,7 +107,7 @@ class Components:
 
 
 class CycleInput(NamedTuple):
-    """What is known in one step.
+    """The inputs of one step.
 
     Attributes:
         time: [s].
@@ -156,7 +156,7 @@ class StateMachine:
         self._escape = Escape()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
-        """How often plans and commands are made [Hz]."""
+        """Set the rates of plans and commands [Hz]."""
         self._planner_timer.set_frequency(planner)
         self._control_timer.set_frequency(controller)
 
@@ -185,7 +185,7 @@ class StateMachine:
         self._cancelled = self.goal is not None
 
     def report_held(self, held: bool) -> None:
-        """Whether a collision monitor let next to nothing of the last command through. C++ is not told."""
+        """Note if a collision monitor let next to nothing of the last command through; C++ has no such input."""
         self._escape.report(held and not self._like_cpp)
 
     def _restart_patience(self, now: float) -> None:
@@ -347,7 +347,7 @@ class StateMachine:
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
 
     def _rounds_are_over(self, global_pose) -> bool:
-        """Whether the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
+        """Return true if the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
 
         In C++ a valid command lets them begin anew for ever: around a goal that is sealed, each conservative reset
         opens the maps, the robot sets out, sees the obstacles again and comes back to the first recovery.

@@ -152,7 +152,7 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, que
 
 @kernel
 def _earlier(level, link, steps, n1, k1, n2, k2):
-    """Whether C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
+    """Return true if C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
     while True:
         if n1 == n2:
             return k1 < k2

@@ -43,7 +43,7 @@ def _fill_offsets(table, r, nx):
 
 @kernel
 def on_border(f, margin):
-    """Whether the cell coordinate f lies within `margin` cells of a border between two cells."""
+    """Return true if the cell coordinate f lies within `margin` cells of a border between two cells."""
     return abs(f - math.floor(f + 0.5)) < margin
 
 

@@ -173,7 +173,7 @@ class ObstacleLayer:
 
     @property
     def is_merging(self) -> bool:
-        """Whether the layer is written at all: with an unknown combination_method it is not."""
+        """Return true if the layer is written at all: with an unknown combination_method it is not."""
         return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-"""What sensors say, its projection into a costmap's frame, and the observation sources of an obstacle layer.
+"""Readings of sensors, their projection into a costmap's frame, and the observation sources of an obstacle layer.
 
 Called by MoveBase and the obstacle layers: one projection, rounded as laser_geometry and tf2 round it, serves both
 costmaps where their frames are one. Sources follow costmap_2d/observation_buffer.cpp.
@@ -267,6 +267,6 @@ class ObservationBuffer:
         self.clouds, self.taken = [], None
 
     def is_current(self, now: float) -> bool:
-        """Whether the source still says something as often as expected_update_rate demands."""
+        """Return true if messages come as often as expected_update_rate demands."""
         longest = self.source.expected_update_rate
         return longest <= 0.0 or (self.taken is not None and now - self.taken <= longest)

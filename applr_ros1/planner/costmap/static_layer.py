@@ -106,7 +106,7 @@ class StaticLayer:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether no map has come yet."""
+        """True until a map has come."""
         return self.cells is None
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: np.ndarray) -> None:
@@ -120,7 +120,7 @@ class StaticLayer:
         self.parameters = parameters
 
     def accepts(self) -> bool:
-        """Whether a further map counts: only the first does with first_map_only."""
+        """Return true if a further map counts: with first_map_only only the first does."""
         return self.cells is None or not self.parameters.first_map_only
 
     def take(self, given: StaticMap) -> None:

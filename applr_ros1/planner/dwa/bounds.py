@@ -1,4 +1,4 @@
-"""What a sample costs at least, without rolling it out step by step.
+"""Lower bounds of a sample's cost, without rolling it out step by step.
 
 Called by search.py to leave out samples that cannot win. A bound is never above the exact cost: where a trajectory ends
 comes from a closed form, but the real one is rounded to float32 in every step; a cell is told from the closed form only
@@ -49,7 +49,7 @@ def arc(dx, dy, turn, dt, moves):
 
 @kernel
 def arc_errors(x, y, theta, speed, w, sim_time, steps):
-    """How far the float32 trajectory may be from the closed form, at most: position [m] and heading [rad].
+    """Bound the distance of the float32 trajectory from the closed form: position [m] and heading [rad].
 
     x, y, theta: where it begins.
     """
@@ -234,7 +234,7 @@ def fill_bounds(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
 
 @kernel
 def _limits_from_here(p, grids, scene, start, c, s):
-    """How far the floods of path, goal and front may go for bounds: not much farther than the robot gets.
+    """Limit the floods of path, goal and front for bounds: not much farther than the robot gets.
 
     Behind walls there may be cells that only a flood of the whole map would reach. -1 if the robot's own pose, the
     first point of every sample, is refused by a critic other than the obstacle critic.

@@ -20,7 +20,7 @@ from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sa
 
 @kernel
 def is_barred(state, vx, vy, w):
-    """Whether the flags bar this velocity; zero always passes."""
+    """Return true if the flags bar this velocity; zero always passes."""
     return (
         (state.forward_pos_only and vx < 0)
         or (state.forward_neg_only and vx > 0)
@@ -106,7 +106,7 @@ def weights(p):
 
 @kernel(error_model="numpy")
 def footprint_scale(p, speed):
-    """How much larger the footprint counts at this speed [m/s]."""
+    """Return the factor by which the footprint counts larger at this speed [m/s]."""
     if speed <= p.scaling_speed:
         return 1.0
     return p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)) + 1.0

@@ -80,7 +80,7 @@ class StopRotate:
         self.latched = False
 
     def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
-        """Whether the robot at `pose` is within xy_goal_tolerance of `goal`, both (x, y, yaw); sets the latch."""
+        """Return true within xy_goal_tolerance of `goal`, which sets the latch; both (x, y, yaw)."""
         if self._latches and self.latched:
             return True
         if np.hypot(goal[0] - pose[0], goal[1] - pose[1]) <= self._params["xy_goal_tolerance"]:
@@ -89,14 +89,14 @@ class StopRotate:
         return False
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, goal: Triple) -> bool:
-        """Whether place and heading are reached and the robot stands. velocity: vx, vy [m/s], w [rad/s] as measured."""
+        """Return true where the robot stands at its goal, turned to it. velocity: vx, vy [m/s], w [rad/s]."""
         return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
 
     def _is_turned(self, pose, goal):
         return abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"]
 
     def is_stopped(self, velocity: Triple) -> bool:
-        """Whether the measured velocity counts as standing."""
+        """Return true if the measured velocity counts as standing."""
         vx, vy, w = velocity
         slow = self._params["trans_stopped_vel"]
         return abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
@@ -139,7 +139,7 @@ NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
 
 
 class Step(NamedTuple):
-    """What one cycle did."""
+    """The outcome of one cycle."""
 
     ok: bool
     command: Tuple[float, float, float]  # vx, vy [m/s], w [rad/s]; zero if not ok
@@ -174,7 +174,7 @@ class DWALocalPlanner(LocalPlanner):
         self._forget_cycle()
 
     def _forget_cycle(self):
-        """What belongs to one cycle alone."""
+        """State of one cycle alone."""
         self.goal_reached, self._searched = False, False
         self.cropped_plan = EMPTY
         self._choice: Optional[Choice] = None
@@ -207,7 +207,7 @@ class DWALocalPlanner(LocalPlanner):
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 
     def refusals(self, costmap: Any) -> Dict[str, int]:
-        """How many samples of a search without a legal one each critic refused, see LocalPlanner."""
+        """Count the samples that each critic refused in a search without a legal one, see LocalPlanner."""
         return self.planner.refusals() if self._searched and self._choice is None else {}
 
     def compute_velocity(
@@ -226,7 +226,7 @@ class DWALocalPlanner(LocalPlanner):
         return step.ok, (step.command[0], step.command[2])
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None) -> bool:
-        """Whether place and heading are reached and the robot stands; False without a plan. Sets the latch."""
+        """Return true where the robot stands at its goal, turned to it; false without a plan. Sets the latch."""
         goal = self.stored_plan.goal(local_origin)
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 

@@ -129,7 +129,7 @@ class DWAPlanner(SamplingPlanner):
         return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
 
     def refusals(self) -> Dict[str, int]:
-        """How many samples of the last search each critic refused; "velocity limits" are the generator's."""
+        """Count the samples that each critic refused in the last search; "velocity limits" are the generator's."""
         every = self.score_all_samples()
         counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
         by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))

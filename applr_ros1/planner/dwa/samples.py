@@ -80,7 +80,7 @@ def ground_speed(vx, vy):
 
 @kernel
 def is_too_fast(p, speed):
-    """Whether samples of this speed over ground are refused."""
+    """Return true if samples of this speed over ground are refused."""
     return p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans
 
 

@@ -55,7 +55,7 @@ def set_fence(weights, costs, push_weights, nx, x0, y0, x1, y1, closed):
 
 @kernel
 def keeps_inside(path, count, nx, ny, x0, y0, x1, y1):
-    """Whether the `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, but for the map's border."""
+    """Return true if `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, the border aside."""
     left = x0 + INNER if x0 > 0 else -1
     right = x1 - INNER if x1 < nx - 1 else nx
     low = y0 + INNER if y0 > 0 else -1

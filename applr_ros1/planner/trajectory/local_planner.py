@@ -89,7 +89,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud(costmap)
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """How many forward samples were refused and why, where not even backing up was legal; see LocalPlanner."""
+        """Count the forward samples refused, by reason, where not even backing up was legal; see LocalPlanner."""
         return self.planner.refusals(costmap) if self._is_blocked else {}
 
     def compute_velocity(

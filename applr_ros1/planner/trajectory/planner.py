@@ -155,7 +155,7 @@ class TrajectoryPlanner(SamplingPlanner):
         return trajectory_cloud(score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)[0])
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """How many forward samples of the last cycle were refused, and why. costmap: as that cycle saw it."""
+        """Count the forward samples of the last cycle that were refused, by reason. costmap: as that cycle saw it."""
         _, (collide, lost) = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
         samples = len(self._scratch.vs) * (len(self._scratch.ws) + 1)
         return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
