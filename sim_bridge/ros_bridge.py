@@ -1,6 +1,6 @@
 """The node /sim_bridge: a simulated robot with the ROS interface of the real one.
 
-Started by applr_ros1/scripts/sim_bridge.py.
+Started as `rosrun applr_ros1 sim_bridge.py`.
 
 Publishes, under the names in the robot's description, here the Jackal's: /clock (100 Hz); front/scan at the laser's
 rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~collision, ~ground_truth (frame world) at
