@@ -10,6 +10,7 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots.check import contradictions
+from applr_ros1.robots.robot import number_at
 from tests.support.jackal import JACKAL
 
 HERE = os.path.dirname(robots.load("jackal").folder)
@@ -79,6 +80,19 @@ def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
     for x, tips in ((0.0, False), (0.02, True)):
         body = burger.body.model_copy(update={"com": (x, 0.0, 0.1)})
         assert [finding.key for finding in contradictions(replace(burger, body=body))] == ["body.com"] * tips
+
+
+def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
+    burger = robots.load("turtlebot3_burger")
+    speed, turn, width = burger.base.max_speed, burger.base.max_yaw_rate, max(burger.body.size[1], burger.base.track)
+    space = {parameter.name: parameter for parameter in burger.space}
+    ranges = {"max_vel_x": (0.1 * speed, speed), "max_vel_theta": (0.1 * turn, turn), "sim_time": (0.8, 3.0)}
+    ranges.update(path_distance_bias=(0.5, 64.0), inflation_radius=(0.15 * width, 3.0 * width), vth_samples=(4.0, 60.0))
+    for name, ends in ranges.items():
+        start = number_at(burger.all_parameters(), space[name].sets[0].server, space[name].sets[0].names)
+        assert space[name].range == (min(ends[0], start), max(ends[1], start)), name
+    assert [one.name for one in space["max_vel_x"].sets] == ["max_vel_x", "max_vel_trans"]
+    assert (space["vth_samples"].integer, space["footprint_padding"].paper) == (True, False)
 
 
 def test_unknown_name_lists_the_robots():
