@@ -10,7 +10,7 @@ import math
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.common.errors import ApplrError
@@ -120,7 +120,7 @@ def _fits(told, driven, faster, slower):
     limited, skipped, found = _limited(told, driven[0], faster, slower) - driven[0], len(DELAYS), []
     for lag in LAGS:
         keep = math.exp(-STEP / lag) if lag else 0.0
-        follows = lfilter([1.0 - keep], [1.0, -keep], limited) + driven[0]
+        follows = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], limited) + driven[0]
         for n, delay in enumerate(DELAYS):
             off = follows[skipped - n : len(follows) - n] - driven[skipped:]
             found.append(Response(float(np.sqrt(np.mean(off * off))), float(delay), lag, faster, slower))

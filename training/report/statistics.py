@@ -7,7 +7,7 @@ from typing import Tuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 LEVEL = 0.05
 
@@ -36,7 +36,7 @@ def welch_p(a: np.ndarray, b: np.ndarray) -> float:
         return float(a[0] == b[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
-        return float(stats.ttest_ind(a, b, equal_var=False).pvalue)
+        return float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)
 
 
 def count(tests: pd.DataFrame, corrected: bool = False) -> Tuple[int, int]:

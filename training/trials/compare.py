@@ -11,8 +11,8 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 LEVEL = 0.05  # of the tests
 RESAMPLES = 2000  # of the bootstrap
@@ -78,7 +78,7 @@ def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
         return math.nan
     rng = np.random.default_rng(0)
     how = {"permutation_type": "samples", "n_resamples": EXCHANGES, "vectorized": True, "alternative": alternative}
-    return float(stats.permutation_test((difference,), np.mean, random_state=rng, **how).pvalue)
+    return float(scipy.stats.permutation_test((difference,), np.mean, random_state=rng, **how).pvalue)
 
 
 def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
@@ -120,7 +120,7 @@ def rate(flags: pd.Series, world: pd.Series) -> Estimate:
 
 def wilson(share: float, n: float) -> Tuple[float, float]:
     """Return Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
-    z = float(stats.norm.ppf(0.975))
+    z = float(scipy.stats.norm.ppf(0.975))
     middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
     return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
 

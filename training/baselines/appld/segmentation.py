@@ -12,7 +12,7 @@ from typing import List, NamedTuple
 
 import numpy as np
 import ruptures
-from scipy.cluster.hierarchy import fcluster, linkage
+import scipy
 
 from applr_ros1.policy.observation import layout_of
 from training.baselines.appld.demonstration import Demonstration
@@ -74,7 +74,7 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     means = np.array([scaled[number][a:b].mean(axis=0) for number, a, b in spans])
     labels = np.arange(len(spans))
     if most and len(spans) > most:
-        labels = fcluster(linkage(means, "ward"), most, "maxclust") - 1
+        labels = scipy.cluster.hierarchy.fcluster(scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust") - 1
     labels = _in_order(labels)
     segments = [Segment(*span, int(label)) for span, label in zip(spans, labels)]
     own = np.array(
