@@ -35,7 +35,7 @@ with extra(__name__):
 
 
 class AppldOptions(BagOptions):
-    """What to learn from, and how."""
+    """Demonstration to learn from, and how."""
 
     # fmt: off
     bags: List[str] = argument(

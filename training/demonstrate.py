@@ -25,7 +25,7 @@ LIMIT = 200.0  # simulated seconds after which the demonstrator gives up
 
 
 class DemonstrateOptions(Options):
-    """What to record."""
+    """Demonstration to record."""
 
     bag: str = argument("Bag to write (.bag); it must not exist.")
     world: str = option("physical_course", "World to drive in.")

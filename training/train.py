@@ -143,12 +143,12 @@ class TrainingRun:
     # -- the run -------------------------------------------------------------------------------------
     @property
     def steps(self) -> int:
-        """What the run, evaluations, curves and TensorBoard count: collected transitions; offline: gradient steps."""
+        """Return what the run, evaluations and curves count: collected transitions; offline: gradient steps."""
         return self.learner.td3.updates if self.offline else self.learner.transitions
 
     @property
     def goal(self) -> int:
-        """How many steps the run has in all."""
+        """Return the number of steps of the run in all."""
         return self.config.gradient_steps if self.offline else self.config.total_timesteps
 
     @property
@@ -158,7 +158,7 @@ class TrainingRun:
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are done, or the time is up; the last evaluation may still be open."""
+        """Return whether all steps are done, or the time is up; the last evaluation may still be open."""
         return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
 
     def run(self) -> int:

@@ -1,4 +1,4 @@
-"""How a ROS node of this package begins and ends: with one line where there is no master, and within seconds.
+"""Begin and end of a ROS node of this package: with one line where there is no master, and within seconds.
 
 rospy runs a shutdown inside its signal handler, in the middle of whatever the main thread was doing. If that was
 publishing or logging, the lock that the shutdown needs may be taken, and the node would stay for ever: roslaunch kills

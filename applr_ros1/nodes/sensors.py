@@ -1,4 +1,4 @@
-"""What the move_base node knows of its robot: pose and localisation from tf, twist from odometry, what sensors say.
+"""Input of the move_base node: pose and localisation from tf, twist from odometry, sensor data.
 
 Callbacks only store; the node's thread asks once per cycle. What is wrong is said in one line, at most every second.
 A clock that steps back, however little, makes everything void that came before: by the new time it would be from the

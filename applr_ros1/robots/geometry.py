@@ -1,4 +1,4 @@
-"""Where a robot reaches and how it stands: rectangles of its body and wheels, mass and load of its supports.
+"""Geometry of a robot: rectangles of its body and wheels, mass and load of its supports.
 
 Both simulators, the monitor's settings, RViz's model and the check of robot.yaml use it.
 """

@@ -1,1 +1,1 @@
-"""What several training commands share: their options, run folders, and where results come from."""
+"""Common parts of training commands: their options, run folders, and the provenance of results."""

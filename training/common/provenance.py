@@ -1,4 +1,4 @@
-"""Where results come from: date, commit, versions, processor, command. Evaluations and training runs write it down."""
+"""Provenance of results: date, commit, versions, processor, command. Evaluations and training runs write it down."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # whos
 
 
 def provenance(seed: int) -> Dict[str, Any]:
-    """What has to be known to make the same results again, as JSON values; the date is UTC."""
+    """Return what is needed to make the same results again, as JSON values; the date is UTC."""
     installed = {name: metadata.version(name) for name in PACKAGES if find_spec(name)}
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),

@@ -182,7 +182,7 @@ class Episode:
         return now
 
     def context(self) -> Context:
-        """What a method may look at for the next decision."""
+        """Return the input of a method for the next decision."""
         o, state = self.outcome, self.simulator.state
         assert o is not None, "reset() comes first"
         seen, known = (o.ranges, o.phi, o.theta, o.time_s), (self.space, self.layout)
@@ -256,7 +256,7 @@ class Episode:
         self._judge(now, cycle, state)
 
     def _judge(self, now: Outcome, cycle, state) -> None:
-        """Whether the course has ended. The true pose counts, not the odometry's."""
+        """Note whether the course has ended. The true pose counts, not the odometry's."""
         if self.world.course.done(state.pose[0], state.pose[1]):
             now.success, now.reason = True, "finished"
         elif state.flipped:

@@ -1,4 +1,4 @@
-"""What comes out of a trial: how it stands after a decision, and what was driven.
+"""Outcome of a trial: its state after a decision, and the driven path.
 
 episode.py fills both; rewards, evaluations, datasets and pictures read them.
 """
@@ -16,7 +16,7 @@ CLEAR = 3.0  # widths of the body beyond which an obstacle is not near
 
 @dataclass
 class Outcome:
-    """What a trial is after a decision (or after reset, when most fields are zero).
+    """State of a trial after a decision (or after reset, when most fields are zero).
 
     The inputs of the next observation:
       ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (n,) what the planner really has
@@ -60,13 +60,13 @@ class Outcome:
 
     @property
     def over(self) -> bool:
-        """Whether the episode has ended, for whatever reason."""
+        """Return whether the episode has ended, for whatever reason."""
         return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
 
 
 @dataclass
 class Trace:
-    """What was driven, a row per control cycle; kept when Episode(record=True). For pictures and profiles."""
+    """Driven path, a row per control cycle; kept when Episode(record=True). For pictures and profiles."""
 
     time: List[float] = field(default_factory=list)
     pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame

@@ -1,4 +1,4 @@
-"""What critics may know and a policy cannot: the course behind the obstacles in view, and how this robot was drawn.
+"""Input of critics alone, which a policy cannot know: the course behind the obstacles in view, and this robot as drawn.
 
 A critic serves in training only, where the simulator knows all of it (asymmetric actor-critic, Pinto et al. 2018). The
 environment puts these numbers behind its observation; the policy is shown what stands before them.

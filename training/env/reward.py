@@ -15,7 +15,7 @@ from training.env.outcome import Outcome
 
 
 class RewardOptions(Options):
-    """How the paper's terms are counted, and the coefficients of terms beyond them, which are off by default."""
+    """Units of the paper's terms, and coefficients of terms beyond them, which are off by default."""
 
     model_config = ConfigDict(title="Reward")
 

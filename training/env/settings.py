@@ -1,4 +1,4 @@
-"""What trials and training episodes are driven with: the environment (env.py) and trials/runner.py share it."""
+"""Settings of trials and training episodes: the environment (env.py) and trials/runner.py share them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from training.env.reward import Reward
 
 
 class TrialSettings(Options):
-    """Who drives, in what, under which rules, and how it is counted; as JSON it identifies them for workers."""
+    """Robot, simulator, rules and score of trials; as JSON it identifies them for workers."""
 
     # fmt: off
     simulator: str = Field("kinematic", description="kinematic or pybullet.")
@@ -41,7 +41,7 @@ class TrialSettings(Options):
     # fmt: on
 
     def load_robot(self) -> Robot:
-        """Who drives, on the ground stated."""
+        """Return the robot, on the ground stated."""
         robot = load(self.robot) if isinstance(self.robot, str) else self.robot
         return on_ground(robot, self.ground) if self.ground else robot
 

@@ -45,7 +45,7 @@ def span(default: float, help: str, more: str = "") -> Any:
 
 
 class RunOptions(Options):
-    """Where a run is and how long it takes."""
+    """Folder and length of a run."""
 
     model_config = ConfigDict(title="The run")
 
@@ -69,7 +69,7 @@ class RunOptions(Options):
 
 
 class ActorOptions(Options):
-    """How experience is collected."""
+    """Collection of experience."""
 
     model_config = ConfigDict(title="Actors")
 
@@ -163,7 +163,7 @@ class OfflineOptions(Options):
 
 
 class PeriodicOptions(Options):
-    """When and where the policy is evaluated."""
+    """Times and worlds of the policy's evaluation."""
 
     model_config = ConfigDict(title="Periodic evaluation")
 
@@ -196,7 +196,7 @@ class TrainConfig(
     # -- what the parts need
     @cached_property
     def start(self) -> Start:
-        """What --init-from names. Raises ApplrError for what is of no use.
+        """Return what --init-from names. Raises ApplrError for what is of no use.
 
         A run that has saved a checkpoint goes on from that and does not read it again.
         """
@@ -255,7 +255,7 @@ class TrainConfig(
         return protocols.CHALLENGE if self.protocol == protocols.DRAWN else self.protocol
 
     def setting(self) -> str:
-        """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
+        """Return the setting of the periodic evaluation in words: results of another setting cannot be compared."""
         beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
         rules = [self.eval_protocol] * (self.eval_protocol != protocols.PAPER)
         return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *rules])

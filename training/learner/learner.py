@@ -34,7 +34,7 @@ PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps 
 
 
 class LearnerOptions(TD3Options):
-    """How much is kept, when gradient steps are due, and TD3's own options."""
+    """Size of the memory, times of gradient steps, and TD3's own options."""
 
     model_config = ConfigDict(title="Learner")
 
@@ -58,7 +58,7 @@ class LearnerOptions(TD3Options):
 
 
 class Start(NamedTuple):
-    """What a run begins with: one of the first three, or random weights."""
+    """Start of a run: one of the first three, or random weights."""
 
     run: str = ""  # folder of another run, whose networks and optimisers are taken over
     policy: str = ""  # file of a policy in the dimensionless form

@@ -1,4 +1,4 @@
-"""What a training run shows: its progress bar, its evaluations in words, TensorBoard, and the learning curves."""
+"""Display of a training run: its progress bar, its evaluations in words, TensorBoard, and the learning curves."""
 
 from __future__ import annotations
 

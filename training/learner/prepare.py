@@ -1,4 +1,4 @@
-"""What a run needs before it begins: who does its workers' tasks, its worlds, and how observations are stored."""
+"""Preparation of a run: the tasks of its workers, its worlds, and how observations are stored."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from training.workers.collect import NAVIGATION, Collect, collect, layout_of
 
 @dataclass(frozen=True)
 class Preparation:
-    """What prepare() found."""
+    """Findings of prepare()."""
 
     collect: Callable[[Collect, bytes], bytes]  # drives a training episode with a policy's weights in a worker
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # the same of a trial
@@ -60,7 +60,7 @@ def prepare(config: TrainConfig) -> Preparation:
 
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
-    """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
+    """Return the settings of a run's experience, as its store notes them and as an offline run must have them."""
     name = load(config.robot).name
     return {"decision_period": config.decision_period, "robot": name, **Reward(**config.reward()).model_dump()}
 

@@ -133,7 +133,7 @@ class TrajectoryStore:
 
     # -- reading -----------------------------------------------------------------------------------
     def about(self, name: str) -> Dict[str, Any]:
-        """What note() kept by a name; {} where it kept nothing. Raises StorageError where that is damaged."""
+        """Return what note() kept by a name; {} where it kept nothing. Raises StorageError where that is damaged."""
         with self._refusals():
             row = self._db.execute("SELECT * FROM about WHERE name = ?", (name,)).fetchone()
             if row and row[-1] != sha256(*row[:-1]):

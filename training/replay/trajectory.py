@@ -28,7 +28,7 @@ class TrajectoryError(ApplrError):
 
 @dataclass(frozen=True)
 class TransitionLayout:
-    """What one observation and one action consist of.
+    """Parts of one observation and one action.
 
     scan    beams, each in [-1, 1], stored as whole numbers of 2/levels (uint8: 255 steps. With the paper's cap of
             2 m that is 7.8 mm, a sixth of a costmap cell)
@@ -50,7 +50,7 @@ class TransitionLayout:
 
     @property
     def mirror(self) -> Optional[Mirror]:
-        """What exchanging left and right does to an observation; None for one without a scan."""
+        """Return what exchanging left and right does to an observation; None for one without a scan."""
         return Mirror.of(self.scan, self.rest, self.scans, self.odd) if self.scan and self.rest else None
 
     @property

@@ -12,7 +12,7 @@ from training.report import write
 
 
 class ReportOptions(Options):
-    """What the report is about."""
+    """Subject of the report."""
 
     # fmt: off
     folder: str = argument("Folder of an evaluation, --out of evaluate.py.")

@@ -137,7 +137,7 @@ def summary(results: Results) -> List[str]:
 
 
 def _ends(trials: pd.DataFrame) -> str:
-    """How many trials of a method arrived, in what time, and how many had a contact."""
+    """State how many trials of a method arrived, in what time, and how many had a contact."""
     good, touched = trials[trials.success], trials.collided.sum()
     how = f"arrived in {len(good) or 'none'} of {len(trials)} drives"
     how += f", after {good.time_s.mean():.1f} s on average" if len(good) else ""
@@ -145,7 +145,7 @@ def _ends(trials: pd.DataFrame) -> str:
 
 
 def _sample(driven: List[pd.DataFrame], worlds: int, halves: List[float]) -> str:
-    """What differences and rates of failures the sample leaves open."""
+    """State which differences and rates of failures the sample leaves open."""
     if worlds < 2:
         return "One world is no sample of worlds: this holds for it alone."
     first = f"The sample is {worlds} worlds, since trials of one world resemble each other"

@@ -77,7 +77,7 @@ def span(low: float, high: float, digits: int = 2) -> str:
 
 
 def share(n: int, total: int) -> str:
-    """How many of all, also in percent; NONE of nothing."""
+    """State how many of all, also in percent; NONE of nothing."""
     return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
 
 
@@ -220,7 +220,7 @@ PAPER = [table_1, table_2, table_3, table_4]
     "collision .048, time-out .072, 33.5 s.",
 )
 def rates(results: Results) -> Rows:
-    """What share succeeds, touches something, runs out of time; BARN's metric."""
+    """Tabulate the shares that succeed, touch something, run out of time; BARN's metric."""
     for name, method, trials in results.groups():
         row = {"worlds": name, "method": method, "trials": str(len(trials))}
         for column, field in (("success", "success"), ("collided", "collided"), ("timed out", "timeout")):
@@ -241,7 +241,7 @@ def rates(results: Results) -> Rows:
     "the body at most. Change of parameters: mean |difference| of the eight, each scaled to [-1, 1].",
 )
 def smoothness(results: Results) -> Rows:
-    """How smooth, how near, how restless."""
+    """Tabulate smoothness, clearance, and changes of parameters."""
     for name, method, trials in results.groups():
         good = trials[trials.success]
         values = {
@@ -291,7 +291,7 @@ def pairs(results: Results) -> Rows:
 
 @table("Methods")
 def methods(results: Results) -> Rows:
-    """What each method is, as recorded when it was driven."""
+    """Tabulate the methods, as recorded when they were driven."""
     for name in results.methods:
         parts = []
         for key, value in results.settings.get("methods", {}).get(name, {}).items():

@@ -134,7 +134,7 @@ def _ends(trials: pd.DataFrame) -> str:
 
 
 def _share(flags: pd.Series, trials: pd.DataFrame) -> str:
-    """How many, in percent, and the 95 % interval of that."""
+    """State how many, in percent, and the 95 % interval of that."""
     share, low, high = rate(flags, trials.world)
     return f"{flags.sum()} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
 

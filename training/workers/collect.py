@@ -1,4 +1,4 @@
-"""What an actor does in an environment: a training episode with exploration noise. train.py submits them.
+"""Work of an actor in an environment: a training episode with exploration noise. train.py submits them.
 
 Trials of the policy that is being learnt drive with PolicyWeights, too (training/trials/runner.py).
 """
@@ -96,7 +96,7 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:
-    """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that.
+    """Return the layout of an environment's observations: its `scan_beams` first numbers as a scan, if it has that.
 
     `scans` and `odd` say what exchanging left and right does to them, `hidden` how many of the last ones are for the
     critics alone, as TransitionLayout describes it.

@@ -77,7 +77,7 @@ class Pool(Executor):
 
     @property
     def alive(self) -> int:
-        """How many workers are at work."""
+        """Return the number of workers that are at work."""
         with self._lock:
             return sum(worker.placed for worker in self.workers)
 

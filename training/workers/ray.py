@@ -80,7 +80,7 @@ class RayActor:
 
 
 class _Process:
-    """What runs in an actor's process."""
+    """Part that runs in an actor's process."""
 
     def attempt(self, function: Callable[..., Any], *args: Any) -> Answer:
         return attempt(function, args)

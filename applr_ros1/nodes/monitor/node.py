@@ -129,7 +129,7 @@ class CollisionMonitorNode:
 
     @property
     def _stalled(self) -> str:
-        """What is wrong if ROS time stands still, else ""."""
+        """Return what is wrong if ROS time stands still, else ""."""
         return f"/clock has not moved for {STALLED_S:g} s" if time.monotonic() - self._moved > STALLED_S else ""
 
     def _break_silence(self) -> None:

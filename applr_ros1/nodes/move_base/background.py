@@ -23,7 +23,7 @@ class BackgroundThread:
 
     @property
     def waiting(self) -> int:
-        """How much waits."""
+        """Return how much waits."""
         return self._orders.qsize()
 
     def _run(self) -> None:

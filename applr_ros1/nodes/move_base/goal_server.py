@@ -91,7 +91,7 @@ class GoalServer:
     # -- what the node does --------------------------------------------------------------------------------------
     @property
     def active(self) -> bool:
-        """Whether a goal is being pursued."""
+        """Return whether a goal is being pursued."""
         return self._current is not None
 
     def take(self, stamp):

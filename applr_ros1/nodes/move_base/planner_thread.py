@@ -161,7 +161,7 @@ class PlannerThread:
         return due - now - (EARLY_SHARE * period + TICK_S if ready else 0.0)
 
     def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
-        """When the cycle after the one that begins now is due: a period after this one was.
+        """Return when the cycle after the one that begins now is due: a period after this one was.
 
         After cycles that were missed, and where scans come more seldom than cycles, it is a period from now: so cycles
         keep in step with such scans.

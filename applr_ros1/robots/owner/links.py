@@ -270,7 +270,7 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str])
 
 
 def _casters(urdf: UrdfFile, rest: List[str], axle: float, radius: float) -> Tuple[List[List[float]], Set[str]]:
-    """Where links other than the wheels touch the ground (x, y), and which do."""
+    """Return where links other than the wheels touch the ground (x, y), and which do."""
     places: List[List[float]] = []
     standing = set()
     for name in rest:

@@ -23,7 +23,7 @@ WANTED = 0.9  # m; obstacles nearer than this push the Jackal's route away
 
 @dataclass(frozen=True)
 class Style:
-    """How it drives a Jackal. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
+    """A way of driving a Jackal. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
 
     slow: float = 0.30  # speed where the robot just fits
     fast: float = 1.2  # where nothing is near
