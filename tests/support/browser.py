@@ -92,13 +92,17 @@ class Page:
         wait_for(lambda: all(word in self.text for word in words), "the page says %s" % (words,))
 
     def press(self, words, *expected):
-        """Click on the element with exactly this text until some other words can be read.
+        """Click on the element with exactly this text, and again where no other words can be read for some seconds.
 
-        A page that is still being laid out misses clicks, and a node on a busy machine does not always answer in time.
+        A page that is still being laid out misses clicks. A second click on a switch undoes the first one, whose effect
+        takes a node on a busy machine some seconds.
         """
 
         def pressed():
             self._click("button, label, [role=tab], [role=option]", "e.textContent.trim() == %s" % json.dumps(words))
+            again = time.monotonic() + 10.0
+            while not any(each in self.text for each in expected) and time.monotonic() < again:
+                self.look(0.2)
             return any(each in self.text for each in expected)
 
         wait_for(pressed, "%s after a click on %s" % (expected, words))
