@@ -22,8 +22,7 @@ from applr_ros1.robots import on_ground
 from training.common import command_line
 from training.common.options import Options, option
 from training.common.provenance import provenance
-from training.env.protocols import PROTOCOLS
-from training.env.settings import TrialSettings
+from training.env.settings import PROTOCOLS, TrialSettings
 from training.report import write
 from training.trials.drive import drive
 from training.trials.runner import TRIAL_RUNNER, described, world_list

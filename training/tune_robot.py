@@ -39,8 +39,7 @@ from training.common.command_line import AnyRobot, Seed, Workers, continuable, e
 from training.common.folders import make_folder
 from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
-from training.env.protocols import CHALLENGE
-from training.env.settings import TrialSettings
+from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate import EvaluationOptions, evaluate
 from training.report import page
 from training.report.tables import Table

@@ -18,11 +18,11 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from training.common.options import checked
-from training.env import privileged, protocols
+from training.env import privileged
 from training.env.episode import Episode, laser_pose
 from training.env.outcome import Outcome
 from training.env.reward import failed
-from training.env.settings import TrialSettings
+from training.env.settings import DRAWN, PROTOCOLS, TrialSettings, under
 from worlds.draw import top_view
 
 INFO = (  # what info says of an Outcome
@@ -103,9 +103,9 @@ class ApplrEnv(gymnasium.Env):
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
         protocol = self.settings.protocol
-        if protocol == protocols.DRAWN:
-            protocol = str(self.np_random.choice(list(protocols.PROTOCOLS)))
-        world = worlds_package.scaled(protocols.under(protocol, world), self.episode.robot.world_scale)
+        if protocol == DRAWN:
+            protocol = str(self.np_random.choice(list(PROTOCOLS)))
+        world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
         self.form.reset()
         return self._observation(), self._info(outcome)

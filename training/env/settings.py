@@ -1,8 +1,12 @@
-"""Settings of trials and training episodes: the environment (env.py) and trials/runner.py share them."""
+"""Settings of trials and training episodes, and the protocols, the rules that they are driven under.
+
+The environment (env.py) and trials/runner.py share them.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Dict, Literal, Optional, Union
+import dataclasses
+from typing import Any, Dict, Literal, NamedTuple, Optional, Union
 
 from pydantic import Field, InstanceOf
 
@@ -11,8 +15,40 @@ from applr_ros1.policy.form import Form
 from applr_ros1.robots import JACKAL, Robot, load, on_ground
 from training.common.options import Options
 from training.env.episode import TIME_LIMIT, counting_cells
-from training.env.protocols import PAPER
 from training.env.reward import Reward
+from worlds import World, barn
+
+
+class Protocol(NamedTuple):
+    """Rules of a trial. end_on_collision: a collision ends it."""
+
+    end_on_collision: bool
+    sentence: str
+
+
+PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"
+PROTOCOLS = {
+    PAPER: Protocol(
+        False,
+        "The paper's course: from 1 m before the reference path to y = 10 (5.925 m), goal 5 m beyond its "
+        "end; a contact does not end the trial; 100 s.",
+    ),
+    CHALLENGE: Protocol(
+        True,
+        "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
+        "start (11, 0), goal 20 m ahead; other worlds keep their course; a collision ends the trial; 100 s.",
+    ),
+}
+
+
+def under(protocol: str, world: World) -> World:
+    """The world with the protocol's course.
+
+    A world of moving obstacles has the BARN Challenge's course for it under both, one that is none of BARN's its own.
+    """
+    if protocol == PAPER or not barn.fill_of(world.cylinders)[[0, -1]].all():
+        return world
+    return dataclasses.replace(world, course=barn.challenge_course(world.course.path))
 
 
 class TrialSettings(Options):
@@ -23,7 +59,7 @@ class TrialSettings(Options):
     robot: Union[str, InstanceOf[Robot]] = Field(
         JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale.")
     ground: str = Field("", description="What it drives on (robots.GROUNDS), instead of the robot's own.")
-    protocol: str = Field(PAPER, description="Whose course is driven, one of protocols.PROTOCOLS.")
+    protocol: str = Field(PAPER, description="Whose course is driven, one of PROTOCOLS.")
     observation: Literal["paper", "dimensionless"] = Field("paper", description=
         "Form of what a learnt policy sees and does, and of the reward: the paper's, or the same numbers for every "
         "robot (applr_ros1/policy/dimensionless.py).")

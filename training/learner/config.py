@@ -24,7 +24,7 @@ from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import NAMES, load, tell
 from training.common.command_line import Monitor, Movers, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
-from training.env import protocols
+from training.env import settings
 from training.env.reward import RewardOptions
 from training.learner.learner import MOST_ROWS, LearnerOptions, Start
 from worlds.loading import FORMS
@@ -252,12 +252,12 @@ class TrainConfig(
     @property
     def eval_protocol(self) -> str:
         """The rules of the evaluations."""
-        return protocols.CHALLENGE if self.protocol == protocols.DRAWN else self.protocol
+        return settings.CHALLENGE if self.protocol == settings.DRAWN else self.protocol
 
     def setting(self) -> str:
         """Return the setting of the periodic evaluation in words: results of another setting cannot be compared."""
         beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
-        rules = [self.eval_protocol] * (self.eval_protocol != protocols.PAPER)
+        rules = [self.eval_protocol] * (self.eval_protocol != settings.PAPER)
         return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *rules])
 
     def noise(self, transitions: int) -> float:

@@ -18,7 +18,7 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.policy.parameter_space import Space
-from training.env.protocols import under
+from training.env.settings import under
 from training.trials.compare import Comparison, compare
 from training.trials.score import FAILURE_SECONDS
 from training.trials.table import SETTINGS, TRIALS, read_trace, read_trials

@@ -18,7 +18,7 @@ from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.common.provenance import sentences
-from training.env.protocols import PROTOCOLS
+from training.env.settings import PROTOCOLS
 from training.report import drives, figures
 from training.report.data import Results
 from training.report.tables import MORE, PAPER, Table

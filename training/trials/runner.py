@@ -22,8 +22,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import Episode
 from training.env.outcome import Trace
-from training.env.protocols import PROTOCOLS, under
-from training.env.settings import TrialSettings
+from training.env.settings import PROTOCOLS, TrialSettings, under
 from training.trials.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
 from worlds import World, WorldError
