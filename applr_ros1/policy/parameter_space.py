@@ -145,13 +145,13 @@ class Space:
         """The requests for values (n,) that may lie outside of the space's ranges (distance_weights.py)."""
         values = list(self.as_dict(values).values())
         return {
-            server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(server)}
+            server: {t.name: -values[i] if t.negated else values[i] for i, t in self.targets_of(server)}
             for server in self.servers
         }
 
     def places(self):
         """[(server, name), ...]: where the value of each parameter of theta is read back from move_base."""
-        return [(self.targets[name][0].server, self.targets[name][0].names[0]) for name in self.names]
+        return [(self.targets[name][0].server, self.targets[name][0].name) for name in self.names]
 
     def read(self, path):
         """Read a JSON file with a set: {name: value}, or {"parameters": {name: value}, ...}.
