@@ -34,8 +34,6 @@ Movers = Annotated[bool, Field(False, description=
 ProtocolName = Annotated[Literal["paper", "barn-challenge"], Field("paper", description=
     "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, the "
     "BARN Challenge's course of 10 m, on which it does.")]
-ContactSeconds = Annotated[float, Field(ge=0, le=1e6, description=
-    "Time [s] that a trial with a contact is charged in addition.")]
 Workers = Annotated[int, Field(2, ge=0, le=4096, description=
     "Number of trials that are driven at the same time; 0 drives them in this process.")]
 RayAddress = Annotated[str, Field("", description=

@@ -30,7 +30,7 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, steps: int = 500, layout: Layout = LAYOUT
 ) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
-    """Weights for policy/appld.py, and how well they tell contexts. scans: (n, beams) of `inputs`; labels: (n,) int.
+    """Return weights for policy/actor.py, and how well they tell contexts. scans: (n, beams); labels: (n,) int.
 
     Result: accuracy over all instants; "held_out": of a network trained without every fifth block of two seconds, on
     those blocks. What is seen is also seen in the mirror, turned a little and with noise.
