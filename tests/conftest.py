@@ -10,11 +10,14 @@ the files of a folder whose conftest.py has a stack that they share: rospy knows
 groups tests.support.ros_harness starts a new master and takes this process' topics off it; between two tests it deletes
 the parameters of nodes that have ended.
 
-Tests marked `long` are left out unless `-m` names them. A file that imports what is not installed (ROS, or torch under
-Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table=docs/results/faults.csv` writes
-what tests of faults have measured into that table.
+Tests marked `slow` are left out unless `--all` is given or `-m` names them, those marked `long` unless `-m` names them;
+without `--all` random comparisons have a part of their cases (tests/support/seeds.py). A file that imports what is not
+installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The end of a run says
+what took most of its processor time, with that of the processes that tests start.
+`--faults-table=docs/results/faults.csv` writes what tests of faults have measured into that table.
 """
 
+import collections
 import contextlib
 import csv
 import importlib.util
@@ -26,6 +29,8 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+
+from tests.support import seeds
 
 for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a terminal that is closed: as Ctrl-C, so
     if signal.getsignal(number) == signal.SIG_DFL:  # that what the tests have started ends, too
@@ -46,9 +51,14 @@ def group_of(path):
 
 
 def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="Also run tests marked slow, and all cases of comparisons.")
     parser.addoption(
         "--faults-table", metavar="CSV", help="Table of faults (docs/results/faults.csv) that gets what tests measure."
     )
+
+
+def pytest_configure(config):
+    seeds.share = 1.0 if config.option.all else seeds.FIRST_SHARE
 
 
 @pytest.hookimpl(wrapper=True)
@@ -70,8 +80,26 @@ def pytest_itemcollected(item):
 
 
 def pytest_collection_modifyitems(config, items):
-    if "long" not in config.option.markexpr:
-        items[:] = [item for item in items if not item.get_closest_marker("long")]
+    wanted = config.option.markexpr + " slow" * config.option.all
+    left = [mark for mark in ("slow", "long") if mark not in wanted]
+    items[:] = [item for item in items if not any(map(item.get_closest_marker, left))]
+
+
+def spent(last=[0.0]):  # noqa: B006 - the default keeps the last reading
+    """Return the processor time, in s, since the last call: of this process and of children that it has waited for."""
+    since, last[0] = last[0], sum(os.times()[:4])
+    return last[0] - since
+
+
+def pytest_runtest_logstart():
+    spent()  # collecting is no test's
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    report = yield
+    report.processor_s = spent()  # pytest-xdist brings it to the process that prints
+    return report
 
 
 @pytest.hookimpl(wrapper=True)
@@ -97,6 +125,7 @@ def pytest_runtest_protocol(item, nextitem):
         if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
             harness = sys.modules.get("tests.support.ros_harness")
             harness and harness.close_session()
+        reports[-1].processor_s += spent()
         for report in reports:
             report.outcome = outcome if report.failed else report.outcome
             item.ihook.pytest_runtest_logreport(report=report)
@@ -147,6 +176,18 @@ def pytest_terminal_summary(terminalreporter):
         terminalreporter.section(f"run a second time: {len(again)}")
         for report in again:
             terminalreporter.line(f"{report.nodeid}\n{report.longreprtext}")
+    tests, rooms = collections.defaultdict(lambda: [0.0, 0.0]), collections.Counter()
+    for report in [report for reports in terminalreporter.stats.values() for report in reports]:
+        if hasattr(report, "processor_s"):
+            tests[report.nodeid][0] += report.processor_s
+            tests[report.nodeid][1] += report.duration
+            rooms[report.nodeid.partition("::")[0]] += report.processor_s
+    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[:10]
+    if most:
+        terminalreporter.section("processor time: %.0f s, tests %.0f s" % (sum(os.times()[:4]), sum(rooms.values())))
+        terminalreporter.line(", ".join("%s %.0f s" % room for room in rooms.most_common(5)))
+        for processor, wall, name in most:
+            terminalreporter.line("%6.1f s in %5.1f s  %s" % (processor, wall, name))
 
 
 def pytest_sessionfinish(session, exitstatus):

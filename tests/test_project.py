@@ -27,7 +27,7 @@ def files(pattern):
     return [path for path in sorted(ROOT.rglob(pattern)) if path.relative_to(ROOT).parts[0] not in NOT_OURS]
 
 
-@pytest.mark.parametrize("name", LINTERS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "mypy")) for name in LINTERS])
 def test_linters(name):
     program, *options = LINTERS[name]
     program = Path(sys.executable).with_name(program)

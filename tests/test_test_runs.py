@@ -1,4 +1,4 @@
-"""What tests/conftest.py promises of a run that is ended from outside, without a test that passed, or with reruns."""
+"""What tests/conftest.py promises of a run: what is left out, how it ends, what runs again, what it says of costs."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from tests.support.ros_harness import ROOT, wait_for
 
 pytest.importorskip("rospy")
 TEST = """
-import os, pathlib, time
+import os, pathlib, subprocess, sys, time
 import pytest, rospy
 from tests.support import ros_harness
 
@@ -24,9 +24,6 @@ def test_that_lasts():
         child = master.spawn("sleep", "60")
         pathlib.Path("pids").write_text("%d %d end" % (master._master.pid, child.pid))
         time.sleep(60.0)
-
-def test_that_is_skipped():
-    pytest.skip("always")
 
 @pytest.fixture(scope="module")
 def shared():
@@ -41,12 +38,34 @@ def test_that_fails_once(shared):
         rospy.set_param("/left", 1)
         pytest.fail("as under load")
     assert len(shared) == 2 and not rospy.has_param("/left")
+
+def test_that_costs():
+    subprocess.run([sys.executable, "-c", "import time\\nwhile time.process_time() < 1.2: pass"], check=True)
+"""
+TIERS = """
+import pytest
+from tests.support.seeds import seeds
+
+def test_skipped():
+    pytest.skip("always")
+
+@seeds(8)
+def test_drawn(seed):
+    print("seed", seed)
+
+@pytest.mark.slow
+def test_slow():
+    print("ran slow")
+
+@pytest.mark.long
+def test_long():
+    print("ran long")
 """
 
 
-def start(folder, *options, **environment):
+def start(folder, *options, text=TEST, **environment):
     """A pytest with this repository's conftest.py in a folder of its own."""
-    (folder / "test_both.py").write_text(TEST)
+    (folder / "test_both.py").write_text(text)
     return subprocess.Popen(
         [sys.executable, "-m", "pytest", "-q", "-p", "tests.conftest", "-p", "no:cacheprovider", *options],
         env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
@@ -72,18 +91,28 @@ def test_a_run_that_is_ended_leaves_nobody(tmp_path, number, workers):
     wait_for(lambda: not any(map(is_alive, started)), "the end of what the test has started")
 
 
-def test_a_run_in_which_no_test_passed_is_a_failure(tmp_path):
-    run = start(tmp_path, "-k", "skipped")
-    said, _ = run.communicate(timeout=HANGS)
-    assert "1 skipped" in said
-    assert run.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, said
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("-k", "skipped or slow"), []),
+        ((), ["seed 0", "seed 1"]),
+        (("--all",), ["seed %d" % seed for seed in range(8)] + ["ran slow"]),
+        (("-m", "slow or long"), ["ran slow", "ran long"]),
+    ],
+)
+def test_what_a_run_leaves_out_and_that_one_in_which_no_test_passed_is_a_failure(tmp_path, options, said):
+    run = start(tmp_path, "-s", *options, text=TIERS)
+    lines = run.communicate(timeout=HANGS)[0]
+    assert re.findall(r"seed \d|ran \w+", lines) == said
+    assert run.returncode == (0 if said else pytest.ExitCode.NO_TESTS_COLLECTED), lines
 
 
 @pytest.mark.parametrize("workers", ["-n0", "-n2"])
 def test_a_second_run_begins_anew_and_is_named(tmp_path, workers):
-    run = start(tmp_path, "-k", "once", workers)
+    run = start(tmp_path, "-k", "once or costs", workers)
     said, _ = run.communicate(timeout=HANGS)
     assert run.returncode == 0, said
+    assert re.search(r"(?m)^ +1\.[2-9] s in .* test_both\.py::test_that_costs$", said), said
     assert re.search(
         r"run a second time: 1 =+\ntest_both.py::test_that_fails_once\n(.*\n)*E +Failed: as under load", said
     )

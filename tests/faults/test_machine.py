@@ -13,6 +13,7 @@ from tests.support.ros_harness import LONGEST, RosMaster, slowness, wait_for
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 @pytest.mark.fault("25")
 def test_the_processor_is_busy(stack, measured):
     """Two endless loops per core: commands stay young enough to drive on, and left-out cycles are reported."""

@@ -95,6 +95,7 @@ def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
     assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
 
 
+@pytest.mark.slow
 def test_install_space(tmp_path):
     """Executables, Python packages, generated configurations and data, from a folder that knows nothing of devel."""
     build = """

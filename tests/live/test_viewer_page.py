@@ -12,7 +12,6 @@ from tests.support.browser import PROGRAM, open_page  # noqa: E402, it needs wha
 
 pytestmark = [
     pytest.mark.ros,
-    pytest.mark.slow,
     pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here"),
 ]
 

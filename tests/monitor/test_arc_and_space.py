@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.monitor.known_space import ObstacleMemory
@@ -16,6 +16,7 @@ from applr_ros1.monitor.stopping import EVERYTHING, half_planes, safe_scale
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 from tests.monitor.test_collision_monitor import ANGLE, BEAMS, scan_of, seen_all_around, wall
+from tests.support.seeds import examples
 
 SETTINGS = MonitorSettings.of(JACKAL)
 HERE = (0.0, 0.0, 0.0)
@@ -44,7 +45,7 @@ def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_
 numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(st.tuples(numbers, numbers, st.floats(0.3, 3.0)), min_size=2, max_size=6))
 def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(commands):
     monitor, before, motion = CollisionMonitor(), (0.0, 0.0), (0.0, 0.0)
@@ -195,7 +196,7 @@ def test_a_base_that_rolls_back_may_be_turned_round_at_once():
 FLOATS = st.one_of(st.floats(), st.sampled_from([5e-324, -5e-324, -0.0, 1e308, -1e308, math.nan, math.inf, 1e-300]))
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(
     st.tuples(FLOATS, FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS)
 )
@@ -212,7 +213,7 @@ def test_no_number_ends_a_command(pose, twist, command, ages):
         assert all(abs(value) <= limit + 1e-9 for value, limit in zip(verdict.command, monitor.fastest))
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
 def test_no_number_ends_a_scan(numbers, ranges, field):
     """One field at a time, and all; the same with the ranges. What cannot be is refused in a line."""

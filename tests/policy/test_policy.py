@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import safetensors.numpy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import applr_ros1
@@ -24,6 +24,7 @@ from applr_ros1.policy.form import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused
+from tests.support.seeds import examples
 from tests.support.weights import make_weights
 from training.env.settings import TrialSettings
 from training.trials import runner
@@ -52,7 +53,7 @@ def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=11, max_size=11))
 def test_any_action_gives_legal_parameters_or_is_refused(values):
     if not np.all(np.isfinite(values)):
@@ -156,7 +157,7 @@ def test_nan_beams_take_their_neighbours():
     np.testing.assert_allclose(observe(holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(st.integers(0, 2**32 - 1), st.floats(0, 1), st.floats(-10, 10))
 def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     rng = np.random.default_rng(seed)

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import footprint as footprints
 from tests.support.plain_maps import corners_of, line_cells, plain_cost, plain_fill
 from tests.support.refusals import refused
+from tests.support.seeds import examples
 
 JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
 coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
@@ -58,14 +59,14 @@ def test_radii_of_few_points_and_of_a_zero_length_edge():
 
 
 @given(polygons, st.floats(-3, 3), st.floats(-2, 2), st.floats(-7, 7))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_transform_keeps_distances(vertices, x, y, yaw):
     placed = footprints.transform(vertices, x, y, yaw)
     np.testing.assert_allclose(np.hypot(*(placed - (x, y)).T), np.hypot(*vertices.T), atol=1e-12)
 
 
 @given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2**32 - 1))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
     rng = np.random.default_rng(seed)
     cells = rng.integers(0, 254, (34, 44)).astype(np.uint8)
@@ -86,7 +87,7 @@ def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
 
 
 @given(*[st.integers(0, 30)] * 4)
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
     line = line_cells(x0, y0, x1, y1)
     assert (tuple(line[0]), tuple(line[-1])) == ((x0, y0), (x1, y1))

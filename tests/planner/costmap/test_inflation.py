@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
 from tests.support import map_scenes, plain_maps
+from tests.support.seeds import examples
 
 RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
 
@@ -28,7 +29,7 @@ def blank(nx, ny, value=0):
     st.booleans(),
     st.sampled_from((0.0, 0.165, 0.265, 0.5)),
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, inscribed):
     rng = np.random.default_rng(seed)
     ny, nx = rng.integers(3, 60, 2)
@@ -43,7 +44,7 @@ def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, i
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_repairs_equal_spreading_anew(seed, radius, fill):
     """Obstacles come and go, windows move: every map is the one that C++ makes from nothing each time."""
     rng = np.random.default_rng(seed)

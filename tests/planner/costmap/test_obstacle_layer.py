@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import obstacle_layer
 from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, Source, project
+from tests.support.seeds import examples
 
 INF = math.inf
 
@@ -34,7 +35,7 @@ def test_infinite_ranges_count_when_they_are_declared_valid():
     st.floats(-20, 20),
     st.floats(-7, 7),
 )
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_projection_rounds_as_the_cpp_code(ranges, x, y, yaw):
     made = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
     f = np.float32

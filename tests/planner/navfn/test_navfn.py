@@ -3,7 +3,7 @@
 from collections import Counter
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.costmap import Costmap
@@ -12,6 +12,7 @@ from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.navfn import Navfn
 from tests.support import map_scenes
 from tests.support.plain_navfn import plain_plan
+from tests.support.seeds import examples
 
 RES = 0.05
 
@@ -70,7 +71,7 @@ def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
     st.booleans(),
     st.sampled_from((0.0, 0.0, 0.12)),
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_random_worlds(seed, kind, allow_unknown, tolerance):
     rng = np.random.default_rng(seed)
     ny, nx = (int(v) for v in rng.integers(3, 45, 2))
@@ -82,7 +83,7 @@ def test_random_worlds(seed, kind, allow_unknown, tolerance):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 60))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_full_lists_lose_the_same_cells(seed, list_size):
     rng = np.random.default_rng(seed)
     costmap = costmap_of(world(rng, 40, 50, "arbitrary"))
@@ -90,7 +91,7 @@ def test_full_lists_lose_the_same_cells(seed, list_size):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_one_planner_on_a_changing_map(seed, list_size):
     """Map, robot, goal and flag change between the plans of one planner; each equals the plain one, from nothing."""
     rng = np.random.default_rng(seed)

@@ -4,11 +4,12 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
 from tests.support import episodes
+from tests.support.seeds import examples
 from training.learner.learner import draw_batch
 from training.replay.buffer import Replay
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
@@ -31,7 +32,7 @@ def test_the_scan_comes_back_within_half_a_step():
     assert layout.quantise(edges)[0, :3].tolist() == [0, 255, 255]
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12),
     st.integers(12, 40),
