@@ -140,7 +140,7 @@ def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]])
     try:
         planner = MoveBase(without(tree, wrong))
     except ApplrError as error:
-        width = max(base["track"] + base.get("wheel_width", 0.0), *body.get("size", (0.0, 0.0))[1:2])
+        width = max(base.get("track", 0.0) + base.get("wheel_width", 0.0), *body.get("size", (0.0, WIDTH))[1:2])
         return round(width / WIDTH, 3), [f"the planner refuses the parameter files: {error}"]
     scale = round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3)
     return scale, [f"the planner refuses the parameter files: {in_one_line(wrong)}"] if wrong else []

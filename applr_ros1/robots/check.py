@@ -160,6 +160,12 @@ def contradictions(robot: Robot) -> List[Finding]:
     m.laser_depth = min(size / 2 - abs(at - middle) for at, middle, size in zip((x, y), body.centre, body.size))
     stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
     mass, _, loads = geometry.balance(robot) if stands else (0.0, (), np.zeros(1))
+    m.on_axle = not skids and bool(base.casters) and max(abs(x) for x, _ in base.casters) < rules.ON_AXLE
+    m.casters = ", ".join(f"[{x:g}, {y:g}]" for x, y in base.casters)
+    full = [body.mass * (sum(size**2 for size in body.size) - own**2) / 12 for own in body.size]
+    m.full = ", ".join(f"{moment:.2g}" for moment in full)
+    least, most = rules.UNLIKE
+    m.unlike = any(not least < own / of_box < most for own, of_box in zip(body.inertia or (), full) if of_box > 0.0)
     m.tips = loads.min() < -1e-4 * mass * geometry.GRAVITY  # right above the axle it stands
     return list(rules.apply(rules.ROBOT, robot, m))
 

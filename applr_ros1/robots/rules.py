@@ -24,6 +24,8 @@ LIMITED = ((of_kind("speed"), "max_speed", "m/s"), (of_kind("turn"), "max_yaw_ra
 UNITS = 10.0  # ratio of lengths from which on one is in centimetres or millimetres
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
 INSIDE = 0.3  # share of the body's width; lasers in a slit are nearer to its side
+ON_AXLE = 0.01  # m from the axle within which a caster holds nothing up
+UNLIKE = 0.05, 4.0  # times that of a full box: less has a mass in one point, more one in the corners of the box
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
 
 
@@ -124,6 +126,8 @@ RULES: Tuple[Rule, ...] = (
         "a skid_steer base has none, leave them out"),
     Rule(ROBOT, "base.casters", lambda v, m: not m.skids and not v.base.casters,
         "a two_wheel base stands on one at least, give where they touch the ground"),
+    Rule(ROBOT, "base.casters", lambda v, m: m.on_axle,
+        "all are below the axle, where they hold nothing up, give those ahead or behind", value="is {m.casters}"),
     Rule(ROBOT, "simulation.ground", lambda v, m: m.on_gazebo and not m.skids,
         "it is for a skid_steer base, give plain"),
     Rule(ROBOT, "simulation.track_multiplier", lambda v, m: m.on_gazebo and v.simulation.track_multiplier is None,
@@ -150,6 +154,8 @@ RULES: Tuple[Rule, ...] = (
         "body and wheels end at {m.front:.3g} m ahead and {m.left:.3g} m to the left, give metres"),
     Rule(ROBOT, "body.com", lambda v, m: m.tips,
         "the centre of mass of body and wheels lies outside the wheels and casters; check base.casters, too"),
+    Rule(ROBOT, "body.inertia", lambda v, m: m.unlike,
+        "a full box of that mass and size has {m.full}; compare body.mass, or leave it out", "warning"),
 
     *(_within(name, limit, unit) for names, limit, unit in LIMITED for name in names),
     _same(PLANNER, "odom_topic", "topics.odometry", "remark"),

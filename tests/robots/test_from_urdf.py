@@ -342,28 +342,15 @@ IDLE = link("idle", '<sphere radius=".02"/>') + joint("idle", "-.1 0 -.03", kind
         (PLAIN.replace('ixx=".01"', 'ixx="nan"'), {}, "link base_link has ixx 'nan': give 1 finite number"),
         (PLAIN + joint("scanner", "0 0 0", "left"), {}, "more than one joint leads to the link scanner: take all but"),
         (PLAIN.replace('left_joint" type="continuous', 'left_joint" type="fixed'), {}, "right, left_joint is fixed "),
-        (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
         (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
         (TWO.replace('"left"', '"mecanum_left"'), {}, "left_joint is of an omni base"),
         (TURNED, {}, "wheels left and right roll along y of base_footprint: give .* such as base_link$"),
         (
-            link("base_link") + link("base_footprint") + joint("base_footprint", "0 0 0") + LEG + NAMED.format("leg"),
-            {},
-            "no wheels: .* URDF of the whole",
-        ),
-        (
             PLAIN + NAMED.format("swivel") + NAMED.format("roller"),
             {},
             r"swivel_joint steers .*\(where others drive it,",
         ),
-        (LYING.replace("continuous", "fixed"), {}, "wheel_left_joint is fixed: make the"),
-        (
-            LYING.replace('<cylinder radius=".05" length=".02"/>', FAR_MESH),
-            {},
-            "put the package of package://far/w.stl",
-        ),
-        (link("base_link") + link("wheel") + joint("wheel", "0 .1 0", kind="continuous"), {}, "give the URDF of the"),
         (PLAIN + KNUCKLE + NAMED.format("left") + NAMED.format("right"), {}, "knuckle_joint steers the wheel of"),
         (PLAIN + LOCKED, {}, "steering_joint steers the wheel of"),
         (PLAIN + wheel("more", ".1 .12 0") + MOVED_SIDEWAYS, {}, "libplanar_move.so is of an omni base"),
@@ -391,6 +378,46 @@ def test_what_is_wrong_is_one_line(make, urdf, more, line):
     assert status == 1
     assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", said), said
     assert not file.exists()
+
+
+BARE_LEFT = link("wheel_left") + joint("wheel_left", "0 .12 0", kind="continuous")
+BARE = TWO[: TWO.index('<link name="left">')] + BARE_LEFT + BARE_LEFT.replace("left", "right").replace(".12", "-.12")
+LEGGED = link("base_link") + link("base_footprint") + joint("base_footprint", "0 0 0") + LEG + NAMED.format("leg")
+WHEEL_SHAPE = '<cylinder radius=".05" length=".02"/>'
+
+
+@pytest.mark.parametrize(
+    ("urdf", "remark", "known"),
+    [
+        (link("base_footprint", '<box size="1 1 1"/>'), "another URDF, give that", {}),
+        (LEGGED, "another URDF, give that", {}),
+        (LYING.replace("continuous", "fixed"), "wheel_left_joint is fixed: make the", {}),
+        (PLAIN.replace(WHEEL_SHAPE, FAR_MESH), "put the package of package://far/w.stl", {}),
+        (BARE, "another URDF", {"drive": "two_wheel", "track": 0.24, "axle_height": 0.05}),
+        (
+            BARE + BARE_LEFT.replace("left", "back").replace("0 .12", "-.2 0"),
+            "another URDF",
+            {},
+        ),
+        (
+            (BARE + BARE_LEFT.replace("left", "back_left").replace("0 .12", "-.2 .12"))
+            + BARE_LEFT.replace("left", "back_right").replace("0 .12", "-.2 -.12"),
+            "another URDF",
+            {"drive": "skid_steer", "track": 0.24, "axle_height": 0.05, "wheelbase": 0.2},
+        ),
+    ],
+    ids=["a box", "a leg", "fixed", "meshes elsewhere", "two joints", "three joints", "four joints"],
+)
+def test_wheels_that_are_not_drawn_are_asked_for(make, urdf, remark, known):
+    status, said, file = make(urdf)
+    assert status == 0, said
+    assert re.search(f"remark: no wheels are drawn: .*{remark}", said), said
+    found = yaml.safe_load(file.read_text())
+    stated = {name: value for name, value in (found["base"] or {}).items() if name in known}
+    assert stated == known
+    asked = {"drive", "wheel_radius", "wheel_width", "track", "axle_height"} - set(known)
+    assert set(re.findall(r"^  base\.(\w+) ", said, re.MULTILINE)) >= asked
+    assert ("\n  base.casters" in said) == (known.get("drive") != "skid_steer")
 
 
 CODE = "[w.__init__.__globals__['system']('touch {0}') for s in [python.type.mro(python.list)[1]] "
@@ -695,3 +722,96 @@ def test_a_body_is_what_reaches_over_the_axle_and_ends_at_the_ground(make):
     assert status == 0
     assert "size" not in yaml.safe_load(file.read_text())["body"]
     assert "body.size [m] [length, width, height]" in said
+
+
+def visual(name, shape, at="0 0 0"):
+    return f'<link name="{name}"><visual><origin xyz="{at}"/><geometry>{shape}</geometry></visual></link>'
+
+
+NO_CASTER = PLAIN.replace(link("roller", '<sphere radius=".03"/>', 0.2), link("roller"))
+MARKED = {
+    "a plate": '<box size=".05 .05 .001"/>',
+    "a disc": '<cylinder radius=".3" length=".002"/>',
+    "a ball": '<sphere radius=".01"/>',
+    "axes": '<box size=".1 .1 .1"/>',
+}
+
+
+@pytest.mark.parametrize("kind", MARKED)
+def test_the_mark_of_a_frame_is_no_caster_and_no_body(make, kind):
+    mark = visual("base_footprint", MARKED[kind], ".02 0 0" if kind == "axes" else "0 0 0")
+    drawn = NO_CASTER.replace('<link name="base_footprint"/>', mark)
+    _, said, file = make(drawn)
+    assert "base.casters" in said
+    assert "casters" not in yaml.safe_load(file.read_text())["base"]
+    seen = drawn.replace("collision>", "visual>")  # the body is what is seen, and not its mark
+    body = yaml.safe_load(make(seen, out="seen")[2].read_text())["body"]
+    assert body["size"] == [0.3, 0.2, 0.16] or kind == "axes"
+
+
+def test_a_caster_that_is_drawn_alone_is_one_and_none_lies_below_the_axle(make):
+    small = visual("ball", '<sphere radius=".02"/>') + joint("ball", ".14 0 -.03")
+    below = link("skid", '<sphere radius=".02"/>') + joint("skid", "0 .05 -.03")
+    _, _, file = make(NO_CASTER + small + below)
+    assert yaml.safe_load(file.read_text())["base"]["casters"] == [[0.14, 0.0]]
+
+
+def test_casters_below_the_axle_alone_are_refused(make, capsys):
+    _, _, file = make(PLAIN)
+    text = file.read_text()
+    for place, status in (("[[0.0, 0.1], [0.005, -0.1]]", 1), ("[[-0.15, 0.0]]", 0)):
+        file.write_text(text.replace("[[-0.15, 0.0]]", place).replace("com: [-0.04, 0.0", "com: [0.0, 0.0"))
+        fill(file)
+        robots.folder._read.cache_clear()
+        assert check_robot.main([str(file.parent)]) == status
+        said = capsys.readouterr().err
+        assert ("base.casters is [0, 0.1], [0.005, -0.1]: " in said) == status, said
+
+
+def test_an_inertia_of_another_size_is_a_warning(make, capsys):
+    _, _, file = make(PLAIN)
+    text = re.sub("(?<=body:)(.*?inertia: )[^\n]*", r"\1[MOMENT, 0.04, 0.05]", file.read_text(), flags=re.DOTALL)
+    for moment, said_so in (("0.1", False), ("0.0002", True), ("0.2", True)):  # of a full box .0328
+        file.write_text(text.replace("MOMENT", moment))
+        fill(file)
+        robots.folder._read.cache_clear()
+        assert check_robot.main([str(file.parent)]) == 0
+        said = capsys.readouterr().out
+        assert (f"warning: {file}: body.inertia is [{moment}, 0.04, 0.05]: a full box" in said) == said_so, said
+
+
+def test_the_mass_of_some_parts_is_not_that_of_the_whole(make):
+    hull = link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
+    unweighed = PLAIN.replace(hull, link("base_link", '<box size=".3 .2 .1"/>', at="-.05 0 .06"))
+    _, said, file = make(unweighed)
+    assert "remark: base_link, the largest part of the body, has no mass: roller (0.2 kg), scanner (0.8 kg)" in said
+    assert "body.mass [kg]" in said
+    assert not {"mass", "com", "inertia"} & set(yaml.safe_load(file.read_text())["body"])
+    of_all = unweighed + link("inertial_link", mass=6.0) + joint("inertial_link", "0 0 .05")
+    assert yaml.safe_load(make(of_all, out="whole")[2].read_text())["body"]["mass"] == 7.0
+    for out, name, mass in (("camera", "camera_mast", 6.0), ("token", "inertial_link", 0.01)):
+        urdf = unweighed + link(name, mass=mass) + joint(name, "0 0 .05")
+        assert "mass" not in yaml.safe_load(make(urdf, out=out)[2].read_text())["body"]
+    token = PLAIN.replace('value="5.0"', 'value="0.001"')  # a hull lighter than foam
+    assert "mass" not in yaml.safe_load(make(token, out="light")[2].read_text())["body"]
+
+
+RIGHT = joint("right", "0 -.12 0", kind="continuous", axis="0 0 1", turn="-1.5707963 0 0")
+
+
+def test_a_wheel_weighs_what_those_do_whose_mass_is_given(make):
+    one = PLAIN.replace(wheel("right", "0 -.12 0"), link("right", WHEEL_SHAPE) + RIGHT)
+    base = yaml.safe_load(make(one)[2].read_text())["base"]
+    assert (base["wheel_mass"], base["wheel_inertia"]) == (0.4, [0.01, 0.01, 0.01])
+
+
+EACH = PLAIN + "".join(map(NAMED.format, ("left", "right", "swivel", "roller")))
+
+
+def test_a_transmission_on_a_caster_does_not_drive(make):
+    _, said, file = make(EACH)
+    base = yaml.safe_load(file.read_text())["base"]
+    assert (base["drive"], base["track"], base["casters"]) == ("two_wheel", 0.24, [[-0.15, 0.0]]), said
+    large = EACH.replace('<sphere radius=".03"/>', '<sphere radius=".05"/>').replace('"-.15 0 -.02"', '"-.15 0 0"')
+    status, said, _ = make(large, out="large")  # as large as the others: a wheel that is steered
+    assert (status, "swivel_joint steers the wheel of roller_joint" in said) == (1, True)

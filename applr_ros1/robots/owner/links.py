@@ -21,6 +21,10 @@ _STEERING = re.compile(r"steer", re.IGNORECASE)
 _WHEEL = re.compile(r"wheel", re.IGNORECASE)
 AXES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5**0.5, 0.5**0.5, 0], [0.5**0.5, -(0.5**0.5), 0]])  # and diagonals
 STEEL = 7850.0  # kg/m^3
+LIGHTEST = 5.0  # kg/m^3 of the box around a part: a smaller mass stands in for one that nobody knows
+FLAT = 0.01  # m: what is drawn no higher above the ground is the mark of a frame
+_SENSOR = re.compile(rf"{LASER.pattern}|camera|imu|gps|sonar|sensor", re.IGNORECASE)
+ARRANGEMENTS = ((4, 2, 2, 1), (2, 0, 1, 0))  # of wheels: how many, in front, on the left, in front on the left
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 _OURS = "the planners and simulators here are for four wheels on two axles (skid steer) and for two on one axle"
 _CONTROLLER = " (where others drive it, give the controller's file, whose left_wheel and right_wheel are those)"
@@ -51,7 +55,7 @@ def read_urdf(
         laser_frame: Link that is the scanner's; "": the one that a sensor of Gazebo or a link's name says.
 
     Raises:
-        ApplrError: The file is no URDF, or describes no base with two driven wheels or with four on two axles.
+        ApplrError: The file is no URDF, or its wheels are not two on one axle or four on two.
     """
     urdf = UrdfFile(path, arguments, base_frame)
     description = Description(
@@ -70,21 +74,28 @@ def read_urdf(
         description.notes.append(f"taken for driven wheels, though they are {kinds}: {', '.join(fixed)}")
         wheels = _wheels(urdf, set(fixed))
     base = description.values["base"]
-    found, ahead = _drive(urdf, wheels, description.notes)
+    if not wheels:
+        description.notes.append(_no_wheels(urdf))
+        wheels = _undrawn(urdf, set(driven))
+    found, ahead = _drive(urdf, wheels, description.notes) if wheels else ({}, 0.0)
     base.update(found)
+    marks = _marks(urdf, wheels, base)
     driven = {joint.name for joint, _ in wheels.values()}
     suspension = {j.name for joint, _ in wheels.values() for j in urdf.moving[joint.child]} - driven
     rest = [name for name in urdf.links if not driven & {j.name for j in urdf.moving[name]}]
     rigid = [name for name in rest if {j.name for j in urdf.moving[name]} <= suspension]
     loose = [name for name in rest if name not in rigid]
-    if base["drive"] == "two_wheel":
-        places, standing = _casters(urdf, rest, base["axle_height"], base["wheel_radius"])
+    if base.get("drive") == "two_wheel" and "wheel_radius" in base:
+        above = {joint.parent for name in wheels for joint in urdf.above(name)}
+        drawn = [name for name in above if _is_drawn_only(urdf, name)]  # a link that carries a wheel is none itself
+        able = [name for name in rest if name not in {*marks, *drawn}]
+        places, standing = _casters(urdf, able, base["axle_height"], base["wheel_radius"], ahead)
         if places:
             base["casters"] = places
         swivels = {joint.name for name in standing for joint in urdf.moving[name]}
         rigid = [name for name in rigid if name not in standing]
         loose = [name for name in loose if not swivels & {joint.name for joint in urdf.moving[name]}]
-    _body(urdf, description, ahead, rest, rigid)
+    _body(urdf, description, ahead, rest, [name for name in rigid if name not in marks])
     shaped = [name for name in loose if urdf.links[name].collisions]
     if shaped:
         description.notes.append(f"links that move are left out of the outline: {', '.join(shaped)}")
@@ -122,13 +133,58 @@ def _range(joint: Any) -> float:
 
 
 def _named(urdf: UrdfFile, driven: Set[str]) -> Set[str]:
-    """The joints that drive: what a controller's file or a drive plugin of Gazebo names, else what transmissions do."""
+    """The joints that drive: what a controller's file or a drive plugin of Gazebo names, else what transmissions do.
+
+    Some files have one for each joint: what is below a free swivel, and smaller than the others, is a caster.
+    """
     plugins = [part for part in urdf.xml.iter("plugin") if re.search("drive|skid", str(part.get("filename")))]
     words = {word for part in plugins for inner in part.iter() for word in re.split(r"[\s,]+", inner.text or "")}
     moved = {joint.get("name", "") for part in urdf.xml.iter("transmission") for joint in part.iter("joint")}
-    known = {joint.name for joint in urdf.joints}
-    named = next(filter(None, (names & known for names in (driven | words, moved))), set())
+    known = {joint.name: joint for joint in urdf.joints}
+    named = next(filter(None, (names & set(known) for names in (driven | words, moved))), set())
+    if not (driven | words) & named:
+        heights = {name: _height(urdf, known[name]) for name in named if abs(urdf.axis(known[name])[2]) < 0.3}
+        swivels = {name: _free_swivels(urdf, known[name]) for name in heights}
+        most = 0.9 * max((heights[name] for name, above in swivels.items() if not above), default=0.0)
+        casters = {name for name, above in swivels.items() if above and heights[name] < most}
+        named -= casters.union(*(swivels[name] for name in casters))
     return named | {joint.name for joint in urdf.joints if joint.mimic is not None and joint.mimic.joint in named}
+
+
+def _height(urdf: UrdfFile, joint: Any) -> float:
+    """The height of what a joint turns [m]; 0 where nothing is drawn."""
+    boxes = _shape(urdf, [name for name, joints in urdf.moving.items() if joints[:1] == [joint]])
+    return float(np.ptp(around(boxes), axis=0)[2]) if boxes else 0.0
+
+
+def _free_swivels(urdf: UrdfFile, joint: Any) -> Set[str]:
+    """The joints above one that turn for ever about an upright axis."""
+    return {j.name for j in urdf.moving[joint.child][1:] if abs(urdf.axis(j)[2]) > 0.7 and _turns(j)}
+
+
+def _shape(urdf: UrdfFile, names: Iterable[str]) -> List[Box]:
+    """Boxes around the collision shapes of links, else around what is drawn of them."""
+    names = list(names)
+    return urdf.boxes(names) or urdf.boxes(names, "visuals")
+
+
+def _is_drawn_only(urdf: UrdfFile, name: str) -> bool:
+    """Tell whether a link can neither touch anything nor weigh anything."""
+    return not urdf.links[name].collisions and not urdf.inertia([name])[0]
+
+
+def _marks(urdf: UrdfFile, wheels: Iterable[str], base: Mapping[str, Any]) -> Set[str]:
+    """The links that lie flat on the ground and only show where a frame is, as base_footprint's often does."""
+    if "wheel_radius" not in base:
+        return set()
+    ground, found = base["axle_height"] - base["wheel_radius"], set()
+    above = {joint.parent for name in wheels for joint in urdf.above(name)}
+    for name in filter(lambda name: _is_drawn_only(urdf, name), urdf.links):
+        boxes = urdf.boxes([name], "visuals")
+        high = max(FLAT, base["wheel_radius"] / 2) if name in above else FLAT
+        if boxes and around(boxes)[0, 2] < ground + FLAT and around(boxes)[1, 2] < ground + high:
+            found.add(name)
+    return found
 
 
 def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
@@ -150,7 +206,7 @@ def _wheels(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
         if joint.type == "fixed" or abs(axis[2]) > 0.3 or not (_turns(joint) or joint.name in named):
             continue  # a swivel, a turret
         parts = [name for name, joints in urdf.moving.items() if joints[:1] == [joint]]
-        boxes = urdf.boxes(parts) or urdf.boxes(parts, "visuals")
+        boxes = _shape(urdf, parts)
         disc = bool(boxes) and _is_disc(around(boxes))
         across = abs(axis[1]) > 0.95 or disc
         if not (disc or _turns(joint) and across or _rolls(urdf, parts, axis)):
@@ -205,7 +261,7 @@ def _loosened(urdf: UrdfFile) -> Dict[str, str]:
     """Lets the largest things turn that stand on the ground, are discs, and do not turn; {joint: what it was}."""
     round_ones = {}
     for joint in (j for j in urdf.joints if not _turns(j) or abs(urdf.axis(j)[2]) > 0.3):
-        boxes = urdf.boxes([joint.child]) or urdf.boxes([joint.child], "visuals")
+        boxes = _shape(urdf, [joint.child])
         if boxes and _is_disc(around(boxes)):
             (_, _, low), (_, _, high) = around(boxes)
             round_ones[joint.name] = joint, low, high - low
@@ -220,31 +276,54 @@ def _loosened(urdf: UrdfFile) -> Dict[str, str]:
     return kinds
 
 
+def _no_wheels(urdf: UrdfFile) -> str:
+    """Return what to say where no wheel is drawn."""
+    still = [j for j in urdf.joints if _WHEEL.search(f"{j.name} {j.child}") and not _turns(j)]
+    called = ", ".join(f"{joint.name} is {joint.type}" for joint in still)[:200]
+    remedy = f"{called}: make the wheels' joints continuous" if called else "where they are in another URDF, give that"
+    if urdf.lost and any(map(_turns, urdf.joints)):
+        remedy = f"put the package of {sorted(urdf.lost)[0]} beside its own, or source the workspace that has it"
+    turns = "no continuous joint turns a link with a shape about an axis across the robot"
+    return f"no wheels are drawn: {turns}; {remedy}"
+
+
+def _undrawn(urdf: UrdfFile, driven: Set[str]) -> Dict[str, Tuple[Any, Box]]:
+    """Joints of wheels without a shape, two on one axle or four on two, and their places, by link; {} for others."""
+    named, found = _named(urdf, driven), {}
+    for joint in urdf.joints:
+        called = joint.name in named or not named and _WHEEL.search(f"{joint.name} {joint.child}")
+        if called and _turns(joint) and abs(urdf.axis(joint)[1]) > 0.95 and not _free_swivels(urdf, joint):
+            found[joint.child] = joint, np.tile(urdf.pose(joint.child)[:3, 3], (2, 1))
+    return found if _arrangement(found)[0] in ARRANGEMENTS else {}
+
+
+def _arrangement(wheels: Mapping[str, Tuple[Any, Box]]) -> Tuple[Tuple[int, ...], np.ndarray, np.ndarray]:
+    """How many wheels there are, in front, on the left, in front on the left; and (n,) whether each is so placed."""
+    boxes = np.array([box for _, box in wheels.values()]).reshape(-1, 2, 3)
+    middles, radius = boxes.mean(axis=1), float(np.ptp(boxes[:, :, 2], axis=1).sum()) / max(1, 2 * len(boxes))
+    if not wheels:
+        return (0, 0, 0, 0), np.zeros(0, bool), np.zeros(0, bool)
+    front = middles[:, 0] > middles[:, 0].mean() + max(radius / 4, FLAT)
+    left = middles[:, 1] > middles[:, 1].mean() + 1e-6
+    return (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum())), front, left
+
+
 def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str]) -> Tuple[Dict[str, Any], float]:
     """Kind of the drive and measures of the wheels, and how far their middle lies ahead of the base frame [m].
 
     notes: gets a sentence about what cannot be.
     """
-    if not wheels:
-        still = [j for j in urdf.joints if _WHEEL.search(f"{j.name} {j.child}") and not _turns(j)]
-        called = ", ".join(f"{joint.name} is {joint.type}" for joint in still)[:200]
-        turns = "no continuous joint turns a link with a shape about an axis across the robot"
-        remedy = f"{called}: make the wheels' joints continuous" if called else "give the URDF of the whole robot"
-        if urdf.lost and any(map(_turns, urdf.joints)):
-            remedy = f"put the package of {sorted(urdf.lost)[0]} beside its own, or source the workspace that has it"
-        raise ApplrError(f"{urdf.path} has no wheels: {turns}; {remedy}")
     boxes = np.array([box for _, box in wheels.values()])
     middles, sizes = boxes.mean(axis=1), boxes[:, 1] - boxes[:, 0]
     ahead, radius = float(middles[:, 0].mean()), float(sizes[:, 2].mean() / 2)
-    front, left = middles[:, 0] > ahead + radius / 4, middles[:, 1] > middles[:, 1].mean()
-    pairs = (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum()))
-    if pairs not in ((4, 2, 2, 1), (2, 0, 1, 0)):
+    pairs, front, left = _arrangement(wheels)
+    if pairs not in ARRANGEMENTS:
         found_ones = [*sorted(wheels), *(f"{name} is {kind}" for name, kind in _loosened(urdf).items())]
         raise ApplrError(f"{urdf.path}: the driven wheels are {', '.join(found_ones)}{_CONTROLLER}: {_OURS}")
     found: Dict[str, Any] = {
         "drive": "two_wheel" if len(wheels) == 2 else "skid_steer",
-        "wheel_radius": radius,
-        "wheel_width": float(sizes[:, 1].mean()),
+        "wheel_radius": radius or None,
+        "wheel_width": float(sizes[:, 1].mean()) or None,
         "track": float(middles[left, 1].mean() - middles[~left, 1].mean()),
         "axle_height": float(middles[:, 2].mean()),
     }
@@ -254,32 +333,37 @@ def _drive(urdf: UrdfFile, wheels: Dict[str, Tuple[Any, Box]], notes: List[str])
     if round_ones:  # balls that stand for wheels say nothing about their width
         seen = urdf.boxes(round_ones, "visuals")
         found.update(wheel_width=float(np.mean([b[1, 1] - b[0, 1] for b in seen])) if seen else None)
-    mass, _, inertia = urdf.inertia(wheels)
-    if mass:
-        found["wheel_mass"] = mass / len(wheels)
-        full = STEEL * pi * radius**2 * found["wheel_width"] if found["wheel_width"] else mass
+    weighed = [name for name in wheels if urdf.inertia([name])[0]]
+    if weighed:
+        found["wheel_mass"] = urdf.inertia(weighed)[0] / len(weighed)
+        full = STEEL * pi * radius**2 * (found["wheel_width"] or inf) if radius else inf
         if found["wheel_mass"] > full:
             notes.append(
                 f"a wheel weighs {found['wheel_mass']:.3g} kg in {urdf.path}, and {full:.3g} kg if it were "
                 "all of steel: look at base.wheel_mass"
             )
-        own = np.mean([urdf.inertia([name])[2] for name in wheels], axis=0)
+        own = np.mean([urdf.inertia([name])[2] for name in weighed], axis=0)
         if own.min() > 1e-9:
             found["wheel_inertia"] = own.tolist()
     return {name: value for name, value in found.items() if value is not None}, ahead
 
 
-def _casters(urdf: UrdfFile, rest: List[str], axle: float, radius: float) -> Tuple[List[List[float]], Set[str]]:
-    """Return where links other than the wheels touch the ground (x, y), and which do."""
+def _casters(
+    urdf: UrdfFile, rest: List[str], axle: float, radius: float, ahead: float
+) -> Tuple[List[List[float]], Set[str]]:
+    """Return where links other than the wheels touch the ground (x, y), and which do.
+
+    What touches it right below the axle, at x = ahead, holds nothing up.
+    """
     places: List[List[float]] = []
     standing = set()
     for name in rest:
-        for box in urdf.boxes([name]) or urdf.boxes([name], "visuals"):
+        for box in _shape(urdf, [name]):
             x, y = box.mean(axis=0)[:2].tolist()
             if box[0, 2] > axle - 0.85 * radius or not 0.005 < np.max(box[1] - box[0]) < 4 * radius:
                 continue  # above the ground, the mark of a frame, or a body that hangs low
             standing.add(name)
-            if all(hypot(x - other[0], y - other[1]) > radius for other in places):
+            if abs(x - ahead) > FLAT and all(hypot(x - other[0], y - other[1]) > radius for other in places):
                 places.append([x, y])
     return places, standing
 
@@ -290,16 +374,17 @@ def _body(urdf: UrdfFile, description: Description, ahead: float, rest: List[str
     ahead: x of the wheels' middle [m]. rest: all but the wheels. rigid: what of it is fixed.
     """
     base = description.values["base"]
-    ground = base["axle_height"] - base["wheel_radius"]
+    radius, track = base.get("wheel_radius", 0.0), base.get("track", 0.0)
+    ground = base["axle_height"] - radius if radius else -inf
     body, kinds = description.values["body"], ("collisions", "visuals")
     ends = {kind: around(boxes) for kind in kinds for boxes in [urdf.boxes(rigid, kind, AXES)] if boxes}
     for kind, (low, high) in list(ends.items()):
-        beside = max(low[0] - ahead, ahead - high[0]) > base["wheel_radius"]
-        if beside or high[1] - low[1] < base["track"] / 2:
+        beside = max(low[0] - ahead, ahead - high[0]) > radius > 0.0
+        if beside or high[1] - low[1] < track / 2:
             del ends[kind]  # marks of frames, and boxes of sensors
     if ends:
         kind, (low, high) = next(iter(ends.items()))
-        low[2] = ground if ground - base["wheel_radius"] / 4 < low[2] < ground else low[2]
+        low[2] = ground if ground - radius / 4 < low[2] < ground else low[2]
         x, y, z, *diagonals = (high - low).tolist()
         body.update(size=[x, y, z], centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2]))
         # along its diagonals a rectangle measures x + y, an ellipse hypot(x, y), both over sqrt(2)
@@ -308,10 +393,28 @@ def _body(urdf: UrdfFile, description: Description, ahead: float, rest: List[str
         if kind == "visuals":
             description.notes.append("the body has no collision shapes: its outline is that of what is seen")
     mass, centre, inertia = urdf.inertia(rest)
-    if mass:
+    unweighed = _unweighed(urdf, rest)
+    if mass and unweighed:
+        having = ", ".join(f"{name} ({urdf.inertia([name])[0]:.3g} kg)" for name in rest if urdf.inertia([name])[0])
+        description.notes.append(f"{unweighed}, the largest part of the body, has no mass: {having} is not the whole")
+    elif mass:
         body.update(mass=mass, com=centre.tolist())
         if inertia.min() > 1e-9:
             body["inertia"] = inertia.tolist()
+
+
+def _unweighed(urdf: UrdfFile, rest: List[str]) -> str:
+    """Return the largest part of the body, where no link gives its mass; "" where one does.
+
+    A link that is not drawn, or by a mesh that is not there, may do so for another, unless it is a sensor.
+    """
+    masses = {name: urdf.inertia([name])[0] for name in rest}
+    volumes = {name: sum(float(np.ptp(box, axis=0).prod()) for box in _shape(urdf, [name])) for name in rest}
+    for name, mass in masses.items():
+        if not volumes[name] and not _SENSOR.search(name) and mass > LIGHTEST * max(volumes.values()):
+            return ""
+    largest = max(volumes, key=lambda name: (volumes[name], name == urdf.base), default="")
+    return "" if not largest or masses[largest] > LIGHTEST * volumes[largest] else largest
 
 
 def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:

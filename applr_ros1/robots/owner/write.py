@@ -48,7 +48,7 @@ def robot_yaml(
     """
     frame = values["frames"]["base"]
     also: Dict[str, Tuple[str, ...]] = {"monitor": ("deceleration", "yaw_deceleration")}  # though they have a default
-    also.update(base=("casters",) if values["base"]["drive"] == "two_wheel" else ())
+    also.update(base=("casters",) if values["base"].get("drive") != "skid_steer" else ())
     lines = [
         f"# Made from {source}. Lengths in metres, masses in kg, angles in rad, times in s; places in {frame}, x ahead."
     ]
