@@ -80,6 +80,12 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
     names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
+    further = [topic for topic in dict.fromkeys(topics) if topic != names["scan"]]
+    if further:
+        parameters.notes.append(
+            f"of the laser scans of the costmaps {names['scan']} is topics.scan, which is simulated; for the collision "
+            f"monitor on the robot give topics.more_scans: [{', '.join(further)}]"
+        )
     values["monitor"] = _braking(values["base"])
     values["simulation"] = {"grip_limit": GRIP}
     odom = values["frames"].get("odom", "odom")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict
+from typing import Any, Callable, Dict, List
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
@@ -15,7 +15,7 @@ from applr_ros1.common.trees import merged
 from applr_ros1.common.yaml_files import MAX_LEVELS, Yaml, yaml_value
 
 # names that stand at move_base itself alone
-MOVE_BASE = {"base_local_planner", "base_global_planner", "planner_frequency", "recovery_behaviors", "NavfnROS"}
+MOVE_BASE = {"base_local_planner", "base_global_planner", "recovery_behaviors", "NavfnROS"}
 MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
 MAX_BYTES = 2**19  # what roslaunch --dump-params writes holds the robot's description, too
 
@@ -85,12 +85,25 @@ def read_levels(path: str) -> Dict[str, Any]:
 
 def of_move_base(found: Dict[str, Any]) -> Dict[str, Any]:
     """Return what is for move_base in nested parameters; all where no level is named after it or holds its names."""
-    levels = [found]
-    for here in levels:
-        if isinstance(here.get("move_base"), dict):
-            return here["move_base"]
-        levels += [below for below in here.values() if isinstance(below, dict)]
-    return next((here for here in levels if MOVE_BASE & set(here)), found)
+    levels = _all_levels(found)
+    named = (here["move_base"] for here in levels.values() if isinstance(here.get("move_base"), dict))
+    return next(named, None) or next((here for here in levels.values() if MOVE_BASE & set(here)), found)
+
+
+def move_bases(found: Dict[str, Any]) -> List[str]:
+    """Return the names of the levels that are called move_base, in the order in which `of_move_base` takes one."""
+    levels = _all_levels(found).items()
+    return [f"{path}/move_base".strip("/") for path, here in levels if isinstance(here.get("move_base"), dict)]
+
+
+def _all_levels(found: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
+    """Nested parameters by path, the uppermost first."""
+    levels, paths = {"": found}, [""]
+    for path in paths:
+        below = {f"{path}/{name}": value for name, value in levels[path].items() if isinstance(value, dict)}
+        levels.update(below)
+        paths += below
+    return levels
 
 
 def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:

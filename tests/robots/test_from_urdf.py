@@ -815,3 +815,91 @@ def test_a_transmission_on_a_caster_does_not_drive(make):
     large = EACH.replace('<sphere radius=".03"/>', '<sphere radius=".05"/>').replace('"-.15 0 -.02"', '"-.15 0 0"')
     status, said, _ = make(large, out="large")  # as large as the others: a wheel that is steered
     assert (status, "swivel_joint steers the wheel of roller_joint" in said) == (1, True)
+
+
+EXPLORE = (
+    "explore: {robot_base_frame: base_link, planner_frequency: 0.33, transform_tolerance: 2.0, gain: 1, size: 0.7}\n"
+)
+OTHERS = {
+    "explore.yaml": EXPLORE.partition(": ")[2],
+    "explore_node.yaml": EXPLORE,
+    "goal_controller.yaml": "{global_frame: map, kv: 2.5, kp: 3.0, vmax: 0.3}\n",
+    "follower.yaml": "{max_vel_x: 9.0, gain: 1.0, ahead: 0.3}\n",
+    "teleop.yaml": "teleop: {max_vel_x: 9.0, button: 3}\n",
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_name_that_other_nodes_share_does_not_make_a_file_move_bases(make, name):
+    local = {"costmap_local.yaml": LOCAL, "dwa.yaml": PLANNER}  # OTHERS come last, where they would count
+    status, said, file = make(PLAIN, **local, **{name: OTHERS[name]})
+    assert status == 0, said
+    assert re.search(f"remark: .*{name} is left out: it has no parameters of move_base", said), said
+    files = {one["file"] for one in yaml.safe_load(file.read_text())["move_base"]["files"]}
+    assert files == {"costmap_common.yaml", "costmap_local.yaml", "dwa.yaml"}
+
+
+def test_a_file_with_some_names_of_other_versions_is_move_bases(make):
+    more = {
+        "move_base.yaml": "{controller_frequency: 7.0, oscillation_timeout: 5.0, max_planning_time: 1.0}\n",
+        "teb_flat.yaml": "{max_vel_x: 0.4, max_vel_theta: 1.0, acc_lim_x: 1, acc_lim_theta: 1, dt: 1, a: 1, b: 1}\n",
+        "costmap_global.yaml": "{update_frequency: 1.5, map_source: 1}\n",
+    }
+    _, said, file = make(PLAIN, **more)
+    files = yaml.safe_load(file.read_text())["move_base"]["files"]
+    places = {one["file"]: one.get("namespace", "") for one in files}
+    assert [places[name] for name in more] == ["", "TrajectoryPlannerROS", "global_costmap"], said
+
+
+SOURCES = "observation_sources: scan\nscan: {data_type: LaserScan, topic: scan, marking: true, clearing: true}\n"
+
+
+def test_a_layers_own_file_is_loaded_below_the_layer(make):
+    common = COMMON.partition("seen:\n")[0] + "margin: {inflation_radius: 0.3}\n"
+    _, said, file = make(PLAIN, **{"costmap_common.yaml": common, "obstacles.yaml": SOURCES})
+    found = yaml.safe_load(file.read_text())["move_base"]["files"]
+    places = [one["namespace"] for one in found if one["file"] == "obstacles.yaml"]
+    assert places == ["local_costmap/seen", "global_costmap/seen"]
+    assert "obstacles.yaml is loaded below local_costmap/seen, the layer that has no sources" in said
+    fill(file)
+    robots.folder._read.cache_clear()
+    assert check_robot.main([str(file.parent)]) == 0
+    two = common.replace("  - {name: margin", '  - {name: near, type: "costmap_2d::ObstacleLayer"}\n  - {name: margin')
+    _, said, file = make(PLAIN, out="two", **{"costmap_common.yaml": two, "obstacles.yaml": SOURCES})
+    assert "obstacles.yaml holds a layer's own values: write them below its name in local_costmap (seen, near)" in said
+    _, said, file = make(PLAIN, out="named", **{"costmap_common.yaml": two, "layer_near.yaml": SOURCES})
+    places = [one.get("namespace") for one in yaml.safe_load(file.read_text())["move_base"]["files"]]
+    assert places[-2:] == ["local_costmap/near", "global_costmap/near"]
+
+
+def test_the_first_of_several_is_taken_with_a_word(make):
+    common = COMMON.replace("bumper scan", "rear scan").replace(
+        "  bumper: {data_type: PointCloud2, topic: bumps,", "  rear: {data_type: LaserScan, topic: scan_rear,"
+    )
+    twice = RAYS.replace("$(arg reach)", "1.4").replace('name="rays"', 'name="more"').replace("<max>8<", "<max>4<")
+    control = CONTROLLER + CONTROLLER.replace("crate_", "arm_").replace("0.6", "0.9")
+    both = "a: {move_base: {planner_frequency: 2.0}}\nb: {move_base: {planner_frequency: 3.0}}\n"
+    several = "".join(
+        f"{name}: {{max_vel_x: 0.{n}, max_vel_theta: 1, acc_lim_x: 1, acc_lim_theta: 1}}\n"
+        for name, n in (("AROS", 3), ("BROS", 4))
+    )
+    files = {"costmap_common.yaml": common, "control.yaml": control, "two.yaml": both, "dwa.yaml": several}
+    _, said, file = make(PLAIN + twice, **files)
+    found = yaml.safe_load(file.read_text())
+    assert re.search("laser scans of the costmaps scan_rear is topics.scan.* topics.more_scans: .scan.", said), said
+    assert found["topics"]["scan"] == "scan_rear"
+    assert "controllers state several values of max_speed: 0.9 counts, not 0.6" in said
+    assert (found["base"]["max_speed"], said.count("several values")) == (0.9, 1)
+    assert "two.yaml: of a/move_base, b/move_base the first is taken" in said
+    assert "DWAPlannerROS drives here, not AROS: with the speeds of AROS, not of BROS" in said
+    assert "of the sensors rays, more of scanner the first is taken" in said
+    assert found["laser"]["range_max"] == 8.0
+
+
+def test_a_limit_that_is_not_finite_is_none(make):
+    control = CONTROLLER.replace("0.6", ".inf")
+    _, said, file = make(PLAIN.replace("<max>8<", "<max>inf<"), **{"control.yaml": control})
+    found = yaml.safe_load(file.read_text())
+    assert "max_speed" not in found["base"]
+    assert "range_max" not in found["laser"]
+    assert "base.max_speed" in said

@@ -419,13 +419,18 @@ def _unweighed(urdf: UrdfFile, rest: List[str]) -> str:
 
 def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
     """Its place, and what a sensor of Gazebo says of its rays."""
-    sensors = {}
+    places: Dict[Any, List[Any]] = {}
     for holder in urdf.xml.findall("gazebo"):
         for sensor in holder.findall("sensor"):
             flat = not _number(sensor, ".//vertical/samples") > 1
             if sensor.get("type") in _RAYS and flat and _looks_around(urdf, holder.get("reference"), sensor):
                 named = (sensor.findtext("plugin/frameName") or sensor.findtext("plugin/frame_name") or "").strip()
-                sensors[named if named in urdf.links else holder.get("reference")] = sensor
+                places.setdefault(named if named in urdf.links else holder.get("reference"), []).append(sensor)
+    sensors = {link: several[0] for link, several in places.items()}
+    for link, several in places.items():
+        if several[1:]:
+            names = ", ".join(str(sensor.get("name")) for sensor in several)
+            description.notes.append(f"of the sensors {names} of {link} the first is taken")
     named = [name for name in urdf.links if LASER.search(name)]
     leaves = [
         name for name in named if not any(name in [joint.parent for joint in urdf.above(other)] for other in named)
@@ -451,7 +456,7 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
     sensor = sensors.get(link, next(iter(sensors.values())) if len(sensors) == 1 else None)
     if sensor is None:
         return
-    places = {
+    tags = {
         "beams": ".//horizontal/samples",
         "first_angle": ".//horizontal/min_angle",
         "last_angle": ".//horizontal/max_angle",
@@ -460,7 +465,7 @@ def _laser(urdf: UrdfFile, description: Description, frame: str) -> None:
         "rate": "update_rate",
         "noise": ".//noise/stddev",
     }
-    found = {name: _number(sensor, place) for name, place in places.items()}
+    found = {name: _number(sensor, place) for name, place in tags.items()}
     resolution = _number(sensor, ".//horizontal/resolution")  # ranges for each ray
     found["beams"] *= resolution if isfinite(resolution) else 1.0
     laser.update((name, int(x) if name == "beams" else x) for name, x in found.items() if isfinite(x))

@@ -16,20 +16,23 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.common.yaml_files import yaml_value
-from applr_ros1.planner.parameters.layers import INFLATION_LAYER, replaced
+from applr_ros1.planner.parameters.declarations import OLDER, SERVERS, STATIC
+from applr_ros1.planner.parameters.layers import (
+    FOUND_ABOVE,
+    INFLATION_LAYER,
+    INHERITED,
+    OBSTACLE_LAYER,
+    TYPES,
+    replaced,
+)
 from applr_ros1.robots.owner.urdf import Packages
-from applr_ros1.robots.parameter_files import MOVE_BASE, of_move_base, read_levels
+from applr_ros1.robots.parameter_files import MOVE_BASE, move_bases, of_move_base, read_levels
 from applr_ros1.robots.robot import number_at
 
 _COSTMAPS = ("local_costmap", "global_costmap")
 _SEES = re.compile("ObstacleLayer|VoxelLayer'")  # the type of a layer
 _NAVFN = "navfn/NavfnROS"
 _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
-# names of which one says what a file is for
-_COSTMAP = {"footprint", "robot_radius", "robot_base_frame", "global_frame", "plugins", "observation_sources"}
-_COSTMAP |= {"rolling_window", "obstacle_range", "inflation_radius"}
-_PLANNER = {"max_vel_x", "max_vel_theta", "max_rot_vel", "acc_lim_x", "acc_lim_theta", "sim_time"}
-
 # what other local planners call them, the most usual name last
 _NAMES = {
     "max_vel_x": ("max_x_vel", "max_vel_lin", "max_vel_x"),
@@ -37,6 +40,17 @@ _NAMES = {
     "acc_lim_x": ("max_acceleration", "acc_lim_x"),
     "acc_lim_theta": ("max_rotational_acceleration", "acc_lim_th", "acc_lim_theta"),
 }
+# the names that each place knows; sections of a planner are told by those of speeds and limits
+_OF_LAYER = {name for p in TYPES[OBSTACLE_LAYER].live + TYPES[OBSTACLE_LAYER].static for name in p.names}
+_KNOWN: Dict[str, Set[str]] = {
+    place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names}
+    for place in ("", *_COSTMAPS, *_PLANNERS)
+}
+_KNOWN[""] |= MOVE_BASE | set(FOUND_ABOVE)
+_COSTMAP = _KNOWN[_COSTMAPS[0]] | set(INHERITED) | _OF_LAYER
+_PLANNER = {name for names in _NAMES.values() for name in names} | {"sim_time", "xy_goal_tolerance"}
+_PLANNER.update(*(_KNOWN[planner] | set(OLDER[planner]) for planner in _PLANNERS))
+FEW = 4  # names of a local planner by which one that is not here is known
 
 
 @dataclass
@@ -152,17 +166,32 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
     read = {path: _inserted(values, path, arguments) for path, values in plain.items()}
     _insertions(read)
     found.changed = {path: values for path, values in read.items() if values != plain[path]}
+    stated: List[Tuple[str, float]] = []
     for path, given in read.items():
         namespaces = _namespaces(os.path.basename(path), given)
         beside = {**whole[path], **given}  # such as a controller's parameters, where all of a robot's are in one file
-        limits, driven = _limits(beside), set(_driven(beside))
-        found.limits.update(limits)
+        limits, driven = list(_limits(beside)), set(_driven(beside))
+        stated += limits
         found.driven |= driven
+        robots = move_bases(whole[path])
+        if len(robots) > 1:
+            found.notes.append(f"{path}: of {', '.join(robots)} the first is taken")
         if not namespaces and not limits and not driven:
-            found.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
+            shared = ", ".join(name for name in given if name in _KNOWN[""] | _COSTMAP | _PLANNER)
+            but = f", only {shared}, as other nodes do" * bool(shared)
+            left = f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller"
+            found.notes.append(left + but)
         for namespace in namespaces:
             found.files.append((path, namespace))
             found.tree = merged(found.tree, {namespace: given} if namespace else given)
+    _place_layers(found, read)
+    found.limits.update(stated)
+    for name, value in found.limits.items():
+        differing = {f"{other:g}" for one, other in stated if one == name and other != value}
+        if differing:
+            found.notes.append(
+                f"controllers state several values of {name}: {value:g} counts, not {', '.join(differing)}"
+            )
     if not found.files:
         raise ApplrError("none of the parameter files is for move_base: give those that its launch file loads")
     if "base_local_planner" not in found.tree and "DWAPlannerROS" in found.tree:
@@ -175,12 +204,16 @@ def read_parameter_files(paths: Sequence[str], arguments: Mapping[str, str]) -> 
     held = [name for name in _PLANNERS if name in found.tree] or list(sections) or [_PLANNERS[0]]
     local = str(found.tree.get("base_local_planner", held[0]))
     if local.rpartition("/")[2] not in _PLANNERS:
-        theirs = sections.get(local.rpartition("/")[2]) or next(iter(sections.values()), {})
+        name = local.rpartition("/")[2]
+        name = name if name in sections else next(iter(sections), name)
+        theirs = sections.get(name, {})
         ours = {ours: theirs[name] for ours, names in _NAMES.items() for name in names if name in theirs}
         found.stated = {**theirs, **ours}
         found.added.update(_instead(found.tree, found.stated))
         more = " and an inflation layer" * ("local_costmap" in found.added)
-        found.notes.append(f"DWAPlannerROS drives here, not {local}: with its speeds{more}, in move_base.parameters")
+        others = ", ".join(other for other in sections if other != name)
+        whose = f"the speeds of {name}, not of {others}" if others else "its speeds"
+        found.notes.append(f"DWAPlannerROS drives here, not {local}: with {whose}{more}, in move_base.parameters")
     planner = found.tree.get("base_global_planner", _NAVFN)
     if planner != _NAVFN:
         found.added["base_global_planner"] = _NAVFN
@@ -218,20 +251,57 @@ def _instead(tree: Dict[str, Any], theirs: Dict[str, Any]) -> Dict[str, Any]:
     return added
 
 
+def _place_layers(found: Parameters, read: Mapping[str, Dict[str, Any]]) -> None:
+    """Moves files that hold an obstacle layer's own names to the layer that has none, where a costmap lists layers."""
+    for number, (path, costmap) in enumerate(found.files):
+        given, plugins = read[path], branch(found.tree, costmap).get("plugins")
+        own = {name for name, value in given.items() if not isinstance(value, dict)}
+        if "observation_sources" not in own or own - _OF_LAYER or not isinstance(plugins, list):
+            continue
+        names = [str(entry.get("name")) for entry in plugins if isinstance(entry, dict) and _SEES.search(str(entry))]
+        free = [name for name in names if "observation_sources" not in branch(found.tree, f"{costmap}/{name}")]
+        named = [name for name in free if name in os.path.basename(path)]
+        if len(named or free) != 1:
+            which = ", ".join(names) or "none is there"
+            found.notes.append(f"{path} holds a layer's own values: write them below its name in {costmap} ({which})")
+            continue
+        place = f"{costmap}/{(named or free)[0]}"
+        found.files[number] = path, place
+        tree = branch(found.tree, costmap)
+        for name in given:
+            tree.pop(name, None)
+        branch(found.tree, place, create=True).update(given)
+        found.notes.append(f"{path} is loaded below {place}, the layer that has no sources otherwise")
+
+
 def _sections(tree: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
-    """The sections that hold speeds, as a local planner's do."""
+    """The sections that hold speeds and more, as a local planner's do."""
     found = {name: value for name, value in tree.items() if isinstance(value, dict)}
-    return {name: value for name, value in found.items() if set(_NAMES["max_vel_x"]) & set(value)}
+    speeds = set(_NAMES["max_vel_x"])
+    return {
+        n: v
+        for n, v in found.items()
+        if speeds & set(v) and (n.endswith("PlannerROS") or len(_PLANNER & set(v)) >= FEW)
+    }
 
 
 def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
-    """Below which names move_base reads a file: "" is move_base itself; none: it is not for move_base."""
-    keys, word = set(given), name.lower()
-    if keys & {"controller_frequency", *MOVE_BASE} or _sections(given):
+    """Below which names move_base reads a file: "" is move_base itself; none: it is not for move_base.
+
+    Other nodes have some of the names, too: at least half of a file's have to be known at the place.
+    """
+    sections = {key for key, value in given.items() if isinstance(value, dict)}
+    keys, word = set(given) - sections, name.lower()
+
+    def half(known: Set[str]) -> bool:
+        return bool(keys & known) and 2 * len(keys & known) >= len(keys)
+
+    if sections & MOVE_BASE or _sections(given) or half(_KNOWN[""] - set(FOUND_ABOVE)):
         return [""]
-    if keys & _COSTMAP or any(isinstance(v, dict) and "observation_sources" in v for v in given.values()):
+    sees = any("observation_sources" in given[section] for section in sections)
+    if half(_COSTMAP) or sees and not keys:
         return [costmap for costmap in _COSTMAPS if costmap[:5] in word] or list(_COSTMAPS)
-    if keys & _PLANNER:
+    if half(_PLANNER) or len(keys & _PLANNER) >= FEW:
         return [
             "DWAPlannerROS" if "dwa" in word or keys & {"max_vel_trans", "max_trans_vel"} else "TrajectoryPlannerROS"
         ]
@@ -249,10 +319,10 @@ def _driven(given: Dict[str, Any]) -> Iterator[str]:
             yield from map(str, value if isinstance(value, list) else [value])
 
 
-def _limits(given: Dict[str, Any]) -> Dict[str, float]:
-    """Limits of a velocity controller's file: {NAME: {linear: {x: ...}, angular: {z: ...}}}, below any levels."""
-    found: Dict[str, float] = {}
+def _limits(given: Dict[str, Any]) -> Iterator[Tuple[str, float]]:
+    """Limits in velocity controllers' files: {NAME: {linear: {x: ...}, angular: {z: ...}}}, below any levels."""
     for controller in (value for value in given.values() if isinstance(value, dict)):
+        found: Dict[str, Any] = {}
         for axis, speed, change in (
             ("linear/x", "max_speed", "max_acceleration"),
             ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
@@ -265,8 +335,9 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
         timeout = controller.get("cmd_vel_timeout", usual)
         if found and isinstance(timeout, (int, float)):  # 0: it never stops, nor does it within a drive
             found["command_timeout"] = timeout if timeout <= 60.0 else 0.0
-        found.update(_limits(controller))
-    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+        numbers = {name: number_at(found, "", (name,)) for name in found}
+        yield from ((name, x) for name, x in numbers.items() if x is not None and isfinite(x))
+        yield from _limits(controller)
 
 
 def one_scan(tree: Dict[str, Any], topic: str) -> Tuple[Dict[str, Any], Set[str]]:
