@@ -13,13 +13,12 @@ import pytest
 import rospkg  # noqa: F401 - the runner needs it: without ROS this file is left out
 import rospy  # noqa: F401
 
-import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools import barn
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
 from tests.support.worlds_sdf import as_barn, moving, sdf
-from worlds import dynabarn
+from worlds import dynabarn, load
 from worlds.barn import fields
 
 pytestmark = pytest.mark.ros
@@ -38,7 +37,7 @@ def checkout(tmp_path):
     shutil.copy(ROOT / "compat" / "jackal_helper" / "package.xml", helper)
     shutil.copy(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch")
     (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
-    (static / "world_2.world").write_text(as_barn(worlds.load("generated:2")))
+    (static / "world_2.world").write_text(as_barn(load("generated:2")))
     np.save(static / "path_files" / "path_2.npy", fields()[2][1])
     (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1")))
     rows = dynabarn.COLUMNS, ("easylibobs_1", "10", "1", "0", "-5", "7"), ("easylibobs_1", "10", "1", "10", "5", "7")
@@ -62,27 +61,27 @@ def left_over(word):
     return [line for line in lines if word in line]
 
 
-def test_runs_the_runner_and_goes_on_where_it_stopped(checkout, tmp_path):
+@pytest.mark.parametrize("worlds", [(2,), pytest.param((2, 300), marks=pytest.mark.slow)], ids=str)
+def test_runs_the_runner_and_goes_on_where_it_stopped(checkout, tmp_path, worlds):
     out = tmp_path / "results"
     options = ["--out", out, "--simulator", "kinematic", "--real-time-factor", "2", "--jobs", "2"]
     options += ["--controller", ROOT / "applr_ros1" / "launch" / "barn_controller.launch"]
-    done = command(checkout, "--worlds", "2,300", *options)
+    driven = "--worlds", ",".join(map(str, worlds))
+    done = command(checkout, *driven, *options)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = sorted((out / "out.txt").read_text().splitlines())
-    assert [line.split()[0] for line in lines] == ["2", "300"]
+    assert [int(line.split()[0]) for line in lines] == list(worlds)
     found = json.loads(done.stdout.splitlines()[-1])
     assert found == json.loads((out / "summary.json").read_text())
-    assert (found["runs"], found["worlds"]) == (2, 2)
+    assert found["runs"] == found["worlds"] == len(worlds)
     assert found["success_rate"] == 1.0, (out / "runs.csv").read_text()
     assert found["score"] == pytest.approx(found["metric_of_runner"], abs=2e-3)  # computed here and by the runner
     assert 0.1 < found["score"] <= 0.5
     assert not left_over(str(checkout))
-    again = command(checkout, "--worlds", "2,300", *options)
+    again = command(checkout, *driven, *options)
     assert again.returncode == 0
-    assert "0 runs to do, 2 done before" in again.stdout
-    other = command(checkout, "--worlds", "2", "--out", out, "--simulator", "pybullet")
-    assert other.returncode == 1
-    assert "give another --out" in other.stderr
+    assert f"0 runs to do, {len(worlds)} done before" in again.stdout
+    refused(lambda: evaluation(checkout, out, "--simulator", "pybullet"), "give another --out")
 
 
 def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):

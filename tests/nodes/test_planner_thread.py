@@ -132,6 +132,7 @@ def test_cycles_that_were_missed_are_counted():
 
 def test_a_scan_that_becomes_ready_wakes_the_thread(monkeypatch):
     rospy.rostime.set_rostime_initialized(True)
+    rospy.rostime._set_rostime(rospy.Time.from_sec(100.0))  # from here on the clock is simulated, and stands
     ended, began, ready, scans = threading.Event(), [], [], [0.0]
     monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
 
@@ -144,14 +145,15 @@ def test_a_scan_that_becomes_ready_wakes_the_thread(monkeypatch):
     thread = threading.Thread(target=planner.run)
     thread.start()
     try:
-        time.sleep(1.8)
-        scans.append(rospy.get_time())
+        wait_for(lambda: began, "a first cycle")
+        rospy.rostime._set_rostime(rospy.Time.from_sec(101.75))
+        scans.append(101.75)
         ready.append(True)
         planner.wake()
         wait_for(lambda: len(began) > 1, "a second cycle")
-        assert began[1][0] - began[0][0] < 2.0
-        assert began[1][1] - began[0][0] == pytest.approx(2.0, abs=1e-3)
+        assert began == [(100.0, 100.0), (101.75, 102.0)]
     finally:
+        rospy.rostime.switch_to_wallclock()
         ended.set()
         planner.wake()
         thread.join(5.0)

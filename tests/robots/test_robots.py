@@ -48,6 +48,7 @@ def test_jackal_has_the_files_of_the_authors():
         ("[" * 5000, "not readable as YAML"),
         ("#" * 2**20, "bytes are too many"),
     ],
+    ids=["open", "object", "list", "deep", "long"],
 )
 def test_damaged_file_is_one_line(tmp_path, text, line):
     (tmp_path / "robot.yaml").write_text(text)
