@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from applr_ros1.monitor.known_space import ObstacleMemory
+from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory
 from applr_ros1.monitor.monitor import SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.settings import MonitorSettings
@@ -77,6 +77,8 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
     back = (-1.0, 0.0)
     kept = monitor.filter(0.1, HERE, (0.0, 0.0), back)
     assert "obstacle" in kept.reason
+    cell = tuple(np.floor(edge[len(edge) // 2] / CELL_M).astype(int) % len(monitor.seen.cells))
+    assert monitor.seen.cells[cell] == 1
     stamp, noise = 0.1, np.random.default_rng(0)
     # it waits, goes 9 m away and comes back, or sees too much: ranges change so that no image counts as frozen
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
@@ -87,6 +89,7 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
         monitor.see(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges))
         monitor.matcher.clear()  # the made-up ranges are those of no room
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
+    assert monitor.seen.cells[cell] == 0
     verdict = monitor.filter(stamp, HERE, (0.0, 0.0), back)
     assert verdict.action == SLOW
     assert "creeping" in monitor.filter(stamp, (-0.2, 0.0, 0.0), (0.0, 0.0), back).reason

@@ -237,6 +237,7 @@ def test_no_scan_old_scan_and_nonsense_commands_stop():
     assert "odometry is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.0, 0.6)).reason
     assert "0.45 s ahead of the clock" in monitor.filter(-0.45, pose, (0, 0), (1, 0)).reason  # it was set back
     assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
+    assert monitor.filter(0.1, pose, (0, 0), (1e-7, -1e-7)) == Verdict((0.0, 0.0))
 
 
 def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():

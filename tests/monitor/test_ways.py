@@ -173,6 +173,21 @@ def test_a_fast_base_is_stopped_for_what_only_its_own_speed_reaches():
     assert (verdict.action, verdict.reason) == (STOP, "braking: an obstacle is too near to stop")
 
 
+@pytest.mark.parametrize(
+    ("changes", "command", "age", "post"),
+    [  # the robot turns up to three times as fast as commanded, for 2.6 s; the pose is 1.5 s old
+        ({"turn_gain": 3.0, "yaw_deceleration": 0.3}, (1.0, 0.26), 0.0, (1.28, 0.82)),
+        ({"scan_timeout": 2.0}, (0.3, 0.0), 1.5, (1.2, 0.0)),
+    ],
+    ids=["turn", "age"],
+)
+def test_points_are_looked_for_as_far_as_the_body_may_come(changes, command, age, post):
+    for points, action in (([post], SLOW), ([], PASS)):
+        monitor = seen_all_around(points, replace(SETTINGS, **changes))
+        monitor.seen.cells[:] = 1  # as it would be from other places
+        assert monitor.filter(0.0, HERE, command, command, (age, 0.0)).action == action
+
+
 def test_turning_into_the_unseen_is_as_slow_as_creeping():
     """The corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)

@@ -42,6 +42,8 @@ class Drive:
     after(drive, t, k): is called after each step.
     """
 
+    behind = 0.0  # s by which the odometry that a decision names is older than the decision
+
     def __init__(
         self,
         writer,
@@ -110,7 +112,7 @@ class Drive:
         self.number += 1
         before, self.theta = self.theta, SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         if self.node:
-            seen, sets = {"scan": t, "odometry": t}, map(SPACE.as_dict, (before, self.theta))
+            seen, sets = {"scan": t, "odometry": t - self.behind}, map(SPACE.as_dict, (before, self.theta))
             self.writer.decision(t, self.number, self.goal, seen_by_node, seen, *sets)
         self.thetas.append(self.theta)
 
@@ -168,6 +170,13 @@ def test_progress_counts_towards_a_goal_in_the_map(tmp_path):
     (found,), report = rebuild(tmp_path / "map.bag")
     assert report.skipped == {}
     np.testing.assert_allclose(found.reward, expected.reward, atol=1e-6)
+
+
+def test_a_decision_was_made_at_the_pose_of_the_odometry_that_it_names(tmp_path):
+    """At .5 m/s; all decisions but the first had odometry of .1 s before."""
+    record(tmp_path / "a.bag", after=lambda drive, t, k: setattr(drive, "behind", 0.1))
+    (trajectory,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_c=0.0))
+    assert trajectory.reward[:2].tolist() == pytest.approx([0.95, 1.0])
 
 
 def test_the_period_is_the_median_interval_in_whole_cycles():
