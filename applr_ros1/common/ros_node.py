@@ -25,7 +25,8 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE_S = 3.0  # s for the master's answer, for which rospy itself would wait for ever, and for a shutdown
+PATIENCE_S = 3.0  # s for the master's answer, for which rospy itself would wait for ever
+STANDS_S = 0.5  # s that the main thread stands where it is interrupted, before it lets go of its locks
 SHUTDOWN_S = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
@@ -49,7 +50,7 @@ def init_node(name: str, **options: Any) -> None:
     def end(number: int, _: Any) -> None:
         ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
         ending.start()
-        ending.join(PATIENCE_S)
+        ending.join(STANDS_S)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)

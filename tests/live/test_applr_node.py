@@ -24,12 +24,17 @@ from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
 from tests.support.fake_jackal import Standing
-from tests.support.ros_harness import LONGEST, session, slowness, wait_for
+from tests.support.ros_harness import LONGEST, session, wait_for
 from tests.support.weights import make_weights
 
 pytestmark = pytest.mark.ros
 PERIOD = 0.2
 PLANNER = "/move_base/TrajectoryPlannerROS"
+HURRIED = {  # less than the node's own s and searches before it says something, or goes on without it
+    "applr_ros1.nodes.applr.node.REPORT_S": 0.1,
+    "applr_ros1.nodes.applr.meter_scoring.PATIENCE_S": 0.3,
+    "applr_ros1.nodes.applr.reconfigure_client.MOST_SEARCHES": 3,
+}
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
 
 
@@ -48,7 +53,7 @@ def stack(robot, tmp_path):
     robot.reset()
 
     def start_fake(*args):
-        fake = ros.python("tests/support/fake_move_base.py", *args)
+        fake = ros.node("tests.support.fake_move_base", *args)
         started.append(fake)
         fake.until("up")
         return fake
@@ -59,7 +64,7 @@ def stack(robot, tmp_path):
             save(tmp_path / "actor.safetensors", make_weights(hidden=(16,)) if weights is None else weights)
             method = "applr:%s" % (policy or tmp_path / "actor.safetensors")
         parameters = dict({"method": method, "period": PERIOD}, **parameters)
-        node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()])
+        node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=HURRIED)
         started.append(node)
         if not ready:
             return node, move_base, None
@@ -91,6 +96,12 @@ def as_set(robot, client):
     return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
 
 
+def two_periods(robot):
+    """The node has looked at the clock for two periods more: it says each period that it lives."""
+    count = len(robot.beats)
+    wait_for(lambda: len(robot.beats) > count + 2, "heartbeats")
+
+
 def knows_what_it_set(robot):
     """Whether the newest decision began with what the one before it had set."""
     before, newest = robot.decisions[-2:]
@@ -99,16 +110,16 @@ def knows_what_it_set(robot):
 
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
     node, _, client = stack()
-    time.sleep(2 * PERIOD)
+    two_periods(robot)
     assert not robot.decisions  # nothing is decided without a goal
     assert np.array_equal(client.theta(), THETA_0)
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), "five decisions")
-    first, last = robot.decisions[0], robot.decisions[4]
-    assert first["theta_prev"] == SPACE.as_dict(THETA_0)
+    node.until(lambda: len(robot.decisions) >= 5 and as_set(robot, client))
+    assert robot.decisions[0]["theta_prev"] == SPACE.as_dict(THETA_0)
     wait_for(lambda: knows_what_it_set(robot), "what was set is seen at the next decision")
-    periods = (float(last["stamp"]) - float(first["stamp"])) / 1e9 / PERIOD
-    assert 3.0 < periods < 5.0 * slowness()
+    periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
+    assert periods.sum() > 3.0
+    assert periods.min() < 1.25  # a busy machine is late now and then
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
     planner = client._servers[PLANNER.split("/")[-1]].values
@@ -124,7 +135,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     robot.goal = None  # the course is over: the next one starts on theta_0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
     count = len(robot.decisions)
-    time.sleep(2 * PERIOD)
+    two_periods(robot)
     assert len(robot.decisions) == count
 
 
@@ -150,7 +161,7 @@ def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights, period=0.6)
     says(robot, "idle: no goal")
-    time.sleep(0.3)  # it has found the servers and theta_0 there
+    wait_for(lambda: robot.count("applied"), "theta_0, which it sets when it has found the servers")
     wait_for(lambda: client.apply(SPACE.from_dict({"max_vel_x": 0.7})).ok, "a person's value")
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
@@ -205,7 +216,7 @@ def test_fault_11_odd_scans(robot, stack):
 
 def test_dwa_leaves_the_planner_alone(robot, stack):
     _, _, client = stack("dwa")
-    wait_for(lambda: "TrajectoryPlannerROS" in robot.values.get("servers", ""), "servers")
+    wait_for(lambda: robot.count("applied"), "theta_0, which it sets when it has found the servers")
     wait_for(lambda: client.apply(SPACE.from_dict({"max_vel_x": 0.9})).ok, "what a person tries")
     robot.goal = "one"
     wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
@@ -230,7 +241,7 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
     says(robot, "switched off: theta_0")
     count = len(robot.decisions)
-    time.sleep(2 * PERIOD)
+    two_periods(robot)
     assert len(robot.decisions) == count
     assert np.array_equal(client.theta(), THETA_0)
     assert service("enable", SetBool, True).success
@@ -266,7 +277,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the cap, and a whole number")
-    time.sleep(2 * PERIOD)
+    two_periods(robot)
     assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
     assert len(robot.decisions) == count
     assert service("enable", SetBool, True).success
@@ -294,12 +305,12 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
         assert words in answer.message
         assert "\n" not in answer.message
     assert not (tmp_path / "it_ran").exists()  # a service that anybody can call imports no code
-    time.sleep(2 * PERIOD)
+    two_periods(robot)
     assert client.theta()[0] == 1.5  # nothing was changed
     count = len(robot.decisions)
     assert service("set_method", SetMethod, "random").success
     wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions")
-    wait_for(lambda: robot.values["method"] == "random", "diagnostics, which come once a second")
+    wait_for(lambda: robot.values["method"] == "random", "diagnostics")
 
 
 def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
@@ -326,8 +337,8 @@ def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, sta
     """A decision every 6 s: our move_base, which expects a heartbeat every 2 s, must not take the node for dead."""
     before = len(robot.beats)
     stack("random", period=6.0)
-    wait_for(lambda: len(robot.beats) >= before + 2, "a second heartbeat")
-    assert 1.5 < robot.beats[before + 1] - robot.beats[before] < 2.3 * slowness()
+    wait_for(lambda: len(robot.beats) >= before + 3, "a third heartbeat")
+    assert 1.5 < min(np.diff(robot.beats[before : before + 3])) < 2.3
 
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
@@ -343,8 +354,9 @@ def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
     robot.clock = 100.0
     node, _, _ = stack("dwa")
     for _ in range(5):
+        count = len(robot.beats)
         robot.clock -= 3.0
-        time.sleep(0.4)
+        wait_for(lambda count=count: len(robot.beats) > count + 1, "the node goes on")
     node.until("jumped back")
     assert node.text.count("jumped back") == 1
 

@@ -25,7 +25,7 @@ INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
 def stack():
     ros = session()
     jackal = FakeJackal(circles=[(1.5, y / 10, 0.075) for y in range(-8, 9)])
-    child = ros.node("collision_monitor", *INPUTS)
+    child = ros.node("collision_monitor", *INPUTS, constants={"applr_ros1.nodes.monitor.guard.FROZEN_S": 1.5})
     commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     actions = []
     subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
@@ -122,7 +122,7 @@ def test_says_which_node_sends_commands_past_it(stack):
 def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(stack):
     """The fake Jackal's own scans once more, on another topic."""
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
-    child = session().node("collision_monitor", *INPUTS, "_more_scans:=[rear/scan]", *names)
+    child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names)
     commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
     subscriber = rospy.Subscriber("/monitor_of_two/action", String, lambda m: actions.append(m.data))
     child.until(lambda: commands.get_num_connections())

@@ -37,35 +37,40 @@ SENT = {
 }
 
 
-@pytest.mark.parametrize("times", [3, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "times", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.long)]
+)
 def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(times):
     ros = session()
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
     publishers = {topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()}
-    over = threading.Event()
+    up, over = threading.Event(), threading.Event()
 
     def send():
         for topic, publisher in itertools.cycle(publishers.items()):
+            up.wait()
             publisher.publish(SENT[topic]())
             if over.wait(1e-3 / len(publishers)):
                 return
 
     sender = threading.Thread(target=send)
-    for k in range(times):
+    sender.start()
+    for _ in range(times):
         nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
         for node in nodes[:2]:
             node.until("ready")
         wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), "subscribers")
-        if not k:
-            sender.start()
-        over.wait(1.0)
+        up.set()
+        over.wait(0.3)
         for node in nodes:
             os.kill(node.pid, signal.SIGINT)
         ended = [node.process.wait(LONGEST) for node in nodes]
         text = "".join(node.text for node in nodes)
         if "Traceback" in text or any(ended):
             break
+        up.clear()
+    up.set()
     over.set()
     sender.join()
     for publisher in publishers.values():

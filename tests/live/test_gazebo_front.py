@@ -86,7 +86,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
 
 def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gazebo):
     """Odometry does not jump with it: what stood around it would hold it for ever where it stands now."""
-    monitor = session().node("collision_monitor", "scan:=front/scan", "odom:=odometry/filtered")
+    monitor = session().node("applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered")
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     monitor.until(lambda: publisher.get_num_connections())
     set_state, simulation = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState), GazeboSimulation(START)

@@ -25,7 +25,7 @@ COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 
 @pytest.fixture(scope="module")
 def fake():
-    child = session().python("tests/support/fake_move_base.py")
+    child = session().node("tests.support.fake_move_base")
     child.until("up")
     yield child
     child.thaw()
@@ -224,7 +224,7 @@ def test_a_node_without_servers_is_a_move_base_that_starts(connected):
 def test_nothing_that_a_server_says_is_run(tmp_path):
     """dynamic_reconfigure's client evaluates the edit_method of a parameter that it sets to a text."""
     mark = tmp_path / "ran"
-    evil = session().python("tests/support/fake_move_base.py", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
+    evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
     evil.until("up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: "not as a number" in client.connect() or client.connected, "the servers")

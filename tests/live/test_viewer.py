@@ -189,7 +189,7 @@ def test_what_does_not_answer_is_said(viewer):
 
 
 def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
-    move_base = ros.python("tests/support/fake_move_base.py")
+    move_base = ros.node("tests.support.fake_move_base")
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
@@ -212,7 +212,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
 
 
 def test_a_robot_with_another_planner_has_its_sliders(ros):
-    move_base = ros.python("tests/support/fake_move_base.py", "--robot", "turtlebot3_waffle_pi")
+    move_base = ros.node("tests.support.fake_move_base", "--robot", "turtlebot3_waffle_pi")
     applr = ros.node("applr", "_method:=dwa", "_robot:=turtlebot3_waffle_pi")
     made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", "127.0.0.1", free_port())
     try:

@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 from tests.support import ROOT
+from tests.support.nursery import Nursery
 
 INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")  # also when this process is killed
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
@@ -25,16 +26,10 @@ GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-
 
 
 class Child:
-    """A started process. `log` (a Path) holds what it printed."""
+    """A started process. `log` (a Path) holds what it prints."""
 
-    def __init__(self, args, env, log):
-        self.log = Path(log)
-        with open(self.log, "wb") as f:
-            command = [*INTERRUPTED_WITH_US, *map(str, args)]
-            self.process = subprocess.Popen(
-                command, env=env, cwd=ROOT, stdout=f, stderr=subprocess.STDOUT, start_new_session=True
-            )
-        self.pid = self.process.pid
+    def __init__(self, process, log):
+        self.process, self.log, self.pid = process, log, process.pid
 
     @property
     def text(self):
@@ -81,6 +76,14 @@ class Child:
         return self.process.returncode
 
 
+def started(args, env, log):
+    """The Child of a command, which is executed."""
+    with open(log, "wb") as file:
+        command = [*INTERRUPTED_WITH_US, *map(str, args)]
+        output = {"stdout": file, "stderr": subprocess.STDOUT}
+        return Child(subprocess.Popen(command, env=env, cwd=ROOT, start_new_session=True, **output), log)
+
+
 class RosMaster:
     """A ROS master on the given or a free port, and its children.
 
@@ -103,25 +106,30 @@ class RosMaster:
         )
         self.env.pop("ROS_HOSTNAME", None)
         self._children, self._nodes = [], []
-        self._master = Child(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
+        self._master = started(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
         self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
         """Starts a program beside the master; env: additional environment variables. Returns its Child."""
-        name = f"{len(self._children)}_{Path(str(args[-1 if len(args) == 1 else 1])).name}.log"
-        child = Child(args, dict(self.env, **env), self.folder / name)
-        self._children.append(child)
-        return child
+        return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
 
     def python(self, *args, **env):
         """Starts a Python script (or "-m", module) with this interpreter. Returns its Child."""
         return self.spawn(sys.executable, *args, **env)
 
-    def node(self, script, *args, **env):
-        """Starts a program of `rosrun applr_ros1`, named without ".py". Returns its Child."""
-        child = self.python("-m", "applr_ros1.scripts", script, *args, **env)
+    def node(self, script, *args, constants=None, **env):
+        """Forks a program of `rosrun applr_ros1`, named without ".py", or a module's main(). Returns its Child.
+
+        constants: {"module.NAME": value} that it has instead of its own.
+        """
+        child = self._keep(functools.partial(forked, constants=constants or {}), (script, *args), env, script)
         self._nodes.append((next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child))
         return child
+
+    def _keep(self, start, args, env, name):
+        log = self.folder / f"{len(self._children)}_{Path(name).name}.log"
+        self._children.append(start(args, dict(self.env, **env), log))
+        return self._children[-1]
 
     def forget_ended(self):
         """Deletes the parameters of scripts' nodes that have ended: the next one of that name begins with its own."""
@@ -146,8 +154,17 @@ class RosMaster:
         self.close()
 
 
-_session, _port = None, None
+_session, _port, _nursery = None, None, None
 _joined = []  # topics and services of this process
+
+
+def forked(words, env, log, constants):
+    """The Child of a program that is forked from the nursery."""
+    global _nursery
+    if _nursery is None:
+        _nursery = Nursery(env, os.devnull)
+        atexit.register(_nursery.close)
+    return Child(_nursery.fork(words, env, log, constants), log)
 
 
 def session():

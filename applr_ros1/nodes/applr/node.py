@@ -23,6 +23,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 
 TICK_S = 0.05  # of ROS time between looks at the clock
+REPORT_S = 1.0  # of ROS time between diagnostics
 LATE_SHARE = 0.1  # of a period after which a decision counts as late
 GONE = "move_base has stopped publishing its status: is it still running?"
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
@@ -104,7 +105,7 @@ class ApplrNode:
                     beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
                 if now >= report:
                     self._report(now)
-                    report = now + rospy.Duration(1.0)
+                    report = now + rospy.Duration(REPORT_S)
                 self.tick(now)
                 rospy.sleep(self._nap(now))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
