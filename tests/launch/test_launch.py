@@ -1,5 +1,6 @@
 """The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
 
+import contextlib
 import json
 import math
 import os
@@ -7,15 +8,18 @@ import re
 import signal
 import subprocess
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
 import yaml
+from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.move_base.robot_parameters import with_robot
+from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.nodes.tools import record as recording
 from applr_ros1.nodes.tools import rviz
 from applr_ros1.planner.move_base import MoveBase
@@ -154,20 +158,65 @@ def test_demo_reaches_the_goal(tmp_path):
 @pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
 def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     """The course's goal, 20 m away and off the map, is drawn onto it; one that is given is sent as it is."""
-    from applr_ros1.nodes.tools import demo
-
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
-    monkeypatch.setattr(demo.worlds, "load", lambda _: world)
-    values, _, _, _ = demo.prepare([f"goal:={goal}"])
+    monkeypatch.setattr(demo_tool.worlds, "load", lambda _: world)
+    values, _, _, _ = demo_tool.prepare([f"goal:={goal}"])
     assert values["sent"] == pytest.approx(sent)
 
 
-def test_demo_that_runs_out_of_time(tmp_path):
-    running = demo(tmp_path, "world:=generated:0", "limit:=2", "simulator:=kinematic")
-    out, err = running.communicate(timeout=HANGS)
-    result = json.loads(out.splitlines()[-1])
-    assert (running.returncode, result["success"], result["timeout"]) == (1, False, True), out + err
+@pytest.mark.parametrize(
+    ("speed", "gives_up_at", "status", "reason", "time"),
+    [
+        (0.5, 99.0, 1, "timed out", 2.0),
+        (0.5, 1.0, 1, "move_base gave up: no way", 1.0),
+        (8.0, 99.0, 0, "goal reached", 0.9),
+    ],
+)
+def test_how_a_demo_ends(speed, gives_up_at, status, reason, time, tmp_path, monkeypatch, capsys):
+    """The drive is a robot that goes straight from the course's start to its end at `speed` [m/s]."""
+    told = []
+
+    class Told(demo_tool.Observer):
+        def __init__(self, robot, world, values):
+            self.world, (x, y, self.yaw) = world, world.course.start
+            self._frame, self.contacts, self.parameters = "odom", [], []
+            self.track, self._client = [(1.0, x, y, self.yaw, speed, 0.0)], self
+            told.append(self)
+
+        def parts(self):
+            return ()
+
+        def check(self):
+            """A tenth of a second later."""
+            now, x, y, *_ = self.track[-1]
+            way = 0.1 * speed
+            at = (x + way * math.cos(self.yaw), y + way * math.sin(self.yaw))
+            self.track.append((now + 0.1, *at, self.yaw, speed, 0.0))
+
+        def send_goal(self, goal):
+            assert goal.target_pose.header.frame_id == "odom"
+
+        def cancel_goal(self):
+            self.cancelled = True
+
+        def get_state(self):
+            return GoalStatus.ABORTED if self.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
+
+        def get_goal_status_text(self):
+            return "no way"
+
+    stack = SimpleNamespace(check=lambda: told[0].check())
+    monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext(stack))
+    monkeypatch.setattr(demo_tool, "Observer", Told)
+    words = "world:=generated:0", "limit:=2", f"picture:={tmp_path}/drive.png"
+    monkeypatch.setattr("sys.argv", ["demo.py", *words])
+    assert demo_tool.main() == status
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (result["success"], result["timeout"], result["reason"]) == (not status, reason == "timed out", reason)
+    assert result["time_s"] == pytest.approx(time, abs=0.11)
+    assert told[0].cancelled
+    assert (tmp_path / "drive.png").exists()
 
 
 @pytest.mark.fault("23")
