@@ -107,7 +107,7 @@ def test_what_a_run_leaves_out_and_that_one_in_which_no_test_passed_is_a_failure
     assert run.returncode == (0 if said else pytest.ExitCode.NO_TESTS_COLLECTED), lines
 
 
-@pytest.mark.parametrize("workers", ["-n0", "-n1"])
+@pytest.mark.parametrize("workers", [pytest.param("-n0", marks=pytest.mark.slow), "-n1"])
 def test_a_second_run_begins_anew_and_is_named(tmp_path, workers):
     run = start(tmp_path, "-k", "once or costs", workers)
     said, _ = run.communicate(timeout=HANGS)
