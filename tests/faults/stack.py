@@ -16,7 +16,7 @@ from tests.faults.relay import Relay
 from tests.support.fake_jackal import decided
 from tests.support.jackal import JACKAL
 from tests.support.move_base_stack import goal
-from tests.support.ros_harness import LONGEST, slowness, wait_for
+from tests.support.ros_harness import LONGEST, Kept, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
@@ -123,12 +123,12 @@ class Stack:
 
     def stands_after(self, break_it, within=2.0):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
-        broken = self.relay.now
+        broken, kept = self.relay.now, Kept()
         break_it()
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
         now = self.relay.now  # what is later was before the simulator began anew
         took = next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < 0.01) - broken
-        assert took < within * slowness()
+        assert took < within + kept.waiting()
         return took
 
     def drives_again(self, speed=0.3):

@@ -8,7 +8,7 @@ import rospy
 from applr_ros1.msg import Decision
 
 from tests.support.jackal import JACKAL
-from tests.support.ros_harness import session, slowness, wait_for
+from tests.support.ros_harness import session, wait_for
 from training.bags.bag import read
 from training.bags.episodes import BagReport, transitions
 
@@ -21,7 +21,7 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
     ros, bag = session(), tmp_path / "drive.bag"
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
-    robot = "_world:=" + WORLD, "_simulator:=kinematic", "_real_time_factor:=%g" % (2.0 / slowness())
+    robot = "_world:=" + WORLD, "_simulator:=kinematic"
     nodes = [ros.node("record", bag)]
     nodes.append(ros.node("move_base", "odom:=odometry/filtered"))
     nodes.append(ros.node("sim_bridge", *robot))

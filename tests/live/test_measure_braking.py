@@ -1,15 +1,13 @@
 """The command that measures how a robot brakes, on the simulated Jackal in the open."""
 
 import re
-import subprocess
-import sys
+import time
 
 import numpy as np
 import pytest
 import rospy
 
-from tests.support import HANGS
-from tests.support.ros_harness import session, slowness
+from tests.support.ros_harness import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
@@ -17,8 +15,10 @@ pytestmark = pytest.mark.ros
 
 
 def measure(*options):
-    words = [sys.executable, "-m", "applr_ros1.scripts", "measure_braking", *options]
-    return subprocess.run(words, env=session().env, capture_output=True, text=True, timeout=HANGS)
+    """(exit status, what it printed, s for which a busy machine kept it and the robot waiting)."""
+    kept, child = Kept(), session().node("measure_braking", *options)
+    wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
+    return child.process.returncode, child.text, kept.waiting()
 
 
 @pytest.fixture(scope="module")
@@ -39,23 +39,24 @@ def robot(tmp_path_factory):
 
 def test_it_drives_nowhere_unless_it_is_told_that_the_way_is_free(robot):
     for options, words in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
-        run = measure("--free", "6", *options)
-        assert run.returncode == 1
-        assert words in run.stderr
-        assert len(run.stderr.splitlines()) == 1
+        status, text, _ = measure("--free", "6", *options)
+        assert status == 1
+        assert words in text
+        assert len(text.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_what_it_prints_holds_for_every_run_and_for_what_the_simulated_jackal_does(robot):
-    run = measure("--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth")
-    assert run.returncode == 0, run.stderr
-    *_, line = run.stdout.splitlines()
+    status, text, waited = measure("--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth")
+    assert status == 0, text
+    *_, line = text.splitlines()
     reaction, brake, turn_brake = map(
         float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
     )
-    assert 0.10 < reaction < 0.35 * slowness()
-    assert 0.5 < brake < 7.0  # locked wheels brake by the angles at which they stand
+    assert 0.10 < reaction < 0.35 + waited
+    assert 0.5 <= brake < 7.0  # rounded down; locked wheels brake by the angles at which they stand
     assert turn_brake > 2.0
-    runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", run.stdout, re.M)
+    runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)
     assert len(runs) == 3
     for speed, way in ((float(a), float(b)) for a, b in runs):
         assert way <= speed * reaction + speed**2 / (2.0 * brake)

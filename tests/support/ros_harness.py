@@ -5,6 +5,7 @@ Used by every test that needs rospy. rospy knows one master URI per process, so 
 """
 
 import atexit
+import contextlib
 import functools
 import os
 import pkgutil
@@ -16,6 +17,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+import psutil
 
 from tests.support import ROOT
 from tests.support.nursery import Nursery
@@ -238,14 +241,29 @@ def free_port():
 LONGEST = 300.0  # s before something counts as hanging; the planner's kernels are compiled in that
 
 
-def slowness():
-    """How many times as long as on an idle machine something may take, at least 1: as long as work of this process
-    takes now, or programs per core over the last minute.
+class Kept:
+    """The time for which a busy machine has kept this process and those below it waiting for a processor.
+
+    What a test allows in wall time it allows beside that, so that its limit can be a quiet machine's.
     """
-    began, worked = time.monotonic(), time.thread_time()
-    while time.thread_time() - worked < 0.05:
-        pass
-    return max((time.monotonic() - began) / 0.05, os.getloadavg()[0] / os.cpu_count(), 1.0)
+
+    def __init__(self):
+        self._since = self._newest = self._delays()
+
+    @staticmethod
+    def _delays():
+        """{(process, thread): time [ns] that it has been ready to run and did not}."""
+        found = {}
+        for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
+            for file in Path("/proc/%d/task" % process.pid).glob("*/schedstat"):
+                with contextlib.suppress(OSError):  # it has ended
+                    found[process.pid, file.parent.name] = int(file.read_text().split()[1])
+        return found
+
+    def waiting(self):
+        """Return the time [s] since this was made, of all threads together, those that have ended as last seen here."""
+        self._newest = {**self._newest, **self._delays()}
+        return 1e-9 * sum(delay - self._since.get(thread, 0) for thread, delay in self._newest.items())
 
 
 def wait_for(condition, what):
