@@ -106,9 +106,7 @@ def test_install_space(tmp_path):
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
         unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
-        export NUMBA_DISABLE_JIT=1  # it would compile all kernels, which takes minutes
         catkin_make -C {ws} -DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF install
-        unset NUMBA_DISABLE_JIT
         rm -rf {ws}/src {ws}/devel {ws}/build
         . {ws}/install/setup.sh
         cd /
