@@ -17,11 +17,10 @@ from applr_ros1.monitor.scan_matching import beam_at
 CAPACITY_POINTS = 16384  # points; beyond, the oldest go
 SPACING_M = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
 TOLERANCE_M = 0.08  # [m]: a measured range that differs less from a point's distance is that point
-THIN_M = 0.02  # [m]: where neighbouring beams are farther apart, what they pass by may still stand between them
+THIN_M = 0.02  # [m]: where neighbouring beams are farther apart, what they pass by may stand between them
 CELL_M = 0.05  # [m]
 TOUCHED_M = 0.71 * CELL_M  # [m]: a cell whose middle is so far from the body may be touched by it
 BEHIND_M = 0.1  # [m]: so far behind a point where a beam has ended nothing can be reached but through the point
-APART_M = 0.1  # [m]: where beams are farther apart, what stands between them is not shown
 SHOWN_M = 2.5  # [m] from the scanner within which a scan shows space: farther than any stopping distance
 
 
@@ -187,7 +186,7 @@ class SeenSpace:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = map(float, scan.sensor_pose)
-        shown = min(self._shown, float(scan.range_max), APART_M / abs(beams[1]))
+        shown = min(self._shown, float(scan.range_max), THIN_M / abs(beams[1]))
         _see(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
 
     def forget(self, points):
