@@ -58,6 +58,23 @@ def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):
     assert 0.25 < np.mean(unseen) < 0.45
 
 
+def test_it_swings_while_its_wheels_stop():
+    """Gazebo, from .69 m/s with these commands: turned by -.165 rad, though commanded to the left, in .135 m."""
+    commands = (0.386, 0.602), (0.282, 0.439), (0.185, 0.288), (0.101, 0.158), (0.006, 0.01), *[(0.0, 0.0)] * 4
+    made, swings, ways = sim_bridge.make("kinematic"), [], []
+    for left in np.arange(0.0, 6.2, 0.4):
+        for right in np.arange(0.0, 6.2, 0.4):
+            made.reset(OPEN, 0)
+            made.set_motion((0.692, 0.0, -0.002), (0.481, 0.75), (left, right))
+            for command in commands:
+                drive(made, *command, STEP)
+            swings.append(made.state.pose[2])
+            ways.append(made.state.pose[0])
+    assert min(swings) < -0.1
+    assert max(swings) > 0.1
+    assert min(ways) < 0.1 < 0.135 < max(ways)
+
+
 GAZEBO = (0.5196, -0.0044, -0.0055), (1.1699, 0.0492, 0.6201), (1.4306, 0.2803, -0.0335), (1.4686, 0.2984, -0.2023)
 PLAIN = (0.6217, -0.0005, 0.0012), (1.2671, 0.0529, 0.4032), (1.6070, 0.1975, -0.1681), (1.6584, 0.2062, -0.3472)
 
