@@ -4,6 +4,7 @@ Joins what happens per scan with what happens per command. Episode (training/env
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Tuple
 
@@ -14,7 +15,15 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import EVERYTHING, braking_time, edge_points, half_planes, on_arc, safe_scale
+from applr_ros1.monitor.stopping import (
+    EVERYTHING,
+    SWING_RAD,
+    braking_time,
+    edge_points,
+    half_planes,
+    on_arc,
+    safe_scale,
+)
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 
@@ -23,6 +32,10 @@ IMPOSSIBLE_FACTOR = 2.0  # a measured speed above this many times the fastest co
 STOP_WITHIN_M = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_M_S, HELD_RAD_S = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
 TINY_SPEED = 1e-6  # [m/s, rad/s]: what is slower stands
+BEATS = 10  # intervals between commands that are remembered
+LATE_S = 0.05  # [s]: a command that comes by so much later than these is silence; a stop reaches the wheels as late
+BRAKING_S = 0.1  # [s] after which a base that brakes is braked further, whether or not a command has come
+GRIPPING_S = 0.1  # [s] in which a base that brakes can change to the turn rate that it is commanded
 AHEAD_OF_CLOCK_S = 0.1  # [s] by which stamps may be ahead of the clock; beyond, the clock was set back
 
 
@@ -82,6 +95,7 @@ class CollisionMonitor:
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within STOP_WITHIN_M, or a full turn, if all is fresh.
         ages: of the newest scan, pose and twist at the last command [s].
+        silence: time [s] after a command at which the base is to be braked() if no other has come.
     """
 
     def __init__(self, settings=None, more_scans=()):
@@ -110,7 +124,15 @@ class CollisionMonitor:
         self.motion.clear()
         self.ages = (0.0, 0.0, 0.0)
         self._pose = 0.0, None  # the odometry's newest pose, and its stamp [s] when it first was so
+        self._brakes = False  # whether what was given last falls more slowly than asked
+        self._turning = 0.0  # measured turn rate at the last command [rad/s]
+        self._asked, self._beats = None, deque(maxlen=BEATS)  # when the last command came, and between these [s]
         self._given = -math.inf, 0.0, 0.0  # when the base was last given a command [s], and that (v, w)
+
+    @property
+    def silence(self):  # noqa: D102
+        reaction = self.settings.reaction_time
+        return min(reaction, BRAKING_S if self._brakes else max(self._beats, default=reaction) + LATE_S)
 
     def see(self, scan, name=""):
         """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
@@ -152,6 +174,9 @@ class CollisionMonitor:
             A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within
             STOP_WITHIN_M are reduced to it.
         """
+        if self._asked is not None:
+            self._beats.append(now - self._asked)
+        self._asked = now
         pose, twist, command = (tuple(map(float, numbers)) for numbers in (pose, twist, command))
         command = tuple(0.0 if abs(value) < TINY_SPEED else value for value in command)
         stamps = [laser.stamp for laser in self._lasers.values()]
@@ -165,6 +190,7 @@ class CollisionMonitor:
         if self._is_impossible(moved):
             problem = f"the poses say {moved[0]:g} m/s and {moved[1]:g} rad/s, which cannot be"
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
+        self._turning = twist[1]
         verdict = self._judge(pose, self._twists(twist), command)
         # wheels that slip say too little; the base is where it is going by the faster of both
         measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
@@ -184,7 +210,8 @@ class CollisionMonitor:
         """Return the (v, w) given to the base at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
 
         Where v falls more slowly than asked, w stays with it on the command's arc, as safe_scale has judged it; but the
-        base turns no faster for that than it was commanded before.
+        base turns no faster for that than it was commanded before, and changes its turn gradually: tyres that are to
+        turn the body by much do not brake it.
         """
         (then, was, turned), (v, w) = self._given, command
         if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
@@ -194,9 +221,16 @@ class CollisionMonitor:
                     w = turned * left / abs(was)
                 elif v * was > 0.0:
                     w = on_arc(left, v, w, turned)
-                v = math.copysign(left, was)
+                v, w = math.copysign(left, was), self._gradual(w)
+        self._brakes = v != command[0]
         self._given = now, v, w
         return v, w
+
+    def _gradual(self, w):
+        """Return what is nearest to the turn rate w of those that the base can soon have, and not the other way."""
+        turning, change = self._turning / self.settings.turn_gain, GRIPPING_S * self.settings.yaw_deceleration
+        soon = min(max(w, turning - change), turning + change)
+        return soon if soon * w > 0.0 else 0.0
 
     def _judge(self, pose, twists, command):
         """Return the Verdict on a command; it must be safe from each of the velocities (v, w, slide)."""
@@ -206,13 +240,16 @@ class CollisionMonitor:
             return Verdict((v, w))
         twists = twists + [(0.0, *rest) for was, *rest in twists if was * v < 0.0]  # it may go the other way at once
         settings = self.settings
-        since, reaction = max(0.0, self.ages[1]), settings.reaction_time + max(map(abs, self.ages))
+        since = max(0.0, self.ages[1])
+        held = min(settings.reaction_time, max(self._beats, default=0.0) + LATE_S)  # a rare command stays longer
+        reaction = max(settings.reaction_time, held + LATE_S) + max(map(abs, self.ages))
         most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self._fastest(reaction), (v, w))))
         v, w = most * v, most * w
         speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
         turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
         longest = since + reaction + max(braking_time(speed, settings.deceleration), turn / settings.yaw_deceleration)
-        reach = self._radius + settings.margin + speed * longest + 0.05
+        aside = abs(settings.turn_ahead) * min(turn * longest + SWING_RAD, 2.0)  # of the origin, about the point ahead
+        reach = self._radius + settings.margin + speed * longest + aside + 0.05
         points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
         seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose
         scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)

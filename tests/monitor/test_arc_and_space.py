@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory
-from applr_ros1.monitor.monitor import SLOW, STOP, CollisionMonitor
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, safe_scale
@@ -25,6 +25,7 @@ HERE = (0.0, 0.0, 0.0)
 def test_creeping_and_stopping_keep_the_arc_of_the_command():
     """Figures of a drive in which the robot left a turn straight on and hit a wall."""
     monitor = CollisionMonitor()
+    monitor._turning = SETTINGS.turn_gain * -1.457  # it turns as it is commanded
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
     v, w = monitor.braked(0.05, 1.67, (0.1, -0.078))
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
@@ -35,11 +36,72 @@ def test_creeping_and_stopping_keep_the_arc_of_the_command():
 @pytest.mark.parametrize("command", [(0.5, 1.0), (0.5, -1.0), (0.5, 0.2)])
 def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_turning(command):
     monitor = CollisionMonitor()
+    monitor._turning = SETTINGS.turn_gain * command[1]
     monitor.braked(0.0, 2.0, (2.0, 0.4))
     v, w = monitor.braked(0.05, 2.0, command)
     assert v == pytest.approx(2.0 - 1.9 * 0.05)
     assert abs(w) == pytest.approx(min(abs(command[1]) * v / 0.5, max(abs(command[1]), 0.4)))
     assert w * command[1] > 0.0
+
+
+def test_while_it_brakes_it_is_commanded_a_turn_that_it_can_soon_have():
+    """Tyres that are to turn the body by much do not brake it: 3.3 rad/s^2 for a tenth of a second, and no way back."""
+    for turning, asked, turned in ((0.0, 4.0, 0.33), (1.35, 4.0, 1.33), (-1.35, 4.0, 0.0), (2.7, 0.5, 1.67)):
+        monitor = CollisionMonitor()
+        monitor.braked(0.0, 2.0, (2.0, asked))
+        monitor._turning = turning
+        assert monitor.braked(0.05, 2.0, (1.0, asked)) == pytest.approx((1.905, turned))
+        assert monitor.braked(0.1, 2.0, (2.0, asked)) == (2.0, asked), "it does not brake any more"
+
+
+def test_a_rare_command_is_judged_by_the_time_for_which_it_stays():
+    """A planner with five commands a second; silence is noticed sooner where the base brakes."""
+    reached = {}
+    for period in (0.05, 0.2):
+        monitor = seen_all_around(wall(1.4))
+        for step in range(4):
+            monitor.see(scan_of(wall(1.4), HERE, step * period))
+            verdict = monitor.filter(step * period, HERE, (0.0, 0.0), (2.0, 0.0))
+        assert monitor.silence == pytest.approx(0.1 if period == 0.05 else 0.15)
+        reached[period] = verdict.command[0]
+    assert reached[0.2] * 0.2 + reached[0.2] ** 2 / 3.8 == pytest.approx(
+        reached[0.05] * 0.15 + reached[0.05] ** 2 / 3.8, abs=0.06
+    )
+    monitor.braked(1.0, 2.0, (2.0, 0.0))
+    assert monitor.silence == pytest.approx(0.15)
+    monitor.braked(1.05, 2.0, (1.0, 0.0))
+    assert monitor.silence == pytest.approx(0.1)
+
+
+def test_what_a_turn_about_a_point_far_ahead_reaches_is_looked_at():
+    """Three times as fast as commanded about a point .5 m ahead: a rear corner comes .7 m from the origin."""
+    changed = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
+    assert seen_all_around([(0.17, -0.7)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == SLOW
+    assert seen_all_around([(0.17, -2.0)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == PASS
+
+
+def test_a_base_that_brakes_in_a_turn_may_leave_it_outwards():
+    """In a steady turn to the left a post stands straight ahead, out of the way of the whole and a faster turn."""
+    planes, turning, post = half_planes(SETTINGS.body), (1.0, 1.5), np.array([[0.65, -0.2]])
+    rest = (planes, 0.03, turning, turning, (0.0, 0.15), (1.9, 3.3), EVERYTHING, (1.5, 1.35, 0.13, 0.0))
+    assert 0.0 < safe_scale(post, *rest)[0] < 1.0
+    assert safe_scale(post - np.array([[0.0, 0.1]]), *rest)[0] == 1.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_outline_may_swing_at_rest(side):
+    """By .15 rad after .3 m/s or more, about the point ahead: a rear corner comes .05 m aside; less after less."""
+    planes, free = half_planes(SETTINGS.body), {}
+    for speed in (0.15, 0.3, 0.6):
+        for gap in np.arange(0.032, 0.07, 0.002):
+            post = np.array([[x, side * (0.208 + gap)] for x in np.arange(-0.3, 0.8, 0.01)])  # a rail beside its way
+            rest = (planes, 0.03, (speed, 0.0), (speed, 0.0), (0.0, 0.1), (1.9, 3.3), EVERYTHING)
+            if safe_scale(post, *rest, (0.0, 1.0, 0.13, 0.0))[0] == 1.0:
+                free[speed] = gap
+                break
+    swung = 0.359 * math.sin(0.15) - 0.208 * (1.0 - math.cos(0.15))
+    assert free[0.3] == pytest.approx(free[0.6], abs=0.003) == pytest.approx(swung, abs=0.006)
+    assert free[0.15] < 0.04
 
 
 numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
@@ -48,19 +110,23 @@ numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 @examples(60)
 @given(st.lists(st.tuples(numbers, numbers, st.floats(0.3, 3.0)), min_size=2, max_size=6))
 def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(commands):
-    monitor, before, motion = CollisionMonitor(), (0.0, 0.0), (0.0, 0.0)
+    """Or turns less than that, or as it turns already, where it brakes."""
+    monitor, before = CollisionMonitor(), (0.0, 0.0)
     for step, (v, w, distance) in enumerate(commands):
-        now = 0.05 * step
+        now, turning = 0.05 * step, SETTINGS.turn_gain * before[1]
         monitor.see(scan_of(wall(distance), HERE, now))
-        verdict = monitor.filter(now, HERE, motion, (v, w))
+        verdict = monitor.filter(now, HERE, (before[0], turning), (v, w))
         given_v, given_w = verdict.command
         if verdict.action == STOP:
             assert given_w * before[0] == pytest.approx(before[1] * given_v, abs=1e-9)
         elif (
             verdict.action == SLOW and given_v * v > 0.0 and abs(given_w) < max(abs(before[1]), abs(verdict.scale * w))
         ):
-            assert given_w * v == pytest.approx(w * given_v, abs=1e-9), (verdict, before)
-        before = motion = verdict.command
+            arc = w * given_v / v
+            assert min(arc, before[1], 0.0) - 1e-9 <= given_w <= max(arc, before[1], 0.0) + 1e-9, (verdict, before)
+            if abs(arc - before[1]) < 0.33:
+                assert given_w == pytest.approx(arc, abs=1e-9), (verdict, before)
+        before = verdict.command
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.1], ids=["4 cm", "20 cm"])

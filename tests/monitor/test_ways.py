@@ -203,14 +203,14 @@ def test_what_is_computed_in_rows_is_what_one_point_at_a_time_gives():
     random, planes, edge = np.random.default_rng(3), half_planes(SETTINGS.body), edge_points(SETTINGS.body)
     n, outcomes = 60, set()
     for _ in range(300):
-        (x, y, yaw), rows = random.uniform(-0.3, 0.3, 3), random.uniform(-0.6, 0.6, (6, 20))
+        (x, y, yaw), rows = random.uniform(-0.3, 0.3, 3), random.uniform(-0.6, 0.6, (7, 20))
         c, s, rows[2] = math.cos(yaw), math.sin(yaw), random.uniform(0.0, 0.3, 20)
         depths = [
             penetration(planes, MARGIN, c * (px - x) + s * (py - y), c * (py - y) - s * (px - x))
             for px, py in rows[:2].T
         ]
         deeper = any(depth > most for depth, most in zip(depths, rows[2]))
-        assert _is_deeper(rows, planes, MARGIN, x, y, c, s) == deeper
+        assert _is_deeper(rows, rows[2], planes, MARGIN, x, y, c, s) == deeper
 
         cells = (random.random((n, n)) > 0.002).astype(np.uint8)
         corner, pose = random.integers(-200, 200, 2), (0.0, 0.0, random.uniform(-3.0, 3.0))

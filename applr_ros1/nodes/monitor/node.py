@@ -13,9 +13,8 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections import deque
 from dataclasses import fields, replace
-from typing import Deque, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -40,7 +39,6 @@ LOOK_S = 0.01  # s of wall time between looks for a new scan
 REPORT_S = 1.0  # s of wall time between diagnostics
 IDLE_AFTER_S = 2.0  # s of wall time without a command after which it counts as idle
 ZEROS_S = 0.05  # s of wall time between the commands of the node's own while none comes
-BEATS = 10  # intervals between commands that are remembered; silence is ZEROS_S longer than all of them
 STALLED_S = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
 STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
 
@@ -67,7 +65,6 @@ class CollisionMonitorNode:
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
         self._ages = Ages()
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
-        self._beats: Deque[float] = deque(maxlen=BEATS)  # [s] between the newest commands
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
         self._stood = False  # whether the base has stood since the last command
         self._report_jump = Throttled(rospy.logwarn)
@@ -134,8 +131,7 @@ class CollisionMonitorNode:
 
     def _break_silence(self) -> None:
         """Brakes to zero while no command comes; beside others that publish there, only until the base stands."""
-        reaction = self.monitor.settings.reaction_time
-        silence = min(reaction, max(self._beats, default=reaction) + ZEROS_S)
+        silence = self.monitor.silence
         if (self._now - self._commanded).to_sec() <= silence and not self._stalled:
             return
         stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
@@ -158,7 +154,6 @@ class CollisionMonitorNode:
         with self._lock, until_shutdown():
             try:
                 self._take_scans()
-                self._beats.append((self._now - self._commanded).to_sec())
                 self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
                 verdict = self._judge(message)
                 self._out.publish(conversions.twist(*verdict.command))
