@@ -3,8 +3,8 @@
 C++ knows no monitor. Its local planner backs out whenever it finds no legal trajectory, whatever stands behind, and
 samples no forward velocity before it has come out; with a monitor before the base the robot would stand there for
 ever. And where the monitor stops the robot nearer to an obstacle than the planner's footprint allows, the planner finds
-no command at all. The state machine asks an Escape in each control cycle; without a monitor that reports, it never does
-anything.
+no command at all. The state machine asks an Escape in each control cycle; without a monitor that reports, and with
+planner "cpp-like", it never does anything.
 """
 
 from __future__ import annotations

@@ -186,7 +186,8 @@ class StateMachine:
 
     def report_held(self, held: bool) -> None:
         """Note if a collision monitor let next to nothing of the last command through; C++ has no such input."""
-        self._escape.report(held and not self._like_cpp)
+        if not self._like_cpp:
+            self._escape.report(held)
 
     def _restart_patience(self, now: float) -> None:
         self._last_plan = self._last_control = self._last_oscillation = now

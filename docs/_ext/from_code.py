@@ -129,7 +129,7 @@ def _parameter(p):
         default = str(p.default).lower()
     elif isinstance(p.default, list):
         default = ", ".join(entry["name"] if isinstance(entry, dict) else str(entry) for entry in p.default) or "empty"
-    return "- **`%s`**%s (%s; default `%s`). %s" % (p.name, older, kind, default, p.doc)
+    return "- **`%s`**%s (%s; default `%s`). %s" % (p.name, older, kind, default, p.about)
 
 
 def robot_sections():

@@ -19,7 +19,7 @@ def generate(server: str, node: str, name: str) -> int:
     generator = catkin.ParameterGenerator()
     for p in TYPES[server].live if server in TYPES else SERVERS[server]:
         bounds = [v if p.type in ("double", "int") and math.isfinite(v) else None for v in (p.min, p.max)]
-        doc = p.doc + (f" Unit: {p.unit}." if p.unit else "")
+        doc = p.about + (f" Unit: {p.unit}." if p.unit else "")
         choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
         edit = generator.enum(choices, doc) if choices else ""
         for key in p.names:

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import ApplrError, Finding
 from applr_ros1.common.files import MAX_CELLS
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, flag, listing, real, text, whole
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag, listing, real, text, whole
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -33,10 +33,12 @@ COSTMAP = (
     real("origin_x", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along x."),
     real("origin_y", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along y."),
     text("footprint", "[]",
-        "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used."),
-    real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used where no footprint is given."),
+        "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used.",
+        once=(OUTLINE,)),
+    real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used where no footprint is given.",
+        once=(OUTLINE,)),
     real("footprint_padding", 0.01, -INF, INF, "m",
-        "Distance by which the footprint is enlarged on every side.", kind="length"),
+        "Distance by which the footprint is enlarged on every side.", kind="length", once=(OUTLINE,)),
 )
 
 INFLATION = (

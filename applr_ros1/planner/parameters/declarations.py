@@ -31,7 +31,7 @@ from applr_ros1.planner.parameters.move_base_parameters import (
     STATIC_MOVE_BASE,
     STATIC_NAVFN,
 )
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.parameter import OUTLINE, Parameter
 from applr_ros1.planner.parameters.trajectory_planner_parameters import STATIC_TRAJECTORY_PLANNER, TRAJECTORY_PLANNER
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
@@ -85,6 +85,16 @@ def of_kind(kind: str) -> Tuple[str, ...]:
     """Return the names that local planners' parameters of a kind have, or had."""
     declared = (p for planner in OLDER for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
     return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
+
+
+def shapes_at_start(planner: str, server: str, name: str) -> bool:
+    """Return whether a local planner takes a live parameter into its every cycle as it was when move_base started.
+
+    By reconfigure it then means something else than in a parameter file: of footprint_padding, the costmaps take the
+    new value, and TrajectoryPlannerROS drives on with the outline of its start (trajectory_planner_ros.cpp:251).
+    """
+    once = {each: p.once for p in SERVERS.get(server, ()) for each in p.names}
+    return server == "local_costmap" and planner == OUTLINE and OUTLINE in once.get(name, ())
 
 
 class Server(NamedTuple):

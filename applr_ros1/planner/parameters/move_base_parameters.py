@@ -5,7 +5,18 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 
 from __future__ import annotations
 
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, listing, real, text, whole
+from applr_ros1.planner.parameters.parameter import (
+    INF,
+    INT_MAX,
+    PERIOD,
+    RECOVERY,
+    RESTORE,
+    flag,
+    listing,
+    real,
+    text,
+    whole,
+)
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -32,7 +43,7 @@ MOVE_BASE = (
         "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
         "after each failure to find a velocity."),
     real("controller_frequency", 20.0, 0.0, 100.0, "Hz",
-        "How often a velocity command is chosen and published. 0 or less is refused.", not_zero=True),
+        "How often a velocity command is chosen and published. 0 or less is refused.", not_zero=True, once=(PERIOD,)),
     real("planner_patience", 5.0, 0.0, 100.0, "s",
         "Time without a global plan after which a recovery behaviour starts."),
     real("controller_patience", 5.0, 0.0, 100.0, "s",
@@ -40,11 +51,11 @@ MOVE_BASE = (
     whole("max_planning_retries", -1, -1, 1000, "",
         "Number of failed planning attempts after which a recovery behaviour starts. -1 sets no limit."),
     real("conservative_reset_dist", 3.0, 0.0, 50.0, "m",
-        "Side of the square around the robot outside of which the conservative reset clears the costmaps. Read once, "
-        "when the node starts."),
+        "Side of the square around the robot outside of which the conservative reset clears the costmaps.",
+        once=(RECOVERY,)),
     flag("recovery_behavior_enabled", True, "Whether recovery behaviours are tried before a goal is aborted."),
     flag("clearing_rotation_allowed", True,
-        "Whether the recovery behaviours may rotate the robot in place. Read once, when the node starts."),
+        "Whether the recovery behaviours may rotate the robot in place.", once=(RECOVERY,)),
     flag("shutdown_costmaps", False, "Whether the costmaps stop updating while there is no goal."),
     real("oscillation_timeout", 0.0, 0.0, 60.0, "s",
         "Time within which the robot has to move by oscillation_distance; otherwise a recovery behaviour starts. 0 "

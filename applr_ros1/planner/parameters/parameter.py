@@ -15,6 +15,9 @@ INF = math.inf
 INT_MAX = 2147483647
 MOST_POINTS = 100_000  # of one trajectory or turn; more are refused instead of taking minutes
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
+# who reads a parameter once, when it starts: TrajectoryPlannerROS in all of its cycles, both local planners, what stops
+# and turns TrajectoryPlannerROS at its goal, and the recovery behaviours
+OUTLINE, PERIOD, GOAL, RECOVERY = "TrajectoryPlannerROS", "the local planner", "turns to a goal's heading", "recovery"
 _TYPES = {"bool": bool, "str": str, "list": list}
 _GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
 
@@ -37,6 +40,7 @@ class Parameter:
     kind: "speed" or "turn" that the base is asked for, "length", "1/length", "time", "count" of samples, "weight" of a
     distance; "" for all else. The ranges of learnt parameters and the limits of a base are by kind.
     enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
+    once: who reads it when move_base starts and never again, so that a reconfigure does not reach them.
     beyond: what is said of a start-up value beyond the bounds, which is moved to them as in C++: "remark", "" for
     nothing, or "error" where nothing drives with it.
     """
@@ -54,6 +58,13 @@ class Parameter:
     beyond: str = "remark"
     kind: str = ""
     older: Tuple[str, ...] = ()
+    once: Tuple[str, ...] = ()
+
+    @property
+    def about(self) -> str:
+        """Its sentence, and who reads it once."""
+        who = " and ".join(self.once)
+        return f"{self.doc} For {who} the value at the start of the node counts." if who else self.doc
 
     @property
     def names(self) -> Tuple[str, ...]:
@@ -127,14 +138,14 @@ def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str,
     return Parameter(name, "int", default, low, high, unit, doc, **more)
 
 
-def flag(name: str, default: Any, doc: str) -> Parameter:
+def flag(name: str, default: Any, doc: str, **more: Any) -> Parameter:
     """Declare a bool."""
-    return Parameter(name, "bool", default, False, True, "", doc)
+    return Parameter(name, "bool", default, False, True, "", doc, **more)
 
 
-def text(name: str, default: Any, doc: str) -> Parameter:
+def text(name: str, default: Any, doc: str, **more: Any) -> Parameter:
     """Declare a str."""
-    return Parameter(name, "str", default, "", "", "", doc)
+    return Parameter(name, "str", default, "", "", "", doc, **more)
 
 
 def listing(name: str, default: Any, doc: str) -> Parameter:

@@ -9,7 +9,18 @@ import math
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import Finding
-from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, given_up, real, text, too_many_points, whole
+from applr_ros1.planner.parameters.parameter import (
+    GOAL,
+    INF,
+    RECOVERY,
+    RESTORE,
+    flag,
+    given_up,
+    real,
+    text,
+    too_many_points,
+    whole,
+)
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -17,20 +28,22 @@ from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, given_up
 # Live, through dynamic_reconfigure
 TRAJECTORY_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
-        "Forward acceleration limit that the trajectory simulation assumes.", older=("acc_limit_x",)),
+        "Forward acceleration limit that the trajectory simulation assumes.", older=("acc_limit_x",),
+        once=(GOAL,)),
     real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
         "Sideways acceleration limit. Without effect: the base cannot strafe, and a measured sideways velocity counts "
-        "as 0.", older=("acc_limit_y",)),
+        "as 0.", older=("acc_limit_y",), once=(GOAL,)),
     real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
-        "Angular acceleration limit that the trajectory simulation assumes.", older=("acc_limit_th", "acc_lim_th")),
+        "Angular acceleration limit that the trajectory simulation assumes.", older=("acc_limit_th", "acc_lim_th"),
+        once=(GOAL, RECOVERY)),
     real("max_vel_x", 0.55, 0.0, 20.0, "m/s", "Largest forward velocity that is sampled.", kind="speed"),
     real("min_vel_x", 0.0, 0.0, 20.0, "m/s", "Smallest forward velocity that is sampled.", kind="speed"),
     real("max_vel_theta", 1.0, 0.0, 20.0, "rad/s", "Largest angular velocity to the left that is sampled.",
-        kind="turn"),
+        kind="turn", once=(RECOVERY,)),
     real("min_vel_theta", -1.0, -20.0, 0.0, "rad/s",
         "Largest angular velocity to the right that is sampled, as a negative number.", kind="turn"),
     real("min_in_place_vel_theta", 0.4, 0.0, 20.0, "rad/s",
-        "Smallest angular velocity, in either direction, of a turn in place.", kind="turn"),
+        "Smallest angular velocity, in either direction, of a turn in place.", kind="turn", once=(GOAL, RECOVERY)),
     real("sim_time", 1.7, 0.0, 10.0, "s",
         "Duration for which each sampled velocity is simulated.", not_zero=True, kind="time"),
     real("sim_granularity", 0.025, 0.0, 5.0, "m",
