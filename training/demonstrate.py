@@ -47,7 +47,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
         writer.demonstrator(1.0, **source, demonstrator=NAME, world=world.name, seed=options.seed)
         writer.goal(1.0, simulator.to_odom(world.course.goal))
         try:
-            while not world.course.done(*state.pose[:2]):
+            while not world.course.arrived(*state.pose[:2]):
                 if state.time > LIMIT or state.flipped:
                     raise ApplrError(f"{world.name}: not through after {state.time:.0f} s; give another --world")
                 now = 1.0 + state.time

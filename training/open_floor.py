@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -26,7 +26,6 @@ GOAL_DISTANCE_M = 5.0  # at the robot's scale
 DOOR_MARGIN_M = 0.3  # by which the door is wider than the padded footprint
 LIMIT_S = 60.0  # for a drive
 REASON_SHARE = 0.1  # share of a drive from which on something counts as the reason
-ARRIVAL_DISTANCE_M = 1.0  # from the goal, at the robot's scale, within which it has arrived
 SEED = 1
 FACTORS = (  # of parameters of the robot's space, in the order in which they are tried
     *(("occdist_scale", 0.1), ("occdist_scale", 0.01), ("sim_time", 1.5), ("sim_time", 0.6), ("max_vel_x", 0.5)),
@@ -54,7 +53,7 @@ def courses(robot: Robot) -> List[World]:
     def course(name: str, boxes: Any, y: float, yaw: float) -> World:
         goal, path = (0.0, y, yaw), np.array([(0.0, 0.0), (0.0, y)])
         shapes = np.zeros((0, 3)), np.array(boxes, np.float64).reshape(-1, 5)
-        return World(name, *shapes, Course((0.0, 0.0, ahead), goal, None, -1.0, path))
+        return World(name, *shapes, Course((0.0, 0.0, ahead), goal, None, -1.0, path, planner_ends=True))
 
     return [
         course("drive straight on", [], way, ahead),
@@ -80,13 +79,13 @@ class Floor(Episode):
         while not outcome.over:
             outcome = self.decide(outcome.theta)
         self.seconds = self.simulator.state.time - self.began
-        (x, y, _), goal = self.simulator.state.pose, world.course.goal
-        there = (
-            math.hypot(x - goal[0], y - goal[1]) < ARRIVAL_DISTANCE_M * self.robot.world_scale
-        )  # not for its odometry alone
-        if outcome.reason.startswith("planner succeeded") and there and not outcome.collided:
+        if outcome.success and not outcome.collided:
             return ""
         return "it touches something, and " * outcome.collided + self._why(outcome)
+
+    def _called_within(self, cycle, state) -> Optional[float]:
+        """Return the planner's tolerance where it has turned at its goal, too."""
+        return self._tolerance if cycle.result is not None and cycle.result[0] == "succeeded" else None
 
     def _cycle(self):
         cycle, state = super()._cycle()

@@ -52,7 +52,8 @@ def from_element(element: Element, path: str) -> Course:
     points = get("path", len(words) // 2 * 2)
     finish = None if element.find(f"{{{NAMESPACE}}}finish_y") is None else get("finish_y", 1)[0]
     ends = get("start", 3), get("goal", 3)
-    return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2))
+    own = element.find(f"{{{NAMESPACE}}}planner_ends") is not None
+    return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2), own)
 
 
 def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -> Course:
@@ -189,7 +190,7 @@ def _along(path: str, points: np.ndarray, yaw: float) -> Course:
     if math.hypot(x1 - x0, y1 - y0) <= barn.GOAL_TOLERANCE_M:
         near = f"a course that ends {math.hypot(x1 - x0, y1 - y0):.2f} m from its start, where it counts as driven"
         raise WorldError(f"{path} has {near}; {COURSE_REMEDY.format(path)}")
-    return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE_M, points)
+    return Course((x0, y0, yaw), (x1, y1, yaw), None, barn.GOAL_TOLERANCE_M, points, planner_ends=True)
 
 
 def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:

@@ -118,10 +118,10 @@ class Animations:
         return checked(length, element.get("repeat") != "0", frames, what)
 
 
-def arena_course() -> Course:
-    """DynaBARN's course: 20 m straight through the arena. Its reference path is the straight line."""
+def arena_course(planner_ends: bool = False) -> Course:
+    """DynaBARN's course: 20 m straight through the arena, done within 1 m. Its reference path is the straight line."""
     path = np.column_stack([np.linspace(START[0], GOAL[0], 41), np.zeros(41)])
-    return Course(start=START, goal=GOAL, finish_y=None, goal_tolerance=GOAL_TOLERANCE_M, path=path)
+    return Course(START, GOAL, None, GOAL_TOLERANCE_M, path, planner_ends)
 
 
 SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers from 100 on are free for training
@@ -145,7 +145,7 @@ def generate(number: int) -> World:
     kind = number % len(SPEEDS_M_S)
     count = int(rng.integers(MOVER_COUNTS[kind][0], MOVER_COUNTS[kind][1] + 1))
     movers = tuple(_mover(rng, SPEEDS_M_S[kind]) for _ in range(count))
-    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(), movers)
+    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(planner_ends=True), movers)
 
 
 def _mover(rng: np.random.Generator, speeds) -> Mover:

@@ -28,7 +28,7 @@ _WORLD = """<?xml version="1.0"?>
 {models}    <applr:course>
       <applr:start>{start}</applr:start>
       <applr:goal>{goal}</applr:goal>
-{finish}      <applr:goal_tolerance>{tolerance!r}</applr:goal_tolerance>
+{finish}{ends}      <applr:goal_tolerance>{tolerance!r}</applr:goal_tolerance>
       <applr:path>{path}</applr:path>
     </applr:course>
   </world>
@@ -68,8 +68,9 @@ def text(world: World) -> str:
         add(f"mover_{n}", *mover.waypoints[0][1:], cylinder(mover.radius), extra=_waypoints(mover))
     course = world.course
     finish = "" if course.finish_y is None else f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+    ends = "      <applr:planner_ends/>\n" if course.planner_ends else ""
     start, goal, path = map(_row, (course.start, course.goal, course.path.ravel().tolist()))
-    ways = dict(start=start, goal=goal, path=path, finish=finish, tolerance=float(course.goal_tolerance))
+    ways = dict(start=start, goal=goal, path=path, finish=finish, ends=ends, tolerance=float(course.goal_tolerance))
     return _WORLD.format(models="".join(models), **ways)
 
 

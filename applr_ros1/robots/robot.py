@@ -396,6 +396,11 @@ class Robot:
         """The local planner that its files name, without the package."""
         return str(self._tree().get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
 
+    @property
+    def goal_tolerance(self) -> float:
+        """Distance from a goal [m] within which its planner takes the goal's place for reached."""
+        return float(branch(self.all_parameters(), self.local_planner)["xy_goal_tolerance"])
+
     def files(self, with_map: bool = False) -> Tuple[LoadedFile, ...]:
         """Its parameter files; ApplrError where there is no setup with a map."""
         if not with_map:

@@ -96,7 +96,7 @@ class Driver:
                     self.samples += sample(round(self.newest[0] - start, 1))
                 before = self.newest
                 self._stack.wait(lambda before=before: self.newest != before, SILENCE, "no new pose", pause=0.05)
-                arrived = course.done(*self.newest[1:])
+                arrived = course.arrived(*self.newest[1:])
             self.reached += arrived
 
     def _begin(self, name):

@@ -67,8 +67,8 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1")), "world_7.world", cells=cells)).course
     assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
-    assert not course.done(-7.9, 0.0)
-    assert course.done(-8.1, 0.0)
+    assert not course.arrived(-7.9, 0.0)
+    assert course.arrived(-8.1, 0.0)
     assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # on a map that ends 20 m from the start
 
 

@@ -49,8 +49,8 @@ def test_course_is_the_papers():
     assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
     assert (course.path[0, 1], course.length_m) == (pytest.approx(5.175), pytest.approx(5.925))
     assert (course.goal[0], course.goal[1]) == (pytest.approx(course.path[-1, 0]), pytest.approx(9.525 + 5.0))
-    assert not course.done(x, 9.99)
-    assert course.done(x, 10.01)
+    assert not course.arrived(x, 9.99)
+    assert course.arrived(x, 10.01)
     assert course.route_m >= 5.925
 
 

@@ -13,7 +13,6 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
-from applr_ros1.common.trees import branch
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import geometry_fault
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -277,13 +276,12 @@ class Drive:
         if not goal or short > MISSED_M:
             goal = _pose(poses[np.argmax(np.hypot(*(poses[:, :2] - poses[0, :2]).T))])
         left = np.hypot(*(poses[:, :2] - goal[:2]).T)
-        values = branch(self.robot.all_parameters(), self.robot.local_planner)
-        tolerance = max(float(values.get("xy_goal_tolerance", 0.1)), float(left.min()) + 0.02)
+        tolerance = max(self.robot.goal_tolerance, float(left.min()) + 0.02)
         last = int(np.argmax(left <= tolerance)) + 1
         poses, times = poses[:last], times[:last]
         gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
         path = poses[np.unique(gone // PATH_STEP_M, return_index=True)[1], :2]
-        course = Course(_pose(poses[0]), _pose(goal), None, tolerance, path)
+        course = Course(_pose(poses[0]), _pose(goal), None, tolerance, path, planner_ends=True)
         free, dark = (_near(circles, path) for circles in (place.surfaces, place.unseen))
         name = f"{self.name}_{number}" if len(self.bag.goals) > 1 else self.name
         worlds = (

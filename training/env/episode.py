@@ -129,6 +129,9 @@ class Episode:
         self._scan_due = state.time
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
+        name = self.move_base.local_planner_name
+        known = dict(self.move_base.parameters[name], **self.move_base.configuration(name))
+        self._tolerance: float = known["xy_goal_tolerance"]
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state
@@ -255,9 +258,17 @@ class Episode:
             self.trace.command.append(cycle.command or (0.0, 0.0))
         self._judge(now, cycle, state)
 
+    def _called_within(self, cycle, state) -> Optional[float]:
+        """Return the planner's tolerance [m] where it takes the goal's place for reached, else None.
+
+        It goes by odometry, and has still to stop and to turn there; the time of a recorded drive ends here, too.
+        """
+        left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
+        return self._tolerance if left <= self._tolerance else None
+
     def _judge(self, now: Outcome, cycle, state) -> None:
-        """Note whether the course has ended. The true pose counts, not the odometry's."""
-        if self.world.course.done(state.pose[0], state.pose[1]):
+        """Note whether the course has ended, by its rule (Course.arrived)."""
+        if self.world.course.arrived(state.pose[0], state.pose[1], self._called_within(cycle, state)):
             now.success, now.reason = True, "finished"
         elif state.flipped:
             now.flipped, now.reason = True, "flipped"

@@ -1,8 +1,7 @@
 """The demo (./applr demo): one course from start to finish with the whole stack, on a ROS master of its own.
 
 It says when each part of the stack is up, sends the goal, reports progress, ends every process, and leaves a picture,
-a page that plays the drive, and one line of JSON. The robot's true pose decides, the course's own rule says when it is
-finished.
+a page that plays the drive, and one line of JSON. The robot's true pose decides by the course's rule (Course.arrived).
 """
 
 import contextlib
@@ -98,7 +97,8 @@ def prepare(words):
     if values["goal"] != "auto":  # given in odom, whose origin is the start
         values["sent"] = x, y, yaw = pose("goal", values["goal"])
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
-        world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
+        course = dataclasses.replace(world.course, goal=goal, finish_y=None, planner_ends=True)
+        world = dataclasses.replace(world, course=course)
     passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
     return values, dict(passed, goal="none"), robot, world
 
@@ -171,7 +171,7 @@ class Observer:
     """A listener to the stack of a robot in a world; `parts`, then `drive`, then `record`."""
 
     def __init__(self, robot, world, values):
-        self.world = world
+        self.world, self._tolerance = world, robot.goal_tolerance
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # in which goals are sent
         scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
         self.track, self.contacts, self.parameters = [], [], []
@@ -207,7 +207,8 @@ class Observer:
             check()
             now, x, y, _, speed, _ = self.track[-1]
             seconds = now - self._began
-            if course.done(x, y):
+            is_called = self._client.get_state() == GoalStatus.SUCCEEDED
+            if course.arrived(x, y, self._tolerance if is_called else None):
                 ended = REACHED
             elif seconds >= limit:
                 ended = TIMED_OUT

@@ -114,7 +114,7 @@ class WorldTab:
         """Return whether the robot is at the end of the course."""
         place, course = self._listener.frame_pose("world"), self.course
         at = transform_point(inverse(place), *pose[:2]) if place and pose else None
-        return at is not None and course is not None and course.done(*at)
+        return at is not None and course is not None and course.arrived(*at)
 
     def stop(self) -> None:
         """Cancel all goals."""
