@@ -45,6 +45,9 @@ class EvaluationOptions(Options):
     planner: command_line.Planner
     monitor: command_line.Monitor
     movers: command_line.Movers
+    loaded: bool = option(False,
+        "Start move_base with the set of a static method, as with a parameter file loaded on a robot, instead of "
+        "setting it by reconfigure.")
     ground: Literal["", "plain", "gazebo"] = option("",
         "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
         "Jackal. Default: the robot's own.")
@@ -103,7 +106,8 @@ def evaluate(
     plan = plan_trials(names, chosen, options.trials, options.seed, options.traces, options.planner)
     if options.ground:
         on_ground(options.robot, options.ground)  # refused here, not by every worker
-    driven_with = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers", "ground")}
+    how = "simulator", "protocol", "monitor", "movers", "loaded", "ground"
+    driven_with = {name: getattr(options, name) for name in how}
     runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
 
     def show(trial: Trial, result: Result) -> None:
@@ -151,6 +155,7 @@ def settings(
         "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
         "robot": described(options.robot),
         **{name: getattr(options, name) for name in ("simulator", "protocol", "planner", "monitor", "movers")},
+        **({"loaded": True} if options.loaded else {}),
         "ground": options.ground or options.robot.simulation.ground,
         "seed": options.seed,
     }

@@ -3,9 +3,11 @@
 Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: where a robot's own
 parameters do not drive it there, it says why and what to change, and ends. CMA-ES searches in the kinematic simulator,
 then in pybullet; the best sets race there, and of the winner each parameter is put back at the robot's own value where
-nothing is lost by it. Courses that the search did not use say in three sentences what the rest is worth. Where that is
-clearly better, ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `evaluate` and the method
-`static`. The exit status is 0 only then. A stopped run continues with the same command.
+nothing is lost by it. In all drives a planner with the defects of the C++ move_base starts with the set, as it will on
+the robot; parameters that mean something else while it runs are left out, so that the method `static` drives the same.
+Courses that the search did not use say in three sentences what the rest is worth. Where that is clearly better,
+ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `evaluate` and the method `static`. The exit
+status is 0 only then. A stopped run continues with the same command.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
@@ -45,6 +48,7 @@ from training.report import page
 from training.report.tables import Table
 from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
+from training.trials.loaded import searched
 from training.trials.runner import TRIAL_RUNNER, content, world_list
 from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
@@ -170,7 +174,7 @@ def run(options: TuneOptions) -> int:
         worlds = world_list(searched, CHALLENGE, robot)
         settings = drives_of(robot, worlds)
         asked = {
-            "drives": settings.model_dump(mode="json", exclude={"robot", "simulator"}),
+            "drives": {"planner": CPP_LIKE, **settings.model_dump(mode="json", exclude={"robot", "simulator"})},
             **{"robot": content(robot), "seed": options.seed, "worlds": [spec for _, spec, _ in worlds]},
         }
         table = stack.enter_context(Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked))
@@ -180,7 +184,8 @@ def run(options: TuneOptions) -> int:
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
             return 1
-        drives = make_folder(out / f"{options.for_}_{sha256(repr((values, unseen, content(robot))).encode())[:8]}")
+        asked_of = values, unseen, content(robot), CPP_LIKE, settings.loaded
+        drives = make_folder(out / f"{options.for_}_{sha256(repr(asked_of).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
         trials = driven_unseen(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
@@ -233,7 +238,8 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
     """Return what a search in worlds drives with, but for the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "randomisation": DRAWN}
+    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "loaded": True}
+    rules["randomisation"] = DRAWN
     return TrialSettings(**rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed))
 
 
@@ -242,7 +248,8 @@ def find(
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
     """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s]."""
     robot, seed = settings.load_robot(), options.seed
-    space, names, aim = space_of(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    whole, names, aim = searched(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    space = whole.chosen
     means, driven = [], []  # type: List[np.ndarray], List[str]
 
     def tell(what: str) -> None:
@@ -252,7 +259,7 @@ def find(
     def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
         """Return each set's results in the worlds of a block; all sets drive the first one at first."""
         runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
-        plan = plan_sets(space, names, sets, block, seed, simulator)
+        plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
         results = drive(pool, runner, table, [[trial for of_world in zip(*plan) for trial in of_world]])
         return [[results[trial] for trial in of_set] for of_set in plan]
 
@@ -270,7 +277,7 @@ def find(
         every = blocks_of(len(worlds), seed)
         (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
         cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
-        begun = last_race(coarse, warm_starts(robot), every[:2], cost, seed)
+        begun = last_race(coarse, whole.pick(warm_starts(robot)), every[:2], cost, seed)
         tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
         starts = [one.theta for one in begun]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
@@ -281,7 +288,10 @@ def find(
         theta = space.clip([float(f"{value:.4g}") for value in best.theta])
         turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
         some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]
-        return without_idle(space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked())
+        theta, worth = without_idle(
+            space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked()
+        )
+        return whole.fill(theta), worth
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
@@ -309,7 +319,9 @@ def driven_unseen(options: TuneOptions, robot: Robot, unseen: str, drives: Path,
     names, workers = f"{BASELINE},{SET}={drives / 'static.json'}", max(1, options.workers)
     how = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     evaluation = EvaluationOptions.model_construct(
-        **how, robot=robot, worlds=unseen, methods=names, protocol=CHALLENGE, monitor=True, trials=1, out=str(drives)
+        **how,
+        **{"robot": robot, "worlds": unseen, "methods": names, "protocol": CHALLENGE, "planner": CPP_LIKE},
+        **{"monitor": True, "loaded": True, "trials": 1, "out": str(drives)},
     )
 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:

@@ -61,8 +61,8 @@ class Space:
         return [i for i, name in enumerate(self.names) if name not in self.fixed]
 
     def pick(self, theta):
-        """The chosen (k,) of parameters (n,)."""
-        return np.asarray(theta, dtype=np.float64)[self._chosen_at]
+        """The chosen (..., k) of parameters (..., n)."""
+        return np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
 
     def fill(self, values):
         """Parameters (n,) of the chosen ones (k,); the others have their values of theta_0."""

@@ -73,6 +73,9 @@ class TrialSettings(Options):
         "What differs from the nominal robot, drawn at each reset: fields of sim_bridge.Randomisation such as latency.")
     planner_frequency: Optional[float] = Field(None, description=
         "Global plans per second instead of the robot's; fewer make the simulation faster.")
+    loaded: bool = Field(False, description=
+        "Whether move_base starts with the set of a static method, as with a parameter file, instead of getting it by "
+        "reconfigure.")
     time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")
     # fmt: on
 

@@ -107,7 +107,8 @@ def tuned_verdict(trials: pd.DataFrame, robot: str, file: str, aim: str) -> Tupl
     less = ["arrives less often"] if tuned.success.sum() < own.success.sum() else []
     less += ["touches something more often"] if tuned.collided.sum() > own.collided.sum() else []
     how += f", although {robot} {' and '.join(less)} with them" if less else ""
-    where = "This holds in simulation, with the collision monitor, on courses like these, which the search did not use."
+    where = "This holds in simulation, with a planner like the C++ move_base and the collision monitor, on courses "
+    where += "like these, which the search did not use."
     if pays and saved > 0.0 and found.p < LEVEL:
         judged = f"The tuned parameters are better: {how}. {where}"
         return True, [_driven(trials, robot), judged, LOAD.format(file)]

@@ -23,6 +23,7 @@ from applr_ros1.robots import Robot
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.settings import PROTOCOLS, TrialSettings, under
+from training.trials.loaded import with_set
 from training.trials.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
 from worlds import World, WorldError
@@ -97,9 +98,10 @@ class TrialRunner:
         if self.period is not None:
             method.period = self.period
         method.reset(task.seed)
-        episode = self.episode(task.planner, method.period)
+        loaded = method.theta(None) if self.settings.loaded and method.static else None
+        episode = self.episode(task.planner, method.period, loaded)
         episode.layout = method.layout
-        outcome = episode.reset(world, task.seed)
+        outcome = episode.reset(world, task.seed, theta=loaded)
         changes: List[float] = []
         total = 0.0
         while not outcome.over:
@@ -112,21 +114,35 @@ class TrialRunner:
         found = {**vars(outcome), **more}
         return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
 
-    def episode(self, planner: str, period: float) -> Episode:
-        """Return the loop that drives this kind of planner; period: that of the decisions [s]."""
+    def episode(self, planner: str, period: float, loaded: Optional[np.ndarray] = None) -> Episode:
+        """Return the loop that drives a kind of planner.
+
+        Args:
+            planner: applr_ros1/planner/variant.py.
+            period: that of the decisions [s].
+            loaded: a set (n,) with which the planner starts, which nobody else drives with then; None: the robot's own.
+        """
+        if loaded is not None:
+            own = zip(self.space.as_dict(loaded).items(), self.space.theta0)
+            starts = with_set(self.robot, {name: value for (name, value), there in own if value != there})
+            return self._episode(planner, period, starts)
         if planner not in self._episodes:
-            self._episodes[planner] = Episode(
-                self.simulator,
-                MoveBase(self.settings.planner_parameters(self.robot), planner=planner),
-                self.robot,
-                period=period,
-                end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
-                record=True,
-                monitor=self.settings.monitor,
-            )
-            self._episodes[planner].time_limit = self.settings.time_limit
+            self._episodes[planner] = self._episode(planner, period, self.robot)
         self._episodes[planner].set_period(period)
         return self._episodes[planner]
+
+    def _episode(self, planner: str, period: float, starts: Robot) -> Episode:
+        episode = Episode(
+            self.simulator,
+            MoveBase(self.settings.planner_parameters(starts), planner=planner),
+            self.robot,
+            period=period,
+            end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
+            record=True,
+            monitor=self.settings.monitor,
+        )
+        episode.time_limit = self.settings.time_limit
+        return episode
 
     def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
         if task.theta is not None:

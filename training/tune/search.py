@@ -13,7 +13,7 @@ import numpy as np
 
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import sha256
-from applr_ros1.planner.variant import DRAWN
+from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import Space
 from training.trials.compare import Estimate, clearly_worse, over_worlds
 from training.trials.periodic import CHOOSING
@@ -59,13 +59,13 @@ def plan_sets(
 ) -> List[List[Trial]]:
     """Return the trials of each set (k, n) in some worlds, [(name, specification), ...], in which all have one seed.
 
-    They are named for set and simulator. evaluate.py's trials have other seeds.
+    A planner like C++'s drives. Trials are named for set and simulator; evaluate.py's have other seeds.
     """
     courses = [(*worlds[i], seed_of(CHOOSING + seed, worlds[i][0], 0)) for i in block]
     plan = []
     for theta in (tuple(map(float, space.clip(values))) for values in sets):
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
-        plan.append([Trial(name, method, 0, drawn, spec, "", DRAWN, theta=theta) for name, spec, drawn in courses])
+        plan.append([Trial(name, method, 0, drawn, spec, "", CPP_LIKE, theta=theta) for name, spec, drawn in courses])
     return plan
 
 
