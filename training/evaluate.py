@@ -154,8 +154,8 @@ def settings(
         "world_specs": [spec for _, spec, _ in worlds],
         "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
         "robot": described(options.robot),
-        **{name: getattr(options, name) for name in ("simulator", "protocol", "planner", "monitor", "movers")},
-        **({"loaded": True} if options.loaded else {}),
+        **{name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers")},
+        "planner": options.planner + ", started with the sets" * options.loaded,
         "ground": options.ground or options.robot.simulation.ground,
         "seed": options.seed,
     }

@@ -104,6 +104,12 @@ class MoveBase:
     def local_planner(self, planner: LocalPlanner) -> None:
         self._components.local_planner = planner
 
+    @property
+    def goal_tolerance(self) -> float:
+        """Distance from a goal [m] within which the local planner takes the goal's place for reached."""
+        name = self.local_planner_name
+        return {**self.parameters[name], **self._config[name]}["xy_goal_tolerance"]
+
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
         """A goal (x, y, yaw) in the global frame; replaces the present one.

@@ -14,7 +14,7 @@ from applr_ros1.robots.robot import number_at
 from training.env.settings import TrialSettings
 from training.trials import runner
 from training.trials.trial import plan_trials
-from training.tune.parameter_file import move_base_parameters
+from training.trials.loaded import move_base_parameters
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

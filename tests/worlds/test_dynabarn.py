@@ -69,6 +69,7 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
     assert not course.arrived(-7.9, 0.0)
     assert course.arrived(-8.1, 0.0)
+    assert not course.planner_ends
     assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # on a map that ends 20 m from the start
 
 

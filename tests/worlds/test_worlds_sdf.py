@@ -95,6 +95,7 @@ def test_search_finds_the_gap_in_any_world(tmp_path):
     assert course.start[1] < 1.85
     assert course.goal[1] > 2.15
     assert course.finish_y is None
+    assert course.planner_ends, "nothing but the search says where it ends"
 
 
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
@@ -104,6 +105,7 @@ MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3
 @pytest.mark.parametrize("movers", [(), (MOVER, replace(MOVER, length=9.0, repeat=False))])
 def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
     world = replace(worlds.load(spec), movers=movers)
+    world = replace(world, course=replace(world.course, planner_ends=bool(movers)))
     path = str(tmp_path / "copy.world")
     sdf_writer.write(world, path)
     read = worlds.load(path)

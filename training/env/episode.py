@@ -129,9 +129,7 @@ class Episode:
         self._scan_due = state.time
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
-        name = self.move_base.local_planner_name
-        known = dict(self.move_base.parameters[name], **self.move_base.configuration(name))
-        self._tolerance: float = known["xy_goal_tolerance"]
+        self._tolerance = self.move_base.goal_tolerance
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state

@@ -28,7 +28,7 @@ from worlds import World, barn
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 # what joined evaluations must have in common
-SAME = ("simulator", "protocol", "planner", "monitor", "movers", "loaded", "ground", "robot", "seed")
+SAME = ("simulator", "protocol", "planner", "monitor", "movers", "ground", "robot", "seed")
 
 log = logging.getLogger(__name__)
 
@@ -77,8 +77,6 @@ class Results:
             self.planner += ", with the collision monitor"
         if self.settings.get("movers"):
             self.planner += ", told where moving obstacles will be"
-        if self.settings.get("loaded"):
-            self.planner += ", started with the sets"
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
         self.trials = trials.assign(

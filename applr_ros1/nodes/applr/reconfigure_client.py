@@ -12,7 +12,7 @@ import threading
 import time
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -23,14 +23,42 @@ from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
 from applr_ros1.robots.robot import Setting
 
-# deadlines are wall time, whatever the clock of ROS does
-DEADLINE_S = 1.0  # for one call of all servers
+DEADLINE_S = 1.0  # for one call of all servers; see Deadline
+SLOWEST = 10.0  # times as much wall time as a deadline, after which it is over however slowly the clock of ROS goes
+POLL_S = 0.05
 ANNOUNCED_S = 0.4  # between a server's answer and its message on parameter_updates
 RETRY_S = 0.25  # between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
 MOST_SEARCHES = 15  # failed searches for the servers, a second apart, before they are reported
 # no texts: for one, the library evaluates as Python what the server says of its choices (edit_method)
 _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float}
+
+
+class Deadline:
+    """An end of waiting: so many seconds by the clock of ROS, by which servers live, and by the wall's, too.
+
+    C++ answers only when the update of its costmap is over, which sleeps by the clock of ROS. Where that one stands
+    still, and while the node shuts down, the wall's decides.
+
+    Args:
+        seconds: From now on.
+    """
+
+    def __init__(self, seconds: float):
+        self._seconds, self._wall, self._ros = seconds, time.monotonic(), rospy.get_time()
+
+    @property
+    def is_over(self) -> bool:
+        """True from the end on."""
+        wall, ros = time.monotonic() - self._wall, rospy.get_time() - self._ros
+        late = rospy.core.is_shutdown_requested() or wall >= SLOWEST * self._seconds
+        return wall >= self._seconds and (ros >= self._seconds or late)
+
+    def wait(self, calls: Iterable[Future]) -> None:
+        """Wait until all calls are answered, or to the end."""
+        pending = set(calls)
+        while pending and not self.is_over:
+            _, pending = wait(pending, POLL_S)
 
 
 @dataclass
@@ -134,9 +162,9 @@ class Server:
         """The answer alone is not believed: every server publishes on parameter_updates what it has then."""
         starts, updates, self._known = self._starts, self._updates, 0
         try:
-            answer, until = self._client.update_configuration(dict(values)), time.monotonic() + ANNOUNCED_S
+            answer, until = self._client.update_configuration(dict(values)), Deadline(ANNOUNCED_S)
             answer = {name: answer[name] for name in values}
-            while not are_in_force(answer, self.values) and time.monotonic() < until:
+            while not are_in_force(answer, self.values) and not until.is_over:
                 time.sleep(0.002)
             has = {name: self.values[name] for name in values}
             self._known = starts if has == answer else 0
@@ -283,19 +311,19 @@ class ReconfigureClient:
         left alone: C++ empties a costmap at every call of its server, an unchanged value's, too.
 
         Raises ApplrError before anything is sent when a value is not finite. Otherwise never raises and ends within
-        `seconds` (twice that where values have to be put back): see ApplyReport. If one server refuses, is gone or
-        does not answer, those that took the new values get their former ones back. Nothing is sent while a server
-        still has a former call to answer.
+        `seconds` (twice that where values have to be put back), as Deadline counts them: see ApplyReport. If one server
+        refuses, is gone or does not answer, those that took the new values get their former ones back. Nothing is sent
+        while a server still has a former call to answer.
         """
         return self._apply(self.space.clip(theta), seconds)
 
     def _apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> ApplyReport:
-        until = time.monotonic() + seconds
+        until = Deadline(seconds)
         with self._lock:
             if not self.connected:
                 return ApplyReport(f"no parameter servers below {self.namespace} yet")
             servers = list(self._servers.values())
-            wait([server.call for server in servers], seconds)
+            until.wait(server.call for server in servers)
             errors = {server: f"{server.name} does not answer" for server in servers if not server.call.done()}
             put_back: List[str] = []
             refused = False
@@ -306,11 +334,11 @@ class ReconfigureClient:
                 wanted = {server: server.request(values) for server in servers}
                 wanted = {server: request for server, request in wanted.items() if not server.has(request)}
                 former = {s: {name: s.values[name] for name in wanted[s] if name in s.values} for s in wanted}
-                errors = _set_all(wanted, until - time.monotonic())
+                errors = _set_all(wanted, until)
                 refused = any(server.refused for server in errors)
                 if errors:
                     again = {server: former[server] for server in wanted if server.call.done()}
-                    failed = _set_all(again, seconds)
+                    failed = _set_all(again, Deadline(seconds))
                     put_back = [server.name for server in again if server not in failed]
             unanswered = tuple(server.name for server in servers if not server.call.done())
         return ApplyReport("; ".join(errors.values()), refused, tuple(put_back), unanswered)
@@ -396,9 +424,9 @@ def _is_alive(node: str) -> bool:
         return False
 
 
-def _set_all(requests: Mapping[Server, Mapping[str, Any]], seconds: float) -> Dict[Server, str]:
+def _set_all(requests: Mapping[Server, Mapping[str, Any]], until: Deadline) -> Dict[Server, str]:
     """{server: {name: value}} set side by side. Returns {server: why not} of those that failed."""
     calls = {server: server.set(values) for server, values in requests.items()}
-    wait(calls.values(), seconds)
+    until.wait(calls.values())
     errors = {s: call.result() if call.done() else f"{s.name} does not answer" for s, call in calls.items()}
     return {server: error for server, error in errors.items() if error}

@@ -29,7 +29,7 @@ class FakeMoveBase:
     def __init__(self, v=1.0, end=None, result=None, w=0.0):
         self.v, self.w, self.end, self.result = v, w, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
-        self.parameters = {"applr": {"movers": False}}
+        self.parameters, self.goal_tolerance = {"applr": {"movers": False}}, 0.25
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):
@@ -68,10 +68,10 @@ def straight(obstacle=None):
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
-def trial(obstacle=None, v=1.0, end=None, result=None, **options):
+def trial(obstacle=None, v=1.0, end=None, result=None, world=None, **options):
     simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v, end, result)
     episode = Episode(simulator, planner, period=2.0, record=True, **options)
-    episode.reset(straight(obstacle), 0)
+    episode.reset(world or straight(obstacle), 0)
     return episode
 
 
@@ -161,6 +161,25 @@ def test_how_a_trial_ends(options, fails, ends):
     assert (failed(last), last.decisions) == (fails, len(outcomes))
     assert "obstacle" not in options or last.min_clearance_m < 0.2
     assert "end_on_collision" not in options or last.time_s < 4
+
+
+@pytest.mark.parametrize(
+    ("planner_ends", "off", "arrives"),
+    [(True, 0.4, True), (False, 0.4, False), (True, 0.9, False)],
+    ids=["the planner's word", "a circle of its own", "odometry is lost"],
+)
+def test_where_a_course_has_no_finish_the_planner_calls_it_done_by_odometry(planner_ends, off, arrives):
+    """The robot drives over its goal, 4 m ahead, at 0.5 m/s; true place and odometry are so far [m] apart sideways."""
+    course = replace(straight().course, goal=(1.0, 6.0, math.pi / 2), finish_y=None, goal_tolerance=0.25)
+    world = replace(straight(), course=replace(course, planner_ends=planner_ends))
+    episode = trial(v=0.5, limit=6, world=world)
+    to_odom = episode.simulator.to_odom
+    episode.simulator.to_odom = lambda pose: to_odom((pose[0] - off, *pose[1:]))
+    episode.reset(replace(world, course=replace(world.course, goal=(1.0 + off, 6.0, math.pi / 2))), 0)
+    last = drive(episode)[-1]
+    assert (last.success, last.reason) == ((True, "finished") if arrives else (False, "time limit"))
+    if arrives:
+        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), "as soon as it is within its tolerance"
 
 
 def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():

@@ -19,6 +19,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.measured import Value
 from training import tune_robot
 from training.report import verdict as judging
+from training.trials.loaded import move_base_parameters
 from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
 from training.trials.trial import Result
@@ -30,11 +31,13 @@ WIDTH = robots.JACKAL.body.size[1]
 NOISE = Value(0.02, "m", 0.001, "52 scans")
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 DRIVEN = []  # trials, each of which takes a second
+LOADED = []  # of each, whether the planner starts with its set
 
 
 def toy(settings, task, gain=12.0):
     """As training.trials.runner.run: the nearer to PAY, the faster; other parameters are nothing to it."""
     DRIVEN.append(task)
+    LOADED.append(settings.loaded)
     robot = settings.load_robot()
     space = space_of(robot)
     theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
@@ -61,6 +64,7 @@ def only_in_search(settings, task):
 def few(monkeypatch):
     """Few courses, and time in which nothing but drives takes any."""
     DRIVEN.clear()
+    LOADED.clear()
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
     monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (True, []))
@@ -102,6 +106,12 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     judged = {task.world for task in DRIVEN if not task.theta}
     assert len(searched) > 8
     assert not searched & judged
+    assert all(LOADED), "the owner loads tuned.yaml"
+    assert {task.planner for task in DRIVEN} == {"cpp-like"}
+    assert "with a planner like the C++ move_base" in sentences[1]
+    assert "cpp-like, started with the sets, with the collision monitor" in page
+    padding = space.names.index("footprint_padding")
+    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would not mean the same by reconfigure"
 
 
 def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_the_same_ones_again(tmp_path, monkeypatch):
@@ -300,9 +310,11 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
     ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
     assert namespace.strip("/") == "move_base"
-    assert loaded == parameter_file.move_base_parameters(robot, values)
+    assert loaded == move_base_parameters(robot, values)
     assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (False if name == "jackal" else None)
     assert "sim_time" not in (folder / "tuned.yaml").read_text()
+    unit = "cells" if name == "jackal" else "metres"
+    assert f"# Its distance biases count {unit}, as the C++ planner does" in (folder / "tuned.yaml").read_text()
     described = yaml.safe_load((folder / "robot.yaml").read_text())
     described["move_base"]["without_map"]["files"] = [
         *described["move_base"]["without_map"].get("files", []),

@@ -1,0 +1,38 @@
+"""When a robot has arrived: the finish line, the circle, and the planner's word."""
+
+import numpy as np
+import pytest
+
+import worlds
+from worlds import Course, barn
+
+
+def course(length, finish_y=None, planner_ends=True):
+    path = np.array([(0.0, 0.0), (0.0, length)])
+    return Course((0.0, 0.0, 1.57), (0.0, length, 1.57), finish_y, 0.3, path, planner_ends)
+
+
+@pytest.mark.parametrize(("length", "off"), [(4.0, 0.5), (10.0, 0.5), (20.0, 1.0)])
+def test_the_planners_word_counts_where_odometry_may_be_off_by_as_much(length, off):
+    """By 0.5 m, or by 5 % of a longer route, beyond the planner's tolerance of 0.25 m."""
+    there = course(length)
+    for side in (-1.0, 1.0):
+        assert there.arrived(side * (0.25 + off - 0.01), length, 0.25)
+        assert not there.arrived(side * (0.25 + off + 0.01), length, 0.25)
+        assert not there.arrived(side * (0.25 + off - 0.01), length)
+    assert there.arrived(0.29, length)
+    assert not course(length, planner_ends=False).arrived(0.31, length, 0.25)
+
+
+def test_a_course_with_a_finish_of_its_own_does_not_hear_the_planner():
+    line = course(10.0, finish_y=9.0, planner_ends=False)
+    assert line.arrived(3.0, 9.01)
+    assert not line.arrived(0.5, 9.0, 0.25)
+    challenge = barn.challenge_course(np.array([(0.0, 5.0), (0.0, 9.0)]))
+    assert challenge.arrived(-2.25, 12.01)
+    assert not challenge.arrived(-2.25, 11.99, 0.25)
+
+
+def test_which_courses_have_a_finish_of_their_own():
+    rule = {name: worlds.load(name).course.planner_ends for name in ("generated:7", "physical_course", "dynamic:406")}
+    assert rule == {"generated:7": False, "physical_course": False, "dynamic:406": True}
