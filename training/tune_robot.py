@@ -48,7 +48,7 @@ from training.report import page
 from training.report.tables import Table
 from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
-from training.trials.loaded import searched
+from training.trials.loaded import loadable_space
 from training.trials.runner import TRIAL_RUNNER, content, world_list
 from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
@@ -248,7 +248,7 @@ def find(
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
     """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s]."""
     robot, seed = settings.load_robot(), options.seed
-    whole, names, aim = searched(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
     space = whole.chosen
     means, driven = [], []  # type: List[np.ndarray], List[str]
 

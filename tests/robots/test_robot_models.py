@@ -13,8 +13,8 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.robot import number_at
 from training.env.settings import TrialSettings
 from training.trials import runner
-from training.trials.trial import plan_trials
 from training.trials.loaded import move_base_parameters
+from training.trials.trial import plan_trials
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

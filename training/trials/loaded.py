@@ -47,7 +47,7 @@ def with_set(robot: Robot, values: Mapping[str, Any]) -> Robot:
     return replace(robot, move_base=replace(robot.move_base, without_map=files))
 
 
-def searched(robot: Robot) -> Space:
+def loadable_space(robot: Robot) -> Space:
     """Return the robot's space, of which `chosen` are those parameters that mean the same loaded and by reconfigure."""
     planner, space = robot.local_planner, space_of(robot)
     at_start: Tuple[str, ...] = tuple(

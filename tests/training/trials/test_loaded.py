@@ -8,7 +8,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from training import evaluate
 from training.env.settings import TrialSettings
-from training.trials.loaded import searched
+from training.trials.loaded import loadable_space
 from training.trials.runner import TrialRunner
 from training.trials.trial import Result, Trial
 
@@ -40,7 +40,7 @@ def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the
 
 
 def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
-    jackal = searched(robots.JACKAL)
+    jackal = loadable_space(robots.JACKAL)
     assert jackal.fixed == ("footprint_padding",)
     assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
     sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
@@ -48,9 +48,9 @@ def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
     assert jackal.as_dict(filled[0])["footprint_padding"] == 0.1
     assert filled[1].tolist() == SPACE.theta0.tolist()
     waffle = robots.load("turtlebot3_waffle_pi")
-    assert searched(waffle).chosen.names == space_of(waffle).names
+    assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")
-    assert "footprint_padding" in searched(burger).chosen.names, "DWAPlannerROS asks for it in every cycle"
+    assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS asks for it in every cycle"
 
 
 def test_an_evaluation_with_loaded_sets_is_another_one(tmp_path, capsys):
