@@ -9,11 +9,10 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.robot import number_at
 from training.env.settings import TrialSettings
 from training.trials import runner
-from training.trials.loaded import move_base_parameters
+from training.trials.loaded import loadable_space, move_base_parameters
 from training.trials.trial import plan_trials
 
 
@@ -46,8 +45,8 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     robot = robots.load(name)
-    space = space_of(robot)
-    theta = space.clip(0.5 * (space.low + space.high))
+    space = loadable_space(robot)
+    theta = space.clip(space.fill(space.pick(0.5 * (space.low + space.high))))
     tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
     targets = [(value, target) for value, name in zip(theta, space.names) for target in space.targets[name]]
     assert [number_at(tree, t.server, t.names) * t.sign for _, t in targets] == [value for value, _ in targets]

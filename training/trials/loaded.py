@@ -20,19 +20,20 @@ from applr_ros1.robots.robot import LoadedFile
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
     """A set as the nested parameters of move_base that, loaded after the robot's own files, replace theirs.
 
-    They have the names and places of those files, which may be older ones (robots.robot.number_at).
+    They have the names and places of those files, which may be older ones (robots.robot.number_at). What would mean
+    something else there than by reconfigure is left out (loadable_space).
 
     Args:
         robot: The robot.
         values: {name: value} of the set; parameters that it leaves out stay out.
     """
     made: Dict[str, Any] = {}
-    space, own = space_of(robot), robot.parameters()
+    space, own, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
     for server, request in space.requests(space.from_dict(dict(values))).items():
         costmap = server.rpartition("/")[0]
         place = costmap if costmap and "plugins" not in branch(own, costmap) else server
         for i, target in space.targets_of(server):
-            if space.names[i] not in values:
+            if space.names[i] not in values or space.names[i] not in known:
                 continue
             names = [name for name in target.names if name in branch(own, place)] or target.names[:1]
             branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))

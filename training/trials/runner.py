@@ -23,7 +23,7 @@ from applr_ros1.robots import Robot
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.settings import PROTOCOLS, TrialSettings, under
-from training.trials.loaded import with_set
+from training.trials.loaded import loadable_space, with_set
 from training.trials.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
 from worlds import World, WorldError
@@ -86,6 +86,7 @@ class TrialRunner:
         self.robot = settings.load_robot()
         self.settings, self.period = settings, settings.period
         self.space, self.form = space_of(self.robot), settings.form(self.robot)
+        self.loadable = loadable_space(self.robot)
         self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
         self._episodes: Dict[str, Episode] = {}
         self.trace = Trace()
@@ -98,7 +99,10 @@ class TrialRunner:
         if self.period is not None:
             method.period = self.period
         method.reset(task.seed)
-        loaded = method.theta(None) if self.settings.loaded and method.static else None
+        loaded = None
+        if self.settings.loaded and method.static:
+            loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
+            method = methods.for_robot(methods.FixedParameters(loaded, space=self.space), self.robot)
         episode = self.episode(task.planner, method.period, loaded)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed, theta=loaded)

@@ -15,10 +15,11 @@ from training.trials.trial import Result, Trial
 SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.75, "vx_samples": 9}
 
 
-@pytest.mark.parametrize(("loaded", "outline", "slowest"), [(True, 0.14, 0.75), (False, 0.1, 0.314)])
+@pytest.mark.parametrize(("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)])
 def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the_robots_own(
-    loaded, outline, slowest, monkeypatch
+    loaded, in_maps, slowest, monkeypatch
 ):
+    """A padding would be another one for the planner at its start: a YAML leaves it out."""
     bases, called, reconfigure = [], [], MoveBase.reconfigure
 
     def made(*how, **more):
@@ -28,14 +29,15 @@ def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the
     monkeypatch.setattr(MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how))
     monkeypatch.setattr("training.trials.runner.MoveBase", made)
     drives = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
-    theta = tuple(SPACE.from_dict(SET).tolist())
-    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", "cpp-like", theta=theta))
+    theta = SPACE.from_dict(SET)
+    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", "cpp-like", theta=tuple(theta.tolist())))
     (base,) = bases
-    assert drives.trace.theta[-1].tolist() == list(theta), "it is in force either way"
+    wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
+    assert SPACE.as_dict(drives.trace.theta[-1]) == wanted
     assert bool(called) != loaded
     sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
-    assert sides.tolist() == pytest.approx([0.21 + outline, 0.165 + outline])
-    assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * 0.14)
+    assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
+    assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
     assert base.local_planner._slowest_turn == slowest
 
 

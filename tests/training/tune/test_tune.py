@@ -308,6 +308,8 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
     wanted = space.from_dict(values)
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
+    if name == "jackal":  # its planner would take the padding for its own outline, too
+        wanted = space.from_dict({**values, "footprint_padding": 0.1})
     ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
     assert namespace.strip("/") == "move_base"
     assert loaded == move_base_parameters(robot, values)
