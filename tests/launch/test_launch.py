@@ -164,14 +164,16 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
 
 
 @pytest.mark.parametrize(
-    ("speed", "gives_up_at", "status", "reason", "time"),
+    ("speed", "gives_up_at", "goal", "status", "reason", "time"),
     [
-        (0.5, 99.0, 1, "timed out", 2.0),
-        (0.5, 1.0, 1, "move_base gave up: no way", 1.0),
-        (8.0, 99.0, 0, "goal reached", 0.9),
+        (0.5, 99.0, "auto", 1, "timed out", 2.0),
+        (0.5, 1.0, "auto", 1, "move_base gave up: no way", 1.0),
+        (8.0, 99.0, "auto", 0, "goal reached", 0.9),
+        (0.5, 1.0, "0.6 0.5 0", 0, "goal reached", 1.0),  # the planner's word, 0.6 m off
+        (0.5, 1.0, "0.9 0.5 0", 1, "move_base gave up: no way", 1.0),
     ],
 )
-def test_how_a_demo_ends(speed, gives_up_at, status, reason, time, tmp_path, monkeypatch, capsys):
+def test_how_a_demo_ends(speed, gives_up_at, goal, status, reason, time, tmp_path, monkeypatch, capsys):
     """The drive is a robot that goes straight from the course's start to its end at `speed` [m/s]."""
     told = []
 
@@ -179,6 +181,7 @@ def test_how_a_demo_ends(speed, gives_up_at, status, reason, time, tmp_path, mon
         def __init__(self, robot, world, values):
             self.world, (x, y, self.yaw) = world, world.course.start
             self._frame, self.contacts, self.parameters = "odom", [], []
+            self._tolerance = robot.goal_tolerance
             self.track, self._client = [(1.0, x, y, self.yaw, speed, 0.0)], self
             told.append(self)
 
@@ -199,7 +202,8 @@ def test_how_a_demo_ends(speed, gives_up_at, status, reason, time, tmp_path, mon
             self.cancelled = True
 
         def get_state(self):
-            return GoalStatus.ABORTED if self.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
+            ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
+            return ended if self.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
 
         def get_goal_status_text(self):
             return "no way"
@@ -207,7 +211,7 @@ def test_how_a_demo_ends(speed, gives_up_at, status, reason, time, tmp_path, mon
     stack = SimpleNamespace(check=lambda: told[0].check())
     monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext(stack))
     monkeypatch.setattr(demo_tool, "Observer", Told)
-    words = "world:=generated:0", "limit:=2", f"picture:={tmp_path}/drive.png"
+    words = "world:=generated:0", "limit:=2", f"picture:={tmp_path}/drive.png", f"goal:={goal}"
     monkeypatch.setattr("sys.argv", ["demo.py", *words])
     assert demo_tool.main() == status
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
