@@ -251,6 +251,18 @@ def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
     assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
 
 
+def test_a_new_goal_begins_with_the_first_recovery():
+    (made, robot), begun = sealed(), []
+    for goal, last in (((0.0, 4.0, 0.0), 1), ((4.0, 0.0, 0.0), 0)):
+        made.set_goal(goal, robot.time)
+        begun.clear()
+        while last not in begun:
+            cycles = []
+            run(made, robot, 0.05, cycles=cycles)
+            begun += [cycle.recovery[0] for _, cycle in cycles if cycle.recovery]
+    assert begun == [0]
+
+
 def test_a_cancelled_goal_does_not_cancel_the_next():
     made, robot = start((4.0, 0.0, 0.0))
     made.cancel(robot.time)

@@ -81,6 +81,16 @@ def test_clearing_forgets_outside_the_square_only():
         assert lethal(made, 0.81, 0.81)
 
 
+def test_the_global_map_is_cleared_about_the_pose_in_its_own_frame():
+    local, world = costmap(), costmap()
+    clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
+    clear.step(0.0, (0.0, 0.0, 0.0), local, world, (2.3, -1.0, 0.0))
+    for made, near, far in ((local, (0.81, 0.81), (2.0, 0.0)), (world, (2.0, 0.0), (0.81, 0.81))):
+        made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), made.obstacles.cloud.points[:0]))
+        assert lethal(made, *near)
+        assert not lethal(made, *far)
+
+
 def test_rotation_is_one_full_turn_anticlockwise():
     robot, turn = ToyRobot((0.0, 0.0, 0.7)), rotate((0.0, 0.0, 0.7))
     turned, commands = 0.0, []

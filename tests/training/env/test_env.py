@@ -426,6 +426,18 @@ def test_the_costmaps_get_where_moving_obstacles_will_be_if_the_settings_say_so(
     env.close()
 
 
+def test_a_course_begins_with_no_scan_of_the_one_before():
+    settings = {"simulator": "kinematic", "observation": "dimensionless", "period": 1.0}
+    env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
+    env.reset(seed=0)
+    seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
+    now, earlier = np.reshape([observation[: env.unwrapped.form.scan] for observation in seen], (2, 2, -1)).swapaxes(
+        0, 1
+    )
+    assert [np.array_equal(*scans) for scans in zip(now, earlier)] == [False, True]
+    env.close()
+
+
 def test_a_policy_is_told_where_a_mover_is_from_a_robot_that_turns():
     """It begins at (1, 2) in the world, which is the odometry's origin, and looks back to the left in the end."""
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
