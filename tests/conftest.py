@@ -37,6 +37,8 @@ for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a ter
         signal.signal(number, signal.default_int_handler)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
+# of torch and BLAS, here and in children: threads that wait for each other on a busy machine take 20 times as long
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # of a robot of the person's: tests name topics from the root
 pytest.register_assert_rewrite("tests.support.move_base_stack")
 if importlib.util.find_spec("torch") is None:  # then training and its tests are not for this Python
