@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 
 LINTERS = {
     "ruff check": ("ruff", "check", "--output-format", "concise", "--no-cache"),
@@ -20,6 +20,30 @@ LINTERS = {
     "import contracts": ("lint-imports", "--no-cache"),
 }
 ROS = {"rospy", "rosgraph", "roslib", "rosbag", "actionlib", "dynamic_reconfigure", "tf2_ros"}  # and *_msgs, *_srvs
+HEAVY = "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet trimesh viser"
+STARTS = """
+import contextlib, io, sys
+from applr_ros1.common.errors import run_script
+from applr_ros1.scripts.__main__ import COMMANDS, NODES
+
+seen = set()
+
+def tell(who):
+    found = HEAVY & set(sys.modules) - seen
+    seen.update(found)
+    print(*[f"{who} imports {name}" for name in sorted(found)], sep=chr(10), end="")
+
+import training.trials.runner, training.workers.collect
+tell("a worker")
+for name, module in {**COMMANDS, "report": "training.report.__main__", **NODES}.items():
+    sys.argv = [name, "--help"]
+    ours = module.startswith("training.")
+    ends = [SystemExit] if ours else [SystemExit, ModuleNotFoundError]  # the others need ROS
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(*ends):
+        run_script(module, name in NODES)
+    assert not ours or "usage" in said.getvalue(), said.getvalue()
+    tell(name)
+"""
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
 
 
@@ -35,6 +59,12 @@ def test_linters(name):
         pytest.skip("%s is not installed for this Python" % program.name)
     found = subprocess.run([program, *options], cwd=ROOT, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_help_mistakes_and_workers_wait_for_no_library_that_only_the_work_needs():
+    code = f"HEAVY = set({HEAVY.split()})\n{STARTS}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=HANGS)
+    assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
 
 
 def test_package_xml_declares_the_ros_packages_that_are_imported():

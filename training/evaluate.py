@@ -23,7 +23,6 @@ from training.common import command_line
 from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.env.settings import PROTOCOLS, TrialSettings
-from training.report import write
 from training.trials.drive import drive
 from training.trials.runner import TRIAL_RUNNER, described, world_list
 from training.trials.table import TRIALS, Trials
@@ -75,6 +74,8 @@ def run(options: EvaluationOptions) -> None:
     with command_line.continuable():
         print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
         if options.report:
+            from training.report.page import write
+
             print(f"report: {write(options.out)}")
 
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_json
@@ -22,6 +20,9 @@ from training.evaluate import EvaluationOptions, evaluate
 from training.learner.config import TrainConfig
 from training.report.verdict import POLICY, SET, failures, mean_scores, paired_trials, verdict
 from training.trials.trial import BASELINE
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
 

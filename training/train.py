@@ -24,7 +24,6 @@ import safetensors.numpy
 from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.extras import extra
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
@@ -32,20 +31,14 @@ from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
+from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
+from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
+from training.learner.prepare import dataset_of, driven_with, prepare
 from training.trials.periodic import PeriodicEvaluation
 from training.trials.score import CONTACT_SECONDS
 from training.trials.trial import POLICY, Result, Trial
 from training.workers.collect import ACTOR, Collect, draw_world
 from training.workers.pool import CallFailed, Pool
-
-with extra(__name__):
-    import torch
-
-    from training import several
-    from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
-    from training.learner.learner import Learner
-    from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
-    from training.learner.prepare import dataset_of, driven_with, prepare
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
 MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
@@ -60,6 +53,10 @@ class TrainingRun:
     prepare = staticmethod(prepare)
 
     def __init__(self, config: TrainConfig):
+        import torch  # seconds, which --help and mistakes in options do not take
+
+        from training.learner.learner import Learner
+
         self.began = time.monotonic()
         config = config.resolved()
         self.made = self.prepare(config)
@@ -109,7 +106,7 @@ class TrainingRun:
         """Back to where the run was: the checkpoint, and every trajectory taken since; offline the dataset."""
         if not self.config.resume and self.learner.store.last:
             raise ApplrError(f"{self.folder} holds a dataset; give another --out")
-        checkpoint = Learner.saved(self.folder) if self.config.resume else None
+        checkpoint = self.learner.saved(self.folder) if self.config.resume else None
         if self.dataset is None:
             return self.learner.resume()
         digest = self.dataset.digest()
@@ -362,7 +359,11 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
     def run() -> int:
         config = parse(arguments)
-        return several.train(config, TrainingRun) if config.seeds > 1 else TrainingRun(config).run()
+        if config.seeds == 1:
+            return TrainingRun(config).run()
+        from training import several
+
+        return several.train(config, TrainingRun)
 
     return run_main(run, "train.py")
 

@@ -21,10 +21,22 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Dict, Iterable, Iterator, List, Literal, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Literal,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+    TypeVar,
+)
 
 import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
@@ -44,8 +56,6 @@ from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate import EvaluationOptions, evaluate
-from training.report import page
-from training.report.tables import Table
 from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
 from training.trials.loaded import loadable_space
@@ -72,6 +82,11 @@ with extra(__name__):
         search,
         without_idle,
     )
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from training.report.tables import Table
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
 # parameters are put back; the rest is the verdict's
@@ -191,6 +206,8 @@ def run(options: TuneOptions) -> int:
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     changed = changes(robot, values, worth)
     names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
+    from training.report import page
+
     shown = page.write(drives, above=[*sentences, names], first=[changed])
     if better:
         parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
@@ -355,6 +372,8 @@ def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved])
         "What is lost [s] when the parameter alone is put back at the robot's own value: the mean over courses with "
         "its 95 % interval, in which a failure counts for much, and the median."
     )
+    from training.report.tables import Table
+
     return Table.of("changes", "What changed", rows, note)
 
 

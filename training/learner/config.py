@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Literal, Optional
+from typing import Annotated, Any, Dict, List, Literal, NamedTuple, Optional, Sequence
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -22,11 +22,11 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import NAMES, load, tell
-from training.common.command_line import Monitor, Movers, Parser, Planner, SimulatorName
+from training.common.command_line import Monitor, Movers, Parser, Planner, Seed, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import settings
 from training.env.reward import RewardOptions
-from training.learner.learner import MOST_ROWS, LearnerOptions, Start
+from training.td3.options import TD3Options
 from worlds.loading import FORMS
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
@@ -34,6 +34,7 @@ PROVENANCE = "provenance"  # in config.json, beside the options (training/common
 BASE = "base"  # in config.json, beside the options (Start.base)
 POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 PAPER_STEPS = 5_000_000
+MOST_ROWS = 10**8  # of a replay buffer
 Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
@@ -139,6 +140,39 @@ class TaskOptions(Options):
         ", so that 0 2 gives half of the episodes the robot's own ground and the others one in between")
     odometry: Span = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
+
+
+class LearnerOptions(TD3Options):
+    """Size of the memory, times of gradient steps, and TD3's own options."""
+
+    model_config = ConfigDict(title="Learner")
+
+    # fmt: off
+    seed: Seed = option(0,
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.",
+        fixed=True)
+    device: str = option("auto",
+        "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
+    utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
+    mirror: bool = option(False,
+        "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
+        "and parameters are symmetric.")
+    learning_starts: int = option(0,
+        "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
+        "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
+    buffer_size: int = option(0,
+        "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
+        "transitions of --total-timesteps and a tenth more.", fixed=True, ge=0, le=MOST_ROWS)
+    # fmt: on
+
+
+class Start(NamedTuple):
+    """Start of a run: one of the first three, or random weights."""
+
+    run: str = ""  # folder of another run, whose networks and optimisers are taken over
+    policy: str = ""  # file of a policy in the dimensionless form
+    action: Sequence[float] = ()  # the policy's first answer to any observation
+    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless form does not choose
 
 
 class OfflineOptions(Options):

@@ -9,61 +9,25 @@ from __future__ import annotations
 import os
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, Optional
 
 import numpy as np
 import safetensors.numpy
 import torch
-from pydantic import ConfigDict
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
-from training.common.command_line import Seed
 from training.common.folders import make_folder
-from training.common.options import option
+from training.learner.config import LearnerOptions, Start
 from training.replay.buffer import Replay
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
-from training.td3.td3 import TD3, Batch, TD3Options, Weights
+from training.td3.td3 import TD3, Batch, Weights
 
-MOST_ROWS = 10**8
 PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps are due
-
-
-class LearnerOptions(TD3Options):
-    """Size of the memory, times of gradient steps, and TD3's own options."""
-
-    model_config = ConfigDict(title="Learner")
-
-    # fmt: off
-    seed: Seed = option(0,
-        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.",
-        fixed=True)
-    device: str = option("auto",
-        "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
-    utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
-    mirror: bool = option(False,
-        "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
-        "and parameters are symmetric.")
-    learning_starts: int = option(0,
-        "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
-        "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
-    buffer_size: int = option(0,
-        "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
-        "transitions of --total-timesteps and a tenth more.", fixed=True, ge=0, le=MOST_ROWS)
-    # fmt: on
-
-
-class Start(NamedTuple):
-    """Start of a run: one of the first three, or random weights."""
-
-    run: str = ""  # folder of another run, whose networks and optimisers are taken over
-    policy: str = ""  # file of a policy in the dimensionless form
-    action: Sequence[float] = ()  # the policy's first answer to any observation
-    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless form does not choose
 
 
 class Learner:

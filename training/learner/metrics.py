@@ -7,10 +7,6 @@ from pathlib import Path
 from typing import Any, Dict
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, StrMethodFormatter
-from torch.utils.tensorboard import SummaryWriter
 
 from applr_ros1.common.files import write_bytes
 from training.replay.store import TrajectoryStore
@@ -28,6 +24,8 @@ class TensorBoardLog:
     """
 
     def __init__(self, folder: Path, step: int):
+        from torch.utils.tensorboard import SummaryWriter
+
         self.writer: Any = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step + 1)
 
     def scalars(self, prefix: str, values: Dict[str, Any], step: int) -> None:
@@ -70,6 +68,10 @@ def draw_curves(path: Path, store: TrajectoryStore, evaluation: PeriodicEvaluati
 
     The evaluations are dots, that of default DWA is a dashed red line; period: decision period [s].
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     rows = np.array([[i["transitions"], i.get("length", 0), i.get("return", 0)] for i in store.infos()], np.float64)

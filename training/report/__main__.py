@@ -8,7 +8,6 @@ from typing import List, Optional, Sequence
 from applr_ros1.common.errors import run_main
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
-from training.report import write
 
 
 class ReportOptions(Options):
@@ -30,6 +29,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Write the report and print its path."""
     options = parsed(ReportOptions, "python -m training.report", __doc__, arguments)
+    from training.report.page import write
+
     print(write(options.folder, options.join))
 
 

@@ -5,14 +5,16 @@ several.py and tune_robot.py print it. Methods are compared over worlds (trials/
 
 from __future__ import annotations
 
-from typing import List, Mapping, Sequence, Tuple
+from typing import TYPE_CHECKING, List, Mapping, Sequence, Tuple
 
 import numpy as np
-import pandas as pd
 
 from training.trials.compare import LEVEL, Estimate, compare, mean_time, over_worlds, rate
 from training.trials.score import AIMS, CONTACT_SECONDS, FAILURE_SECONDS, Cost, seconds
 from training.trials.trial import BASELINE, Result, Trial
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 POLICY, SET = "applr", "static"
 WORDS = {BASELINE: "its own parameters", POLICY: "the policy", SET: "the tuned parameters"}
@@ -29,6 +31,8 @@ def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost:
 
     A row has the "world", "trial" and "method" of a trial, what Result says, and its cost as "score" [s].
     """
+    import pandas as pd
+
     trials = pd.DataFrame([{**vars(trial), **vars(result), "score": cost(result)} for trial, result in results.items()])
     return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
 

@@ -7,12 +7,14 @@ such as the time of a trial, or what a failed one counts as [s].
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Optional, Tuple
+from typing import TYPE_CHECKING, NamedTuple, Optional, Tuple
 
 import numpy as np
-import pandas as pd
 import scipy
 from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LEVEL = 0.05  # of the tests
 RESAMPLES = 2000  # of the bootstrap

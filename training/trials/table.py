@@ -13,15 +13,17 @@ import os
 import re
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Any, Dict, Iterable, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
 
 import numpy as np
-import pandas as pd
 
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from training.common.folders import Lock, make_folder
 from training.trials.trial import TRACED, Result, Trial
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
@@ -38,6 +40,8 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     Raises:
         StorageError: when the file is of another kind, or damaged.
     """
+    import pandas as pd
+
     data = read_bytes(path) if Path(path).exists() else b""
     whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
     try:

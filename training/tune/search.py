@@ -11,7 +11,6 @@ from typing import Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequenc
 
 import numpy as np
 
-from applr_ros1.common.extras import extra
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import Space
@@ -19,9 +18,6 @@ from training.trials.compare import Estimate, clearly_worse, over_worlds
 from training.trials.periodic import CHOOSING
 from training.trials.score import Cost, Quantity, summary
 from training.trials.trial import Result, Trial, seed_of
-
-with extra(__name__):
-    import cma
 
 FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
 BLOCK = 8  # trials between two tests of a race
@@ -96,6 +92,8 @@ def search(
         worlds_per_set: worlds in which a generation races: all sets drive a quarter of them, the better half another
             quarter, and the better half of those the rest.
     """
+    import cma  # and with it scipy.stats and matplotlib
+
     rng, strategy = np.random.default_rng(seed), None
     for generation, run in enumerate(rounds):
         strategy = strategy or cma.CMAEvolutionStrategy(

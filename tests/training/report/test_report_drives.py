@@ -14,7 +14,8 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS
 from tests.support.toy_runner import SETTINGS
 from training.report import __main__ as report
-from training.report import drives, write
+from training.report import drives
+from training.report.page import write
 from training.trials import runner
 from training.trials.table import Trials
 from training.trials.trial import Result, plan_trials

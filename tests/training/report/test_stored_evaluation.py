@@ -8,8 +8,8 @@ import tempfile
 from pathlib import Path
 
 from tests.support import ROOT
-from training.report import data, write
-from training.report.page import summary
+from training.report import data
+from training.report.page import summary, write
 
 STORED = ROOT / "tests" / "golden" / "evaluation"
 

@@ -14,9 +14,9 @@ from scipy import stats
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
-from training.report import data, paper, statistics, tables, write
+from training.report import data, paper, statistics, tables
 from training.report.figures import region_of
-from training.report.page import summary
+from training.report.page import summary, write
 from training.report.tables import Table
 from training.trials import runner
 from training.trials.compare import compare, over_worlds, rate, wilson

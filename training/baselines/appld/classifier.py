@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Dict, Optional, Tuple
 
 import numpy as np
-import torch
 
 from applr_ros1.policy.actor import forward
 from applr_ros1.policy.observation import LAYOUT, Layout
@@ -49,6 +48,8 @@ def train(
 
 
 def _fit(scans, labels, contexts, seed, steps, layout):
+    import torch
+
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # nets so small only wait for each other
     torch.manual_seed(seed)

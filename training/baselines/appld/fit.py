@@ -10,7 +10,6 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Sequence
 
-import cma
 import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -112,6 +111,8 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     """CMA-ES from theta_0 over what the paper's form chooses. evaluations: replays of the context, about."""
+    import cma  # and with it scipy.stats and matplotlib
+
     form = PaperForm(stretches_[0].demonstration.robot)
     theta0 = form.space.theta0
     home = form.action(theta0)

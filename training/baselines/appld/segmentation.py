@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import List, NamedTuple
 
 import numpy as np
-import ruptures
 import scipy
 
 from applr_ros1.policy.observation import layout_of
@@ -88,6 +87,8 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
     """Ends of the segments; the last is len(scaled)."""
+    import ruptures  # and with it scipy.signal
+
     shortest = int(SHORTEST / CONTROL_PERIOD)
     if len(scaled) < 2 * shortest:
         return [len(scaled)]
