@@ -39,13 +39,14 @@ class Relay:
             whether it has touched anything.
         aside: (y [m], yaw [rad]) of the robot, both 0 on the way straight on.
         commands: (wall time, v, w) that went to the base; planned: the same for what move_base asked for.
+        driven: simulated time of the newest command that was not to stand.
         truth: (simulated time, x, speed), the newest 500.
     """
 
     def __init__(self):
         self.mend()
         self.shift, self.touched = BEGIN, False
-        self.now = self.x = self.speed = 0.0
+        self.now = self.x = self.speed = self.driven = 0.0
         self.aside = (0.0, 0.0)
         self.commands, self.planned, self.truth = [], [], deque(maxlen=500)
         fast = {"queue_size": 20, "tcp_nodelay": True}
@@ -80,6 +81,7 @@ class Relay:
             return
         if name == "command":
             _keep(message, self.commands)
+            self.driven = self.now if message.linear.x or message.angular.z else self.driven
         with contextlib.suppress(rospy.ROSException):  # closed meanwhile
             self._publishers[name].publish(message)
 

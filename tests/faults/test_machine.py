@@ -34,7 +34,7 @@ def test_the_processor_is_busy(stack, measured):
             loop.wait()
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")
-    assert gap < 0.5 + kept.waiting()
+    assert gap < 0.5 * kept.slowdown()
     wait_for(lambda: "cycles left out" in move_base.text[said:], "a line about the cycles that were missed")
     stack.drives_again()
 

@@ -249,6 +249,7 @@ class Kept:
 
     def __init__(self):
         self._since = self._newest = self._delays()
+        self._began = time.monotonic()
 
     @staticmethod
     def _delays():
@@ -261,9 +262,14 @@ class Kept:
         return found
 
     def waiting(self):
-        """Return the time [s] since this was made, of all threads together, those that have ended as last seen here."""
+        """Return the time [s] since this was made, of the thread that waited most; of one that ended as last seen."""
         self._newest = {**self._newest, **self._delays()}
-        return 1e-9 * sum(delay - self._since.get(thread, 0) for thread, delay in self._newest.items())
+        return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._newest.items())
+
+    def slowdown(self):
+        """Return how many times as long as on a quiet machine something has taken since this was made, at least 1."""
+        passed = time.monotonic() - self._began
+        return passed / max(0.01 * passed, passed - self.waiting())
 
 
 def wait_for(condition, what):
