@@ -125,6 +125,15 @@ def test_rotation_is_refused_next_to_an_obstacle():
     assert rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is None
 
 
+def test_rotation_is_refused_before_it_begins_where_its_second_half_is_blocked():
+    """A robot that is longer ahead, and a post that its front would meet after three quarters of the turn."""
+    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)])
+    for y, free in ((-0.4, False), (-0.8, True)):
+        made.clear()
+        made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, y, 0.0]], np.float32)))
+        assert (rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is not None) == free
+
+
 def test_rotation_of_a_robot_that_cannot_turn_ends():
     turn, now = rotate(), 0.0
     while turn.step(now, (0.0, 0.0, 0.0), OPEN, OPEN) is not None:

@@ -444,6 +444,14 @@ def person(drive, t, k):
         drive.theta = SPACE.from_dict({"max_vel_x": 1.23})
 
 
+class Misses(Drive):
+    """Its node leaves the third decision out."""
+
+    def decide(self, t):
+        if t != 14.0:
+            super().decide(t)
+
+
 @pytest.mark.parametrize(
     ("changes", "lengths", "reason"),
     [  # what happens within the third decision
@@ -454,8 +462,9 @@ def person(drive, t, k):
             "the odometry jumped",
         ),
         ({"after": person}, [2, 2], "parameters were changed"),
+        ({"kind": Misses}, [1, 2], "a decision's period is not that of the others"),
     ],
-    ids=["gap", "moved", "person"],
+    ids=["gap", "moved", "person", "missed"],
 )
 def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reason):
     record(tmp_path / "a.bag", **changes)

@@ -364,6 +364,17 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     assert set(info["reward"]) == set(TERMS)
 
 
+def test_switching_costs_what_a_decision_changes(monkeypatch, env):
+    made = env.unwrapped
+    monkeypatch.setattr(made, "settings", made.settings.model_copy(update={"reward": Reward(c_switch=1.0)}))
+    _, begun = env.reset(seed=0)
+    action = np.full(8, 0.5, np.float32)
+    first, second = env.step(action)[-1], env.step(action)[-1]
+    change = np.abs(made.form.action(first["theta"]) - made.form.action(begun["theta"])).mean()
+    assert first["reward"]["switching"] == pytest.approx(-change) != 0.0
+    assert second["reward"]["switching"] == 0.0
+
+
 def test_options_choose_world_and_start(env):
     _, info = env.reset(seed=0, options={"world": "generated:1", "start": (0.0, 4.0, 1.0)})
     assert info["world"] == "generated:1"
