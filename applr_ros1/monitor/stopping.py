@@ -20,7 +20,7 @@ CHECK_STEP_S = 0.02  # [s] between two checked poses
 # Jackal on Gazebo's ground, which holds or not by the angle at which its wheels stand, loses .3 to .6 m/s each second.
 LAST_SPEED_M_S = 0.3
 LAST_DECELERATION_M_S2 = 0.6
-# By so much such a base turns by itself meanwhile, at most in 96 of 100 stops from a curve there, and once in Gazebo.
+# By so much such a base turns by itself meanwhile, at most in 98 of 100 stops there, and once in Gazebo.
 SWING_RAD = 0.15
 AS_MEASURED = -1.0  # for `share`: the base turns as it was measured to
 DEEPER_M = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
