@@ -288,12 +288,12 @@ class RealTimeRate:
     """Keeps simulated and wall time in step.
 
     Args:
-        warn: is called with a line, at most every 10 s, when this machine is too slow for the rate.
+        warn: is called with a line when this machine is too slow for the rate: a second is lost, or twice as much.
     """
 
     def __init__(self, warn: Callable[[str], None]):
         self.warn = warn
-        self.late, self._reported = 0.0, 0.0
+        self.late, self._reported = 0.0, 0.5
         self.begin()
 
     def begin(self) -> None:
@@ -309,10 +309,10 @@ class RealTimeRate:
         elif now - self.next > 0.2:
             self.late += now - self.next
             self.next = now
-            if report and now - self._reported > 10.0:
-                self._reported = now
-                lost = f"{self.late:.1f} s lost so far"
-                self.warn(f"{lost}: real_time_factor {factor:g} is too much for this machine now")
+            if report and self.late > 2.0 * self._reported:
+                self._reported = self.late
+                busy = f"this machine is too busy for real_time_factor {factor:g}: the simulation runs slower"
+                self.warn(f"{busy}, {self.late:.1f} s so far")
 
 
 def _clear_costmaps(patience=2.0):

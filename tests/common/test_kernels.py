@@ -5,10 +5,12 @@ Whole cases run in processes of their own, on a copy of the decorator's file wit
 
 import itertools
 import os
+import re
 import resource
 import shutil
 import subprocess
 import sys
+import time
 import types
 from collections import namedtuple
 
@@ -17,6 +19,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from applr_ros1.common import kernels
+from applr_ros1.nodes.tools import compile_kernels
 from tests.support import HANGS
 
 OUTER = """
@@ -285,3 +288,20 @@ def test_what_was_unused_longest_is_removed(monkeypatch, place):
     (place / "new").touch()
     kernels._remove_unused.__wrapped__()
     assert set(os.listdir(place)) == {"old4", "old5", "new", file.name}
+
+
+def test_all_processors_compile_and_a_part_that_fails_is_named(monkeypatch, place, capfd):
+    """The first two parts end only if they run at once."""
+    reader, writer = os.pipe()
+    parts = [("one", lambda: os.read(reader, 1)), ("two", lambda: os.write(writer, b"x") and (place / "a-b").touch())]
+    monkeypatch.setattr(compile_kernels, "PARTS", (*parts, ("three", lambda: time.sleep(0.1))))
+    monkeypatch.setattr(compile_kernels.os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr(compile_kernels, "QUIET_S", 0.0)
+    monkeypatch.setattr(compile_kernels, "NEXT_LINE_S", 0.01)
+    assert compile_kernels.main() == 0
+    out, said = capfd.readouterr()
+    assert out == f"{place}\n"
+    assert re.search("applr: compiling kernels: 2 of 3 parts, 1 kernels in 0 s", said)
+    monkeypatch.setattr(compile_kernels, "PARTS", (*parts[:1], ("that one", lambda: os._exit(7))))
+    assert compile_kernels.main() == 1
+    assert capfd.readouterr().err.endswith("applr: the kernels of that one could not be compiled (status 7)\n")

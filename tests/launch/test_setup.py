@@ -29,12 +29,12 @@ class Clone:
         for name in ("requirements", "msg", "srv", "compat", *package):
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
 
-    def start(self, *words, stand_ins=(), before=(), **environment):
+    def start(self, *words, stand_ins=(), before=(), stderr=subprocess.PIPE, **environment):
         for name, body in dict(stand_ins).items():
             (self.programs / name).write_text("#!/bin/sh\n" + body + "\n")
             (self.programs / name).chmod(0o755)
         environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % self.programs, **environment)
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        pipes = {"stdout": subprocess.PIPE, "stderr": stderr, "text": True}
         return subprocess.Popen(
             [*before, self.folder / "applr", *words], env=environment, start_new_session=True, **pipes
         )
@@ -200,6 +200,47 @@ def test_without_network_apt_says_so(clone):
     assert all(line.startswith("applr: ") for line in lines)
 
 
+def test_set_up_says_what_it_installs_and_how_far_it_is(clone, tmp_path):
+    """The packages are those that apt would install, and a list of them stays; a silence gets what the log says."""
+    script = tmp_path / "applr"
+    script.write_text(script.read_text().replace("read -rt 20", "read -rt .2"))
+    apt = """
+    case $1 in
+      -s) printf 'Inst liba (1.0)\nInst libb [0.9] (1.0)\nConf liba\n' ;;
+      update) ;;
+      *) echo Get:7 b; echo more; while ! grep -q Get: "$SAID"; do sleep .1; done; exit 100 ;;
+    esac"""
+    said = tmp_path / "said"
+    stand_ins = dict(NOTHING, id="echo 0", **{"apt-get": apt})
+    with open(said, "w") as file:
+        started = clone.start("setup", stand_ins=stand_ins, stderr=file, SAID=str(said))
+        assert started.wait(timeout=HANGS) == 1
+    lines = said.read_text().splitlines()
+    assert lines[:2] == ["applr: installing 2 system packages", "applr: ... Get:7 b"]
+    assert (tmp_path / ".applr" / "system_packages").read_text() == "liba\nlibb\n"
+
+
+def test_kernels_are_compiled_before_a_drive_where_they_or_what_they_are_made_of_have_changed(clone, tmp_path):
+    """The stand-in for the compiler prints the folder, after a line of a library."""
+    machine_code = tmp_path / "machine code"
+    (tmp_path / "sim_bridge").mkdir()
+    (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 1")
+    compiler = """case "$*" in *compile_kernels) echo compiling >&2; mkdir -p "%s"; echo a; echo "%s" ;; esac"""
+    stand_ins = dict(QUICK, python=PYTHON + "\n" + compiler % (machine_code, machine_code))
+    python = str(clone.programs / "python")
+
+    def compiles(*words, **environment):
+        lines = clone(*words, stand_ins=stand_ins, APPLR_PYTHON=python, **environment)[1]
+        return "compiling" in lines
+
+    assert [compiles("exec", "true"), compiles("setup"), compiles("setup")] == [False, True, False]
+    shutil.rmtree(machine_code)
+    assert [compiles(word) for word in ("demo", "demo", "play", "tune")] == [True, False, False, False]
+    (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 2")
+    assert [compiles("tune"), compiles("tune")] == [True, False]
+    assert compiles("setup", XDG_CACHE_HOME=str(tmp_path))  # another folder
+
+
 def test_an_old_python_and_none_are_refused(clone):
     for python, words in ((str(clone.programs / "old-python"), "3.7: 3.8 or later"), ("/no/such", "no /no/such")):
         assert words in clone.refusal("setup", stand_ins={"old-python": "echo 3.7"}, APPLR_PYTHON=python)
@@ -211,7 +252,7 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     python, calls = tmp_path / "python3", tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
-    apt = "echo $* >>%s; case $* in *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"
+    apt = "echo $* >>%s; case $* in -s*) ;; *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"
     stand_ins = {
         "id": "echo %d" % (0 if root else 1000),
         "apt-get": apt % (calls, sys.executable, python),
@@ -220,7 +261,7 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
     done = calls.read_text().splitlines()
     assert ("as root" in done) is not root
-    installed = [line for line in done if "install" in line]
+    installed = [line for line in done if line.startswith("install")]
     assert installed[0].split()[-1] == "python3"
     assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # it went on to the other packages
     assert code == 1

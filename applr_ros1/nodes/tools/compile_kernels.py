@@ -1,17 +1,24 @@
 """Compiles all numeric kernels of the robot's side, so that the nodes start at once afterwards.
 
-`./applr setup` and `catkin_make install` run it. The machine code goes to the cache that common/kernels.py describes.
+`./applr` runs it where kernels may be missing, and so does `catkin_make install`. The machine code goes to the cache
+that common/kernels.py describes, whose folder is printed.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 import sys
-from typing import Callable, Tuple
+import time
+from multiprocessing.connection import wait
+from typing import Any, Callable, List, Tuple
 
 import sim_bridge
 import worlds
-from applr_ros1.common.errors import run_main
-from applr_ros1.common.progress import announced
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.kernels import cache_folder
+from applr_ros1.common.progress import NEXT_LINE_S
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
@@ -20,13 +27,14 @@ from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.robots import JACKAL
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
-PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
-    ("the simulators", lambda: _simulators()),
-    ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
-    ("the tracker of moving obstacles", warm_up_tracker),
+PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (  # the longest first; both planners share kernels
     (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
+    ("the simulators", lambda: _simulators()),
     (f"move_base with {LOCAL_PLANNERS[1]}", lambda: warm_up_planner(LOCAL_PLANNERS[1])),
+    ("the tracker of moving obstacles", warm_up_tracker),
+    ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
 )
+QUIET_S = 5.0  # of wall time before the first line: loading alone takes less
 
 
 def main() -> int:
@@ -35,13 +43,37 @@ def main() -> int:
 
 
 def _compile() -> None:
-    for name, compile_part in PARTS:
-        with announced(f"compiling the kernels of {name} (up to a minute)", _say, first=0.5):
-            compile_part()
+    """Compile the parts in as many processes as there are processors, and say how far that is."""
+    processes, folder = len(os.sched_getaffinity(0)), cache_folder()
+    context, began, before = multiprocessing.get_context("fork"), time.monotonic(), _files(folder)
+    left, due = list(PARTS), began + QUIET_S
+    running: List[Any] = []
+    while left or running:
+        while left and len(running) < processes:
+            name, compile_part = left.pop(0)
+            running.append(context.Process(target=_quietly, args=(compile_part,), name=name, daemon=True))
+            running[-1].start()
+        wait([process.sentinel for process in running], timeout=max(0.0, due - time.monotonic()))
+        for process in [process for process in running if not process.is_alive()]:
+            running.remove(process)
+            if process.exitcode:
+                for other in running:
+                    other.terminate()
+                raise ApplrError(f"the kernels of {process.name} could not be compiled (status {process.exitcode})")
+        if time.monotonic() >= due:
+            due += NEXT_LINE_S
+            done = f"{len(PARTS) - len(left) - len(running)} of {len(PARTS)} parts, {_files(folder) - before} kernels"
+            print(f"applr: compiling kernels: {done} in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+    print(folder)
 
 
-def _say(line: str) -> None:
-    print("applr: " + line, file=sys.stderr, flush=True)
+def _quietly(compile_part: Callable[[], None]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process ends the others
+    compile_part()
+
+
+def _files(folder: str) -> int:
+    return sum("-" in name for name in os.listdir(folder)) if folder else 0
 
 
 def _simulators() -> None:

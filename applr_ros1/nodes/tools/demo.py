@@ -40,7 +40,7 @@ from .launcher import given_arguments, launch_arguments, private_stack, say
 STATUS = "/move_base/status"
 PROGRESS_PERIOD_S = 2.0  # of simulated time between lines of progress
 REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
-STALLED_S = 20.0  # of wall time without a new pose
+STALLED_S = 120.0  # of wall time without a new pose, on a busy machine
 EXTRA = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
 COLOR = "#2ca02c"  # of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]

@@ -24,7 +24,8 @@ from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
 UP_WITHIN_S = 900.0  # of wall time for one part to come up: the first time it compiles kernels, maybe on a busy machine
-COMPILES = "waiting for {}, which compiles its kernels at its first start (about a minute)"
+COMPILES = "waiting for {} (its first start compiles kernels, about a minute)"
+roslaunch.launch._TIMEOUT_MASTER_START = 120.0  # s of wall time; its own 10 are too few on a busy machine
 
 
 def say(text):
