@@ -137,9 +137,9 @@ class CollisionMonitor:
     def see(self, scan, name=""):
         """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
 
-        name: of the laser, one of more_scans; "" for the first.
+        name: of the laser; "" for the first. One that is not among more_scans is a further laser from then on.
         """
-        laser = self._lasers[name]
+        laser = self._lasers.get(name) or self._lasers.setdefault(name, _Laser(self.settings))
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # out of order: a newer one is known
         laser.fault = laser.check.fault(scan)

@@ -103,7 +103,7 @@ class ScannerCheck:
 def geometry_fault(scan):
     """Return what is impossible about a scan's description, in one line, or ""."""
     count = np.size(scan.ranges)
-    numbers = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, *scan.sensor_pose, scan.stamp
+    numbers = scan.angle_min, scan.angle_increment, scan.range_min, *scan.sensor_pose, scan.stamp  # not range_max
     if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
     if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FARTHEST_M:

@@ -107,10 +107,10 @@ def check_scan(message, turn: Optional[float], no_return: Optional[float] = None
     if not 0 < n <= MAX_BEAMS:
         raise MessageError(f"has {n} beams: give between 1 and {MAX_BEAMS}")
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
-    if not all(map(math.isfinite, geometry)) or message.angle_increment == 0.0:
+    if not all(map(math.isfinite, geometry[:3])) or math.isnan(geometry[3]) or message.angle_increment == 0.0:
         raise MessageError(
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
-        )
+        )  # range_max may be infinite, as in laser_geometry
     covered = angle_covered(message)
     if turn is not None and covered < WHOLE_SHARE * turn:
         raise MessageError(
@@ -182,7 +182,7 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
     rotation = None if abs(upright) > LEVEL_COS else _rotation(transform)
     limits = message.angle_increment, message.range_min, message.range_max
     sweep = abs(message.time_increment) * (len(ranges) - 1)
-    return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep)
+    return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id)
 
 
 def from_above(message, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
@@ -194,7 +194,8 @@ def from_above(message, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, fl
 
 def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:
     """Return the planner's cloud of a message and its points (points_of); transform, origin: as for laser_scan."""
-    return SensorCloud(message.header.stamp.to_sec(), points, point_of(transform), _rotation(transform), origin)
+    stamp, frame = message.header.stamp.to_sec(), message.header.frame_id
+    return SensorCloud(stamp, points, point_of(transform), _rotation(transform), origin, frame)
 
 
 def static_map(message) -> StaticMap:

@@ -219,9 +219,9 @@ class Sensors:
                 origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
         if not topic.is_scan:
             return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
-        turn = topic.turn if now - topic.used < rospy.Duration(TURN_HELD_S) else None
+        turn = topic.turns.get(frame) if now - topic.used_of(message) < rospy.Duration(TURN_HELD_S) else None
         ranges = conversions.check_scan(message, turn, self._no_return)
-        topic.turn = conversions.angle_covered(message)
+        topic.turns[frame] = conversions.angle_covered(message)
         return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message) -> Pose:
@@ -239,14 +239,17 @@ class Sensors:
 
 
 class _Topic:
-    """The messages of one source's topic that wait, SCANS_KEPT at most, until they can be placed."""
+    """The messages of one source's topic that wait, SCANS_KEPT at most, until they can be placed.
+
+    Lasers may share a topic: what was used is known by frame, and the one that was used longest ago comes first.
+    """
 
     def __init__(self, topic: str, data_type: str, origin: str, on_news: Callable[[], None]):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self.turn: Optional[float] = None  # angle [rad] that the last one that was used covered
-        self.used = rospy.Time(0)  # its stamp
+        self.turns: Dict[str, float] = {}  # angle [rad] that the last one that was used covered, by frame
+        self._used: Dict[str, rospy.Time] = {}  # its stamp
         self.times = 0.0, 0.0  # when the newest one came and when the next one should [s]; 0: not known
         self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
         self._on_news = on_news
@@ -272,7 +275,16 @@ class _Topic:
     def forget(self) -> None:
         with self._lock:
             self._waiting.clear()
-            self.used, self.times = rospy.Time(0), (0.0, 0.0)
+            self._used, self.times = {}, (0.0, 0.0)
+
+    @property
+    def used(self) -> rospy.Time:
+        """The stamp of the newest message that was used; 0: none."""
+        return max(self._used.values(), default=rospy.Time(0))
+
+    def used_of(self, message: Any) -> rospy.Time:
+        """Return the stamp of the newest one that was used of a message's frame; 0: none."""
+        return self._used.get(message.header.frame_id, rospy.Time(0))
 
     @property
     def waits(self) -> bool:
@@ -282,7 +294,7 @@ class _Topic:
         """Return whether a message waits that is newer than the last one and can be placed."""
         with self._lock:
             waiting = list(self._waiting)
-        return any(message.header.stamp > self.used and can_place(message) for message in waiting)
+        return any(message.header.stamp > self.used_of(message) and can_place(message) for message in waiting)
 
     def newest(self, use):
         """use(self, message) of the newest message that can be used and is newer than the last one; else None.
@@ -292,9 +304,9 @@ class _Topic:
         with self._lock:
             waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
         found, refused = None, set()
-        for message in waiting:
-            if message.header.stamp <= self.used:
-                break
+        for message in sorted(waiting, key=self.used_of):
+            if message.header.stamp <= self.used_of(message):
+                continue
             try:
                 found = use(self, message)
             except MessageError as problem:
@@ -302,10 +314,10 @@ class _Topic:
                 rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
                 refused.add(id(message))
             if found is not None:
-                self.used = message.header.stamp
+                self._used[message.header.frame_id] = message.header.stamp
                 break
         with self._lock:
-            kept = [m for m in self._waiting if m.header.stamp > self.used and id(m) not in refused]
+            kept = [m for m in self._waiting if m.header.stamp > self.used_of(m) and id(m) not in refused]
             self._waiting.clear()
             self._waiting.extend(filter(self._is_recent, kept))
         return found

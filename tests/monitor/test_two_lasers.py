@@ -72,3 +72,21 @@ def test_another_place_clears_what_all_lasers_remember():
     monitor.see(scan_of(wall(3.0), HERE, 1.0))
     monitor.see(behind([(-3.0, 0.0), (-3.0, 0.1)], 1.0), "rear")
     assert monitor.filter(1.0, HERE, (0.0, 0.0), BACK).action == PASS
+
+
+def test_a_laser_that_comes_along_later_counts_from_then_on():
+    """As one that shares the first one's topic, with a frame of its own."""
+    monitor = CollisionMonitor()
+    monitor.see(scan_of(wall(3.0), HERE))
+    monitor.see(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
+    assert "obstacle" in monitor.filter(0.0, HERE, (0.0, 0.0), BACK).reason
+    monitor.see(scan_of(wall(3.0), HERE, 0.6))
+    assert "scan is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+
+
+def test_a_scan_whose_range_has_no_end_is_one():
+    monitor = CollisionMonitor()
+    assert monitor.see(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
+    assert monitor.filter(0.0, HERE, (0.0, 0.0), (2.0, 0.0)).action == SLOW
+    assert "not finite" in monitor.see(scan_of(wall(1.0), HERE, 0.1, range_min=math.nan))
+    assert "scan's ranges are" in monitor.see(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))

@@ -222,3 +222,14 @@ def test_beams_of_lasers_as_tf_says_they_are_mounted():
     for _ in range(2):
         with pytest.raises(ObservationError, match="aslant"):
             aslant.beams(scan, "base")
+
+
+def test_range_max_may_be_infinite_and_no_number():
+    """As pointcloud_to_laserscan has it; laser_geometry takes what is nearer."""
+    scan = LaserScan(angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0])
+    for valid in (False, True):
+        planners = conversions.laser_scan(scan, conversions.check_scan(scan, None), turned(0.0, 0.0))
+        points = project(planners, valid).points
+        assert len(points) == 2
+    scan.range_max = math.nan
+    refused(lambda: conversions.check_scan(scan, None), "finite", kind=MessageError)

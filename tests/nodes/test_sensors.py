@@ -36,9 +36,9 @@ def robot(monkeypatch):
         clock[0] = rospy.Time.from_sec(t)
         return clock[0]
 
-    def scan(t):
-        message = LaserScan(angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=[1.0, 2.0, 3.0])
-        message.header.stamp, message.header.frame_id = rospy.Time.from_sec(t), "base"
+    def scan(t, frame="base", ranges=(1.0, 2.0, 3.0)):
+        message = LaserScan(angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=list(ranges))
+        message.header.stamp, message.header.frame_id = rospy.Time.from_sec(t), frame
         callbacks["scan"](message)
 
     def tf(t):
@@ -165,3 +165,37 @@ def test_no_stamp_or_name_ends_the_process_inside_tf2(robot, secs, frame):
     assert not known.has("odom", frame, rospy.Time(secs))
     refused(lambda: known.at("odom", frame, rospy.Time(secs)), "no such name or time", kind=ObservationError)
     assert known.has("odom", "base", rospy.Time(101))
+
+
+@pytest.mark.parametrize("later", [0.0, 0.02])
+def test_lasers_that_share_a_topic_are_told_by_their_frames(robot, later):
+    """The one that looks back covers less, has the same stamps or others, and is used as often as the other."""
+    used = []
+    for k in range(10):
+        now = 100.0 + 0.1 * k
+        robot.time(now + later)
+        for frame, child in (("odom", "base"), ("base", "rear")):
+            placed = transform(frame, child, (0.0, 0.0, 0.0), rospy.Time.from_sec(now))
+            for stamp in (now, now + later):
+                placed.header.stamp = rospy.Time.from_sec(stamp)
+                robot.sensors.transforms.buffer.set_transform(placed, "test")
+        robot.scan(now)
+        robot.scan(now + later, "rear", (1.0, 2.0))
+        used += [(scan.frame, len(scan.ranges)) for scan in robot.sensors.observations().values()]
+        assert not robot.sensors._topics["scan"].trouble
+    assert len(used) == 10
+    assert used.count(("rear", 2)) == used.count(("base", 3)) == 5
+
+
+def test_a_laser_that_falls_silent_leaves_the_other_on_its_topic_alone(robot):
+    robot.time(100.0)
+    robot.tf(100.0)
+    robot.sensors.transforms.buffer.set_transform(transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100)), "test")
+    robot.scan(100.0, "rear")
+    assert robot.sensors.observations()
+    for k in range(1, 40):
+        robot.time(100.0 + 0.1 * k)
+        robot.tf(100.0 + 0.1 * k)
+        robot.scan(100.0 + 0.1 * k)
+        (scan,) = robot.sensors.observations().values()
+        assert (scan.frame, scan.stamp) == ("base", pytest.approx(100.0 + 0.1 * k))

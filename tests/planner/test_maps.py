@@ -380,3 +380,19 @@ def test_the_map_of_a_world_is_what_the_laser_sees():
         assert (near[my.astype(int), mx.astype(int)] == 100).all()
         assert cells[int((y - origin[1]) / 0.05), int((x - origin[0]) / 0.05)] == 0
     assert 0.02 < (cells == 100).mean() < 0.2
+
+
+def test_the_newest_of_each_sensor_on_a_topic_counts_between_two_updates():
+    buffer = ObservationBuffer(Source())
+    for k in range(8):
+        cloud = PointCloud(HERE, np.zeros((0, 3), np.float32), 0.1 * k, frame="rear" if k % 2 else "front")
+        buffer.take(cloud, 0.1 * k)
+    assert [(cloud.frame, cloud.stamp) for cloud in buffer.clouds] == [("rear", 0.1 * 7), ("front", 0.1 * 6)]
+    buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), 2.0, frame="rear"), 2.0)
+    assert [cloud.stamp for cloud in buffer.clouds] == [2.0], "the front one has fallen silent"
+
+
+def test_an_observation_keeps_its_sensors_frame():
+    scan = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3, np.float32), (0.0, 0.0, 0.0), frame="rear")
+    cloud = SensorCloud(0.0, np.ones((1, 3), np.float32), HERE, (0.0, 0.0, 0.0, 1.0), frame="depth")
+    assert [observe(moved(one, (1.0, 0.0, 0.0))).frame for one in (scan, cloud)] == ["rear", "depth"]

@@ -105,6 +105,7 @@ class Bag:
         source: Who demonstrated, and where.
         collisions: When a contact was reported.
         transforms: By parent and child (at, (x, y, yaw)); inverted are those whose child hangs upside down.
+        further: Frames of lasers on the topic of the scans whose scans are left out.
         cut_short: There is no more of it than its first chunks.
         end: Time of the last message.
     """
@@ -123,6 +124,7 @@ class Bag:
     inverted: Set[Tuple[str, str]]
     collisions: List[int]
     source: Dict[str, Any]
+    further: List[str]
     cut_short: bool
     end: int
 

@@ -109,6 +109,9 @@ class Drive:
         instead = [topic for topic, name in zip(bag.topics.main, wanted.main) if topic != name]
         if instead:
             self.remarks.append(f"not recorded under the names of robot.yaml, and read instead: {', '.join(instead)}")
+        if bag.further:
+            others = ", ".join(bag.further)
+            self.remarks.append(f"of the lasers on {bag.topics.scan} that of {bag.scans.frame} is read, not {others}")
         if bag.cut_short:
             self.remarks.append("it is cut short: what is whole of it is read")
         self._find_the_odometry(wanted.odometry)

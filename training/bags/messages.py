@@ -13,7 +13,7 @@ import sys
 from array import array
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Sequence, Set, Tuple
 
 import numpy as np
 from rosbags import rosbag2
@@ -72,6 +72,7 @@ class _Messages:
         self.frames: Dict[str, str] = {}  # of scans and odometry
         self.pairs: Dict[Tuple[str, str], int] = {}  # of frames in tf, numbered
         self.inverted: List[Tuple[str, str]] = []
+        self.further: Set[str] = set()  # frames of other lasers on the topic of the scans
         self.ranges, self.observations = array("f"), array("f")
 
     def read(self, reader: Any) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
@@ -113,6 +114,7 @@ class _Messages:
             "frames": {"scan": "", "odometry": "odom", **self.frames},
             "pairs": list(self.pairs),
             "inverted": self.inverted,
+            "further": sorted(self.further),
         }
         transforms = sorted(rows[topics.tf] + rows[topics.tf_static], key=lambda row: row[0])
         arrays = {
@@ -127,7 +129,9 @@ class _Messages:
     def _scan(self, m):
         """Return a row; NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
         ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
-        self.frames.setdefault("scan", _frame(m))
+        if _frame(m) != self.frames.setdefault("scan", _frame(m)):  # another laser on the same topic
+            self.further.add(_frame(m))
+            return []
         if self.keep_ranges:
             self.ranges.frombytes(np.asarray(m.ranges, np.float32).tobytes())
         geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max

@@ -14,7 +14,7 @@ import threading
 import time
 import traceback
 from dataclasses import fields, replace
-from typing import Sequence, Tuple
+from typing import Dict, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -70,6 +70,7 @@ class CollisionMonitorNode:
         self._report_jump = Throttled(rospy.logwarn)
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
         self._scan = topics.scan
+        self._frames: Dict[str, str] = {}  # of the first laser on each topic
         self.sensors = Sensors(
             (fixed, fixed, base),
             dict.fromkeys([self._scan, *more_scans], "LaserScan"),
@@ -122,7 +123,9 @@ class CollisionMonitorNode:
         if now != self._now:
             self._now, self._moved = now, time.monotonic()
         for topic, scan in self.sensors.observations().items():
-            self.monitor.see(scan, "" if topic == self._scan else topic)
+            first = scan.frame == self._frames.setdefault(topic, scan.frame)  # lasers may share a topic
+            name = "" if topic == self._scan else topic
+            self.monitor.see(scan, name if first else f"{topic} of {scan.frame}")
 
     @property
     def _stalled(self) -> str:

@@ -41,6 +41,7 @@ class MoversNode:
     def __init__(self, robot: Robot, prefix: str):
         self._prediction, self._news = Prediction(robot), threading.Event()
         self._frame, self._scan, self._now = prefix + robot.frames.odom, robot.topics.scan, rospy.get_rostime()
+        self._laser = ""
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
         self._display = rospy.Publisher("applr/movers", MarkerArray, queue_size=1)
@@ -63,7 +64,8 @@ class MoversNode:
                 self._prediction.reset()
             self._now = now
             scan = self._sensors.observations().get(self._scan)
-            if scan is not None:
+            if scan is not None and scan.frame == (self._laser or scan.frame):
+                self._laser = scan.frame  # the first of those that share the topic
                 stamp = rospy.Time.from_sec(scan.stamp)
                 points = self._prediction.see(scan).points
                 self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))

@@ -15,6 +15,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.kernels import kernel
 
+SHARED_S = 1.0  # s for which the newest cloud of another sensor on the topic counts
 Quaternion = Tuple[float, float, float, float]
 Point = Tuple[float, float, float]
 
@@ -27,6 +28,7 @@ class LaserScan:
     costmap's frame at `stamp` [s], `sensor_height` its z [m]. rotation: quaternion (x, y, z, w) of a laser that is not
     level or hangs upside down, in place of the yaw. origin: where the rays start [m] if that is not the laser's place
     (the parameter sensor_frame). sweep: time [s] from the first beam to the last, 0 where they are measured at once.
+    frame: of the laser; several may publish on one topic.
     """
 
     stamp: float
@@ -40,6 +42,7 @@ class LaserScan:
     rotation: Optional[Quaternion] = None
     origin: Optional[Point] = None
     sweep: float = 0.0
+    frame: str = ""
 
 
 @dataclass
@@ -47,7 +50,7 @@ class SensorCloud:
     """Points (n, 3) float32 [m] in a sensor's frame, seen at `stamp` [s].
 
     position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), place the sensor in the costmap's frame; origin:
-    where the rays start [m] if that is not the sensor's place (the parameter sensor_frame).
+    where the rays start [m] if that is not the sensor's place (the parameter sensor_frame). frame: as in LaserScan.
     """
 
     stamp: float
@@ -55,15 +58,20 @@ class SensorCloud:
     position: Point
     rotation: Quaternion
     origin: Optional[Point] = None
+    frame: str = ""
 
 
 @dataclass
 class PointCloud:
-    """Hits in the costmap's frame: `points` (n, 3) float32 [m], seen from `origin` (x, y, z) [m] at `stamp` [s]."""
+    """Hits in the costmap's frame: `points` (n, 3) float32 [m], seen from `origin` (x, y, z) [m] at `stamp` [s].
+
+    frame: of the sensor.
+    """
 
     origin: Point
     points: np.ndarray
     stamp: float = 0.0
+    frame: str = ""
 
 
 Observation = Union[LaserScan, SensorCloud]
@@ -71,9 +79,10 @@ Observation = Union[LaserScan, SensorCloud]
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
     """The PointCloud of whatever a source says; inf_is_valid counts for laser scans alone."""
-    if isinstance(observation, SensorCloud):
-        return place_cloud(observation)
-    return project(observation, inf_is_valid)
+    is_cloud = isinstance(observation, SensorCloud)
+    cloud = place_cloud(observation) if is_cloud else project(observation, inf_is_valid)  # type: ignore[arg-type]
+    cloud.frame = observation.frame
+    return cloud
 
 
 def moved(observation: Observation, frame: Pose) -> Observation:
@@ -250,11 +259,15 @@ class ObservationBuffer:
         self.taken: Optional[float] = None
 
     def take(self, cloud: PointCloud, now: float) -> None:
-        """A new cloud at time `now` [s]. What was taken longer ago than observation_persistence goes."""
+        """A new cloud at time `now` [s]. What was taken longer ago than observation_persistence goes.
+
+        Without persistence the newest of each sensor on the topic stays, for costmaps are updated more rarely.
+        """
         self.taken = now
         kept = self.source.observation_persistence
         if kept <= 0.0:
-            self.clouds = [cloud]
+            others = [old for old in self.clouds if old.frame != cloud.frame and now - old.stamp < SHARED_S]
+            self.clouds = [cloud, *others]
             return
         self.clouds.insert(0, cloud)
         for i, old in enumerate(self.clouds):
