@@ -6,7 +6,6 @@ with the same command, and its rows are the same as without the stop. docs/howto
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 import time
@@ -24,7 +23,7 @@ from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.env.settings import PROTOCOLS, TrialSettings
 from training.trials.drive import drive
-from training.trials.runner import TRIAL_RUNNER, described, world_list
+from training.trials.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
 from training.trials.table import TRIALS, Trials
 from training.trials.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
@@ -141,17 +140,11 @@ def settings(
     options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
 ) -> Dict[str, Any]:
     """Return what must not change when an evaluation is continued, which goes into evaluation.json."""
-    digest = hashlib.sha256()
-    for name, _, world in worlds:
-        for part in (world.cylinders, world.boxes, world.course.path):
-            digest.update(part.tobytes())
-        digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
-        digest.update(b"the planner's word" * world.course.planner_ends)  # trials of before it counted are others
     made = {name: methods.make(spec, options.robot) for name, spec in chosen}
     return {
         "worlds": [name for name, _, _ in worlds],
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
-        "worlds_sha256": digest.hexdigest(),
+        "worlds_sha256": content_of_worlds(worlds),
         "world_specs": [spec for _, spec, _ in worlds],
         "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
         "robot": described(options.robot),

@@ -51,7 +51,7 @@ from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.owner.write import write_measured
 from training import open_floor
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
-from training.common.folders import make_folder
+from training.common.folders import Lock, make_folder
 from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
@@ -59,7 +59,7 @@ from training.evaluate import EvaluationOptions, evaluate
 from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
 from training.trials.loaded import loadable_space
-from training.trials.runner import TRIAL_RUNNER, content, world_list
+from training.trials.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
 from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
 from training.trials.trial import BASELINE, Result, Trial
@@ -142,7 +142,7 @@ class Clock:
 
     def __init__(self, table: Trials, name: str, seconds: float):
         self._table, self._name, self._seconds = table, name, seconds
-        self._looks: List[float] = table.notes.get(name, [])
+        self._looks = table.times(name)
         self._again = iter(list(self._looks))
         self._began, self.minutes = time.monotonic(), 0.0
 
@@ -172,13 +172,22 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 
 def run(options: TuneOptions) -> int:
-    """Search, compare, write and print; return the exit status."""
-    robot, searched, unseen = options.robot, options.worlds, UNSEEN
+    """Search, compare, write and print; return the exit status. One at a time in a folder and for a robot."""
+    robot = options.robot
     out = make_folder(options.out or os.path.join("tune", robot.name))
     if "," in str(out):
         raise ApplrError(f"{out}: lists of worlds and methods are divided by commas; give an --out without one")
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
     folder = out if included else Path(robot.folder)
+    with ExitStack() as stack:
+        for place, name in [(out, "lock"), (folder, "")][: 1 if included else 2]:
+            stack.callback(Lock(place, "./applr tune", name).close)
+        return tuned(options, out, folder)
+
+
+def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
+    """Search in courses whose trials are kept in `out`, compare, write the set into a folder, and print; as `run`."""
+    robot, searched, unseen = options.robot, options.worlds, UNSEEN
     can, floor = open_floor.check(robot)
     print("\n".join(floor), flush=True)
     if not (can or options.anyway):
@@ -190,7 +199,7 @@ def run(options: TuneOptions) -> int:
         settings = drives_of(robot, worlds)
         asked = {
             "drives": {"planner": CPP_LIKE, **settings.model_dump(mode="json", exclude={"robot", "simulator"})},
-            **{"robot": content(robot), "seed": options.seed, "worlds": [spec for _, spec, _ in worlds]},
+            **{"robot": content(robot), "seed": options.seed, "worlds": content_of_worlds(worlds)},
         }
         table = stack.enter_context(Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked))
         clock = Clock(table, f"looks_{options.for_}", 60.0 * options.minutes)
@@ -199,8 +208,7 @@ def run(options: TuneOptions) -> int:
         if not values:
             print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
             return 1
-        asked_of = values, unseen, content(robot), CPP_LIKE, settings.loaded
-        drives = make_folder(out / f"{options.for_}_{sha256(repr(asked_of).encode())[:8]}")
+        drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
         trials = driven_unseen(options, robot, unseen, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
@@ -238,7 +246,13 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     if not check.agrees and not options.anyway:
         raise ApplrError(f"{check.sentence}; give --anyway to go on all the same")
     place = out / options.robot.name
-    shutil.copytree(options.robot.folder, place, dirs_exist_ok=True)
+    inside = {out.resolve(), *out.resolve().parents}  # where the robot's folder holds what is written here
+    shutil.copytree(
+        options.robot.folder,
+        place,
+        ignore=lambda at, names: [name for name in names if Path(at, name).resolve() in inside],
+        dirs_exist_ok=True,
+    )
     for described in (place, folder) if folder != out else (place,):
         for remark in write_measured(described, found.new):
             print(remark, flush=True)

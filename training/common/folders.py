@@ -23,11 +23,18 @@ def make_folder(path) -> Path:
 
 
 class Lock:
-    """One process per run folder. The system lets go of it when the process ends, however it ends."""
+    """One process per run folder. The system lets go of it when the process ends, however it ends.
 
-    def __init__(self, folder, who: str = "train.py"):
+    Args:
+        folder: to lock.
+        who: works in it, for people.
+        name: of the file in it that is locked; "": the folder itself, in which nothing is written.
+    """
+
+    def __init__(self, folder, who: str = "train.py", name: str = "lock"):
+        how = os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK if name else os.O_RDONLY
         try:
-            self._file = os.fdopen(os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK, 0o644), "w")
+            self._file = os.open(Path(folder) / name, how, 0o644)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(f"{folder}: another {who} works in this folder; wait, or give another --out") from None
@@ -36,4 +43,4 @@ class Lock:
 
     def close(self) -> None:
         """Let another process use the folder."""
-        self._file.close()
+        os.close(self._file)

@@ -6,10 +6,11 @@ Evaluations, searches and the rounds of a training have run() called in a pool o
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import io
 import json
 from functools import lru_cache
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -68,6 +69,17 @@ def content(robot: Robot) -> str:
     """Return the SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
     trees = json.dumps(vars(robot.move_base), sort_keys=True, default=str)
     return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
+
+
+def content_of_worlds(worlds: Sequence[Tuple[str, str, World]]) -> str:
+    """Return the SHA-256 of what is in worlds of world_list, wherever their files are."""
+    digest = hashlib.sha256()
+    for name, _, world in worlds:
+        for part in (world.cylinders, world.boxes, world.course.path):
+            digest.update(part.tobytes())
+        digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
+        digest.update(b"the planner's word" * world.course.planner_ends)  # trials of before it counted are others
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=16)

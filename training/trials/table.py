@@ -13,7 +13,7 @@ import os
 import re
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from training.trials.trial import TRACED, Result, Trial
 if TYPE_CHECKING:
     import pandas as pd
 
+NOTES = {"wall_s": float, "provenance": list}  # kinds of what evaluations note beside what was asked
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
 KEY = tuple(COLUMNS)
@@ -105,7 +106,19 @@ class Trials:
                     remedy += "; training.report --join shows the methods of two folders together"
                 was, now = _short(there), _short(settings[name])
                 raise StorageError(f"{self.folder}: was begun with another {name} ({was}, now {now}); {remedy}")
+        for name, kind in NOTES.items():
+            if not isinstance(stored.get(name, kind()), kind):
+                raise StorageError(f"{path}: {name} is {_short(stored[name])}; give another --out")
         return stored
+
+    def times(self, name: str) -> List[float]:
+        """Return a list of times that was noted [s]; [] where there is none."""
+        noted = self.notes.get(name, [])
+        numbers: List[Any] = noted if isinstance(noted, list) else [None]
+        if not all(isinstance(number, (int, float)) and 0.0 <= number < np.inf for number in numbers):
+            where = self.folder / SETTINGS
+            raise StorageError(f"{where}: {name} is {_short(noted)}, no list of times; give another --out")
+        return [float(number) for number in numbers]
 
     def find(self, trial: Trial) -> Optional[Result]:
         """Return the result of a trial, or None."""

@@ -18,6 +18,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.measured import Value
 from training import tune_robot
+from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
 from training.trials.loaded import move_base_parameters
 from training.trials.score import AIMS, Baseline
@@ -213,6 +214,65 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
     assert len(judged) == 8
     assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
     assert robots.load(str(tmp_path / "out" / "jackal")).laser.noise == 0.02
+
+
+def recorded(monkeypatch, *numbers, name="hall"):
+    """Lets each bag hold a course and its wall, which are these generated worlds, below one name."""
+    halls = [replace(worlds.load(f"generated:{n}"), name=f"{name}{k}" if k else name) for k, n in enumerate(numbers)]
+    said = SimpleNamespace(worlds=halls, courses=[None], fields={}, new={}, remarks=[])
+    monkeypatch.setattr(tune_robot, "read", lambda paths, robot, copies: said)
+    monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check([], True, "they agree"))
+
+
+def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
+    recorded(monkeypatch, *range(50, 60))
+    monkeypatch.chdir(jackal)
+    words = [".", "--bag", "a.bag", "--minutes", "12", "--runner", f"{__name__}:toy", *FEW]
+    for _ in range(2):
+        assert tune_robot.main(words) == 0, capsys.readouterr()
+        made = jackal / "tune" / "jackal" / "jackal"
+        assert {path.name for path in made.iterdir()} >= {"robot.yaml", "odom_nav_params"}
+        assert not (made / "tune").exists()
+
+
+def test_another_bag_of_the_same_name_is_another_search(jackal, monkeypatch, capsys):
+    recorded(monkeypatch, *range(50, 60))
+    assert tune(jackal, "toy", "--bag", "a.bag") == 0
+    count = len(DRIVEN)
+    for found in ("static.json", "tuned.yaml"):
+        (jackal / found).unlink()  # with which it would begin
+    assert tune(jackal, "toy", "--bag", "a.bag") == 0
+    assert len(DRIVEN) == count, "the same bag: nothing is driven again"
+    recorded(monkeypatch, *range(60, 70))
+    assert tune(jackal, "toy", "--bag", "a.bag") == 0, capsys.readouterr()
+    assert {task.world for task in DRIVEN[count:]} >= {"hall", "hall1"}
+
+
+def test_two_runs_on_one_folder_or_robot_are_refused_in_one_line(jackal, tmp_path, capsys):
+    for place, name in ((tmp_path / "out", "lock"), (jackal, "")):
+        before = sorted(jackal.iterdir())
+        lock = Lock(make_folder(place), "./applr tune", name)
+        assert tune(jackal, "toy") == 1
+        line = f"./applr tune: {place}: another ./applr tune works in this folder; wait, or give another --out\n"
+        assert capsys.readouterr().err == line
+        lock.close()
+        assert sorted(jackal.iterdir()) == before
+    assert not DRIVEN
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("looks_fast", "abc"), ("looks_fast", [0.0, "x"]), ("looks_fast", [0.0, None]), ("looks_fast", {"a": 1})]
+    + [("looks_fast", [float("nan")]), ("looks_fast", [-1.0])],
+)
+def test_a_progress_file_of_another_form_is_one_line(jackal, tmp_path, capsys, name, value):
+    assert tune(jackal, "toy") == 0
+    (progress,) = tmp_path.glob("out/search-*/evaluation.json")
+    progress.write_text(json.dumps({**json.loads(progress.read_text()), name: value}))
+    capsys.readouterr()
+    assert tune(jackal, "toy") == 1
+    said = capsys.readouterr().err
+    assert (said.count("\n"), f"{progress}: {name} is " in said) == (1, True), said
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
