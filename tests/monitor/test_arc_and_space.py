@@ -150,10 +150,10 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
     for x in places.get(forgets, [0.0] * 6):
         stamp += 100.0 if forgets == "time" else 0.1
-        far = (2.0 + (stamp % 7.0 if forgets == "capacity" else 6.0)) * np.ones(BEAMS)
+        far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # nearer ones hide those before
         ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
-        monitor.see(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges))
         monitor.matcher.clear()  # the made-up ranges are those of no room
+        assert monitor.see(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
     verdict = monitor.filter(stamp, HERE, (0.0, 0.0), back)
