@@ -37,6 +37,7 @@ def init_node(name: str, **options: Any) -> None:
 
     Raises:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
+        KeyboardInterrupt: The node was interrupted meanwhile.
     """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(PATIENCE_S)
@@ -45,7 +46,12 @@ def init_node(name: str, **options: Any) -> None:
     if not answers:
         where = rosgraph.get_master_uri()
         raise ApplrError(f"no ROS master at {where}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
-    rospy.init_node(name, **options)
+    try:
+        rospy.init_node(name, **options)
+    except rospy.exceptions.ROSInitException:
+        if not rospy.core.is_shutdown_requested():
+            raise
+        raise KeyboardInterrupt from None
 
     def end(number: int, _: Any) -> None:
         ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])

@@ -61,6 +61,7 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
         for node in nodes[:2]:
             node.until("ready")
         wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), "subscribers")
+        wait_for(lambda: "/applr/tracked" in dict(rospy.get_published_topics()), "movers")
         up.set()
         over.wait(0.3)
         for node in nodes:
