@@ -260,6 +260,7 @@ def test_a_new_goal_begins_with_the_first_recovery():
             cycles = []
             run(made, robot, 0.05, cycles=cycles)
             begun += [cycle.recovery[0] for _, cycle in cycles if cycle.recovery]
+            assert robot.time < 20.0
     assert begun == [0]
 
 
