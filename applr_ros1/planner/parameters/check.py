@@ -40,6 +40,15 @@ from applr_ros1.planner.parameters.parameter import ParameterError, too_many_poi
 
 UNREAD_NAME = "is not read"
 ELSEWHERE = {name for declared in (*SERVERS.values(), *STATIC.values()) for p in declared for name in p.names}
+NAV2 = {  # names in ROS 2, with those that are read here
+    **{"obstacle_max_range": "obstacle_range", "raytrace_max_range": "raytrace_range"},
+    **{"max_speed_xy": "max_vel_trans", "min_speed_xy": "min_vel_trans", "min_speed_theta": "min_vel_theta"},
+    **{"vtheta_samples": "vth_samples", "BaseObstacle.scale": "occdist_scale"},
+    **{"PathDist.scale": "path_distance_bias", "GoalDist.scale": "goal_distance_bias"},
+    **{"trans_stopped_velocity": "trans_stopped_vel", "rot_stopped_velocity": "theta_stopped_vel"},
+    **{"expected_planner_frequency": "planner_frequency", "tolerance": "default_tolerance"},
+    **{"controller_plugins": "base_local_planner", "planner_plugins": "base_global_planner"},
+}
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
@@ -110,7 +119,9 @@ def _names_and_values(here, path, known, behaviours) -> Iterator[Finding]:
             yield Finding(label, f"is {value!r}", "give a mapping of names and values")
         elif value is not None:
             other = misspelt(str(key), below if isinstance(value, dict) else mine)
-            if other and key not in ELSEWHERE:
+            if NAV2.get(key) in mine and NAV2[key] not in here:
+                yield Finding(label, UNREAD_NAME, f"it is Nav2's name of {NAV2[key]}, give that", "warning")
+            elif other and key not in ELSEWHERE:
                 yield Finding(label, UNREAD_NAME, f"{MEANT} {other}?", "warning")
             else:
                 yield Finding(label, UNREAD_NAME, severity="remark")
