@@ -380,6 +380,12 @@ def test_what_is_wrong_is_one_line(make, urdf, more, line):
     assert not file.exists()
 
 
+def test_old_tags_of_an_included_file_are_named(make, tmp_path):
+    (tmp_path / "body.xacro").write_text('<robot><property name="a" value="1"/></robot>')
+    included = '<xacro:include filename="body.xacro"/><link name="${a}"/>'
+    assert re.search(r"; \S+/body.xacro has <property>, and since Noetic xacro takes", make(included)[1])
+
+
 BARE_LEFT = link("wheel_left") + joint("wheel_left", "0 .12 0", kind="continuous")
 BARE = TWO[: TWO.index('<link name="left">')] + BARE_LEFT + BARE_LEFT.replace("left", "right").replace(".12", "-.12")
 LEGGED = link("base_link") + link("base_footprint") + joint("base_footprint", "0 0 0") + LEG + NAMED.format("leg")

@@ -58,7 +58,6 @@ def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     text = plain_xml(read_bytes(path, MAX_TEXT))
     if "xacro" not in text and "${" not in text:
         return text
-    old = re.search(r"<(include|property|macro)\b", text)
     text, problem, packages.missing = expand(path, arguments, packages.found)
     if problem:
         needed = re.search(r"Undefined substitution argument (\S+)|environment variable '(\w+)' is not set", problem)
@@ -68,7 +67,11 @@ def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
             raise ApplrError(f"{path} needs the argument {needed[1]}: give {needed[1]}:=VALUE")
         absent = ", ".join(sorted(packages.missing))
         there = f"; put {absent} beside its package, or source the workspace that has them" if absent else ""
-        there += f"; it has <{old[1]}>, and since Noetic xacro takes its tags with xacro: alone" if old else ""
+        texts = _with_included(path, arguments, packages)
+        found = {file: old for file, text in texts.items() if (old := re.search(r"<(include|property|macro)\b", text))}
+        for file, old in list(found.items())[:1]:
+            whose = "it" if file == path else file
+            there += f"; {whose} has <{old[1]}>, and since Noetic xacro takes its tags with xacro: alone"
         raise ApplrError(f"{path}: xacro refuses it: {problem}{there}")
     return text
 
@@ -107,12 +110,8 @@ def _check_tree(path: str, root: Element) -> None:
         raise ApplrError(f"{path}: no joint leads to {others}, nor to {roots[0]!s:.60}: a robot has one root")
 
 
-def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
-    """Return what to say where a part may be switched off: arguments and environment variables that a xacro file reads.
-
-    Files that it includes are looked through, too, as far as they are there. Named are those that decide on a laser,
-    else those that have to do with one, else all.
-    """
+def _with_included(path: str, arguments: Mapping[str, str], packages: Packages) -> Dict[str, str]:
+    """Return the texts of a xacro file and of those that it includes, by file, as far as they are there."""
     texts: Dict[str, str] = {}
     defaults: Dict[str, str] = {}
     files = [path]
@@ -127,6 +126,16 @@ def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str
                 name = re.sub(r"\$\(find\s+([\w-]+)\)", lambda match: packages.folder(match[1]), name)
                 name = os.path.normpath(os.path.join(os.path.dirname(file), name))
                 files += [name] * (len(files) < MAX_DEPTH and name not in files)
+    return texts
+
+
+def _choices(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
+    """Return what to say where a part may be switched off: arguments and environment variables that a xacro file reads.
+
+    Files that it includes are looked through, too, as far as they are there. Named are those that decide on a laser,
+    else those that have to do with one, else all.
+    """
+    texts = _with_included(path, arguments, packages)
     found = []
     for words, pattern, form in (
         ("the file takes", r"<xacro:arg\b[^<>]*?\bname\s*=\s*[\"'](\w+)", "{}:="),
