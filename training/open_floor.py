@@ -23,6 +23,7 @@ from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
 from worlds import Course, World
 
 GOAL_DISTANCE_M = 5.0  # at the robot's scale
+WINDOW_SHARE = 0.45  # of the size of a global costmap that rolls: its goals are nearer than half of that
 DOOR_MARGIN_M = 0.3  # by which the door is wider than the padded footprint
 LIMIT_S = 60.0  # for a drive
 REASON_SHARE = 0.1  # share of a drive from which on something counts as the reason
@@ -47,6 +48,9 @@ def courses(robot: Robot) -> List[World]:
     """Return the courses, named in words. No place ends one: the planner has to say that it is at its goal."""
     length, width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)
     way, door, ahead = GOAL_DISTANCE_M * robot.world_scale, width + DOOR_MARGIN_M, math.pi / 2
+    world = robot.all_parameters()["global_costmap"]
+    if world["rolling_window"]:  # beyond which no goal has a plan
+        way = min(way, WINDOW_SHARE * min(world["width"], world["height"]))
     box = (0.0, way / 2, 0.0, length / 2, length / 2)
     walls = [(side * (door / 2 + way), way / 2, 0.0, 2 * way, 0.1) for side in (-1, 1)]
 

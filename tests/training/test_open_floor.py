@@ -7,6 +7,7 @@ import pytest
 import sim_bridge
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
+from applr_ros1.robots.folder import _read
 from training import check_robot
 from training.open_floor import Floor, changes, courses, with_change
 
@@ -19,6 +20,17 @@ def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
     (left, right) = sorted(door.boxes, key=lambda box: box[0])
     gap = right[0] - right[3] / 2 - (left[0] + left[3] / 2)
     assert (door.name, round(gap, 6)) == ("drive through a door of 0.53 m", 0.21 + 0.02 + 0.3)
+
+
+def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    old, text = "rolling_window: false, width: 20, height: 20", (folder / "robot.yaml").read_text()
+    assert old in text
+    for size, farthest in ((2, 0.9), (40, 5.0 * BURGER.world_scale)):
+        new = f"rolling_window: true, width: 40, height: {size}"
+        (folder / "robot.yaml").write_text(text.replace(old, new))
+        _read.cache_clear()
+        assert max(world.course.goal[1] for world in courses(load(str(folder), list))) == pytest.approx(farthest)
 
 
 @pytest.mark.parametrize(
