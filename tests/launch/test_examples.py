@@ -1,29 +1,51 @@
 """Every example runs as its page says, only shorter, and leaves what it promises."""
 
+import importlib
 import os
 import re
+import runpy
 import subprocess
 import sys
 
+import pytest
 import stable_baselines3
 import torch
 
 from applr_ros1.policy.actor import load
-from tests.support import HANGS, ROOT
+from tests.support import ROOT
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
 LIBRARIES = (stable_baselines3, torch)  # what they need beside the package
 
 
-def run(name, folder, *arguments):
-    """The lines that the example prints, started in an empty folder."""
-    command = [sys.executable, str(ROOT / "examples" / name / "run.py"), *map(str, arguments)]
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout.splitlines()
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """run(name, arguments): the lines that the example prints, executed in an empty folder, in this process.
+
+    So are the commands of the package that it starts, which are `python -m MODULE` with arguments.
+    """
+    started = subprocess.run
+
+    def command(words, env=None, **more):
+        if words[:2] != [sys.executable, "-m"]:
+            return started(words, env=env, **more)
+        assert more == {"check": True}, "an example goes on after a command that failed"
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "path", [*(env or {}).get("PYTHONPATH", "").split(os.pathsep), *sys.path])
+            assert importlib.import_module(words[2]).main(words[3:]) == 0, capsys.readouterr().err
+        return None
+
+    def run(name, *arguments):
+        path = ROOT / "examples" / name / "run.py"
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [str(path), *map(str, arguments)])
+        capsys.readouterr()
+        with monkeypatch.context() as patch:
+            patch.setattr(subprocess, "run", command)
+            runpy.run_path(str(path), run_name="__main__")
+        return capsys.readouterr().out.splitlines()
+
+    return run
 
 
 def test_the_page_lists_all_of_them():
@@ -31,22 +53,22 @@ def test_the_page_lists_all_of_them():
     assert listed == EXAMPLES
 
 
-def test_foreign_learner(tmp_path):
-    lines = run("01_foreign_learner", tmp_path, "--steps", 60, "--out", "a.safetensors")
+def test_foreign_learner(tmp_path, run):
+    lines = run("01_foreign_learner", "--steps", 60, "--out", "a.safetensors")
     assert re.match(r"a.safetensors: (goal reached|not reached) after \d+", lines[-1])
     assert load(tmp_path / "a.safetensors").metadata["training"]["learner"] == "stable-baselines3"
 
 
-def test_own_method(tmp_path):
-    lines = run("02_own_method", tmp_path, "--worlds", "generated:7", "--trials", 1, "--out", "out")
+def test_own_method(tmp_path, run):
+    lines = run("02_own_method", "--worlds", "generated:7", "--trials", 1, "--out", "out")
     times = {line.split()[0]: float(line.split()[-2]) for line in lines if " trial 0: goal after " in line}
     assert times["cautious"] < times["dwa"]
     assert (tmp_path / "out" / "report" / "index.html").exists()
 
 
-def test_offline_from_a_bag(tmp_path):
+def test_offline_from_a_bag(tmp_path, run):
     options = "--gradient-steps", 5, "--net-arch", 16, 16, "--out"
-    run("03_offline_from_a_bag", tmp_path, *options, "recorded")
-    run("03_offline_from_a_bag", tmp_path, tmp_path / "recorded" / "drives.bag", *options, "given")
+    run("03_offline_from_a_bag", *options, "recorded")
+    run("03_offline_from_a_bag", tmp_path / "recorded" / "drives.bag", *options, "given")
     for name in ("recorded", "given"):
         assert load(tmp_path / name / "run" / "actor.safetensors")

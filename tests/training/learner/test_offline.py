@@ -7,6 +7,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from tests.support.episodes import episode
+from tests.support.kills import Killed
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.env.reward import Reward
@@ -55,10 +56,6 @@ def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):
     assert str(tmp_path).encode() not in (tmp_path / "a" / "actor.safetensors").read_bytes()  # names no folders
     rounds = [json.loads(line) for line in (tmp_path / "a" / "evaluations.jsonl").read_text().splitlines()]
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
-
-
-class Killed(BaseException):
-    """What a SIGKILL does: nothing is saved any more."""
 
 
 @pytest.mark.parametrize("killed", [False, True])

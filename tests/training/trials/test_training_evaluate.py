@@ -24,6 +24,7 @@ from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT
+from tests.support.kills import left_at_each_write
 from tests.support.trial_tables import kept
 from training import evaluate
 from training.env.episode import TIME_LIMIT
@@ -38,24 +39,36 @@ HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
     given = "--worlds", worlds, "--methods", chosen, "--trials", "4", "--out", out, "--no-report", *more
     runner = "--runner", "tests.support.toy_runner:drive"
-    return [sys.executable, "-m", "training.evaluate", *map(str, given), *runner]
+    return [*map(str, given), *runner]
 
 
-def environment(**more):
-    return dict(os.environ, PYTHONPATH=str(ROOT), **{k: str(v) for k, v in more.items()})
+@pytest.fixture
+def run(monkeypatch):
+    """evaluate.py in this process, whose trials take no time; returns its exit status."""
+    monkeypatch.setenv("TOY_SECONDS", "0")
+
+    def run(arguments):
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", *arguments])
+        return evaluate.main([*arguments, "--workers", "0"])
+
+    return run
 
 
-def run(*arguments, **env):
-    return subprocess.run(*arguments, cwd=ROOT, env=environment(**env), capture_output=True, text=True, timeout=HANGS)
+@pytest.fixture
+def refused(run, capsys):
+    """refused(arguments, words): that evaluate.py ends with one line, which has the words."""
 
+    def refused(arguments, *words):
+        capsys.readouterr()
+        assert run(arguments) == 1
+        text = capsys.readouterr().err
+        lines = [line for line in text.splitlines() if line.startswith("evaluate.py: ")]
+        assert len(lines) == 1, text
+        assert "Traceback" not in text, text
+        for word in words:
+            assert word in lines[0], lines[0]
 
-def refused(done, *words):
-    lines = [line for line in done.stderr.splitlines() if line.startswith("evaluate.py: ")]
-    assert done.returncode == 1, done.stderr
-    assert len(lines) == 1, done.stderr
-    assert "Traceback" not in done.stderr, done.stderr
-    for word in words:
-        assert word in lines[0], lines[0]
+    return refused
 
 
 # -- plan ------------------------------------------------------------------------------------------------------------
@@ -71,8 +84,8 @@ def test_same_seeds_for_every_method_and_whatever_else_is_driven():
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
-def test_csv_begins_with_the_pinned_columns(tmp_path):
-    assert run(command(tmp_path)).returncode == 0
+def test_csv_begins_with_the_pinned_columns(tmp_path, run):
+    assert run(command(tmp_path)) == 0
     lines = (tmp_path / "trials.csv").read_text().splitlines()
     assert lines[0].startswith(HEADER)
     assert len(lines) == 1 + 3 * 2 * 4
@@ -97,12 +110,16 @@ def test_csv_begins_with_the_pinned_columns(tmp_path):
 
 
 @pytest.mark.fault("19")
-def test_killed_and_started_again_gives_the_same_rows(tmp_path):
+def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
+    """Stopped by Ctrl-C and killed, with workers; the rest is driven in one process."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert run(command(whole)).returncode == 0
-    for signal_ in (signal.SIGKILL, signal.SIGINT, signal.SIGKILL):
+    assert run(command(whole)) == 0
+    for signal_ in (signal.SIGINT, signal.SIGKILL):
         process = subprocess.Popen(
-            command(killed), cwd=ROOT, env=environment(TOY_SECONDS=0.4), stderr=subprocess.DEVNULL
+            [sys.executable, "-m", "training.evaluate", *command(killed)],
+            cwd=ROOT,
+            env=dict(os.environ, PYTHONPATH=str(ROOT), TOY_SECONDS="0.4"),
+            stderr=subprocess.DEVNULL,
         )
         deadline = time.monotonic() + HANGS
         before = _rows(killed)
@@ -111,8 +128,23 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path):
         process.send_signal(signal_)
         assert process.wait(HANGS) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
     assert 0 < _rows(killed) < 24
-    assert run(command(killed)).returncode == 0
+    assert run(command(killed)) == 0
     assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+
+
+@pytest.mark.fault("19")
+def test_killed_at_any_of_its_writes_it_goes_on_to_the_same_rows(tmp_path, run, monkeypatch):
+    whole = tmp_path / "whole"
+
+    def arguments(out):
+        return command(out, "--trials", 2, worlds="generated:0,generated:7", chosen="dwa")
+
+    writes = left_at_each_write(lambda: run(arguments(whole)), whole, tmp_path, monkeypatch)
+    assert len(writes) > 10
+    for number, name in enumerate(writes):
+        assert run(arguments(tmp_path / str(number))) == 0
+        rows = (tmp_path / str(number) / "trials.csv").read_bytes()
+        assert rows == (whole / "trials.csv").read_bytes(), f"killed at write {number}, {name}"
 
 
 def _rows(folder):
@@ -150,14 +182,14 @@ def test_a_row_that_was_being_written_is_driven_again_and_others_are_as_they_wer
         assert table.find(plan[1]) == replace(given, time_s=3.1416)
 
 
-def test_more_trials_only_append(tmp_path):
-    assert run(command(tmp_path, "--trials", 2)).returncode == 0
+def test_more_trials_only_append(tmp_path, run, refused):
+    assert run(command(tmp_path, "--trials", 2)) == 0
     few = (tmp_path / "trials.csv").read_bytes()
-    assert run(command(tmp_path)).returncode == 0
+    assert run(command(tmp_path)) == 0
     assert (tmp_path / "trials.csv").read_bytes().startswith(few)
-    refused(run(command(tmp_path, "--seed", 3)), "another seed", "--out")
-    refused(run(command(tmp_path, "--monitor")), "another monitor", "--out")
-    refused(run(command(tmp_path, "--movers")), "another movers", "--out")
+    refused(command(tmp_path, "--seed", 3), "another seed", "--out")
+    refused(command(tmp_path, "--monitor"), "another monitor", "--out")
+    refused(command(tmp_path, "--movers"), "another movers", "--out")
 
 
 def test_another_evaluations_folder_is_refused(tmp_path):
@@ -188,11 +220,10 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     refuse("evaluation.json is missing")
 
 
-def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
-    refused(
-        run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:", " failed: the toy will not"
-    )
-    refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), " failed: the toy is broken; mend it")
+def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
+    refused(command(tmp_path, chosen="dwa,bad=random"), "trial 0 of bad in generated:", " failed: the toy will not")
+    monkeypatch.setenv("TOY_BROKEN", "1")
+    refused(command(tmp_path / "b"), " failed: the toy is broken; mend it")
 
 
 @pytest.mark.parametrize(
