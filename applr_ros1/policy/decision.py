@@ -5,15 +5,32 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.policy.layout import Layout
-from applr_ros1.policy.observation import LAYOUT, observe
+from applr_ros1.policy.observation import LAYOUT, goal_angle, local_goal, observe, without_gaps
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
+
+
+class Seen(NamedTuple):
+    """What a decision is made from, before any layout and beside the parameters: msg/Decision.msg holds it.
+
+    scan: ranges (n,) float32 [m] as measured, direction of the first and step to the next [rad] in the robot's frame.
+    The others are as in a Context.
+    """
+
+    scan: Tuple[np.ndarray, float, float]
+    time: float
+    pose: Pose
+    twist: Tuple[float, float]
+    goal: Pose
+    plan: np.ndarray
+    movers: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -39,13 +56,26 @@ class Context:
     phi: float
     theta: np.ndarray
     time: float
-    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pose: Pose = (0.0, 0.0, 0.0)
     twist: Tuple[float, float] = (0.0, 0.0)
-    goal: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal: Pose = (0.0, 0.0, 0.0)
     plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     space: Space = SPACE
     layout: Layout = LAYOUT
+
+    @classmethod
+    def of(cls, theta: np.ndarray, seen: Seen, space: Space, layout: Layout) -> Context:
+        """Make it of what was seen, for a layout; without a plan the local goal is the goal.
+
+        The applr node, the learning environment and the bag reader make it here. Raises ObservationError for a scan
+        that the layout cannot take or in which nothing was measured, and for a plan or pose that is not finite.
+        """
+        scan, time, pose, twist, goal, plan, movers = seen
+        ranges = layout.resample(*scan)
+        without_gaps(ranges, layout)
+        phi = goal_angle(local_goal(plan if len(plan) else [goal[:2]], pose, layout.lookahead))
+        return cls(ranges, phi, theta, time, pose, twist, goal, plan, movers, space, layout)
 
     @cached_property
     def observation(self) -> np.ndarray:

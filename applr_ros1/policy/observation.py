@@ -15,6 +15,7 @@ from applr_ros1.policy.parameter_space import SPACE
 MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
 RANGE_CAP_M = 2.0  # at the Jackal's scale; the paper caps the scan there
 LOOKAHEAD_M = 1.0  # at the Jackal's scale
+FARTHEST_M = 4.0  # at the Jackal's scale; no form looks farther along the plan
 WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
 
 
@@ -113,6 +114,19 @@ def local_goal(plan, pose, lookahead=LAYOUT.lookahead):
     i = far[0] if len(far) else len(points) - 1
     c, s = cos(pose[2]), sin(pose[2])
     return float(c * dx[i] + s * dy[i]), float(-s * dx[i] + c * dy[i])
+
+
+def beginning(plan, pose, distance):
+    """The first points (k, 2) of a plan: local_goal finds in them what it finds in all, up to a lookahead `distance`.
+
+    Args:
+        plan: (n, >= 2) x, y [m], start first.
+        pose: (x, y, yaw) of the robot [m, rad].
+        distance: [m].
+    """
+    points = np.asarray(plan, dtype=np.float64)[:, :2]
+    far = np.flatnonzero(np.hypot(*(smooth(points) - pose[:2]).T) > distance)
+    return points[: far[0] + WINDOW] if len(far) else points
 
 
 def goal_angle(goal):

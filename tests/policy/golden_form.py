@@ -84,7 +84,7 @@ def _reward(form: Any, reward: Reward, given: Arrays, i: int, before: np.ndarray
     """The terms, of a decision 10 s before the limit."""
     told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
-    outcome = Outcome(np.zeros(1), 0.0, after, seconds=float(given["seconds"][i]), decisions=90, **told)
+    outcome = Outcome(after, seconds=float(given["seconds"][i]), decisions=90, **told)
     episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
     return list(reward.judge(form, before, episode)[1].values())
 

@@ -135,7 +135,7 @@ class ApplrEnv(gymnasium.Env):
         episode, state = self.episode, self.episode.simulator.state
         if episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before render()")
-        layout, ranges = episode.layout, episode.outcome.ranges
+        layout, ranges = episode.layout, episode.context().ranges
         (x, y, _), yaw = laser_pose(state.pose, episode.robot.laser), state.pose[2]
         angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
         near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees

@@ -13,7 +13,7 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import normalize_angle, transform_point
+from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
@@ -22,8 +22,8 @@ from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.policy.actor import Stall
-from applr_ros1.policy.decision import Context
-from applr_ros1.policy.observation import goal_angle, layout_of, local_goal
+from applr_ros1.policy.decision import Context, Seen
+from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.robot import Laser
@@ -137,12 +137,10 @@ class Episode:
         self.stall.reset()
         self.stall.look(0.0, *state.pose[:2])
         self.move_base.set_goal(self.goal, state.time)
-        plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
-        self._seen = ranges = self.simulator.scan()  # the scan of the coming decision
-        near = self._nearest(ranges)
-        self.outcome = Outcome(
-            self._resampled(ranges), self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
-        )
+        self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # of the coming decision, as its scan is
+        self._scanned = self.simulator.scan()
+        near = self._nearest(self._scanned)
+        self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
         return self.outcome
 
     def decide(self, theta) -> Outcome:
@@ -171,11 +169,11 @@ class Episode:
             now.timeout = True
         if now.timeout:
             now.time_s = self.time_limit
-        self._seen = ranges = self._ranges if self._scan_period else self.simulator.scan()
-        now.ranges, now.last_scan_min = self._resampled(ranges), self._nearest(ranges)
+        self._scanned = self._ranges if self._scan_period else self.simulator.scan()
+        self._plan = self.move_base.global_plan
+        now.last_scan_min = self._nearest(self._scanned)
         now.decision_min = min(now.decision_min, now.last_scan_min)
         now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
-        now.phi = self._phi(self.move_base.global_plan)
         now.progress, now.progress_y = progress(self.world.course.goal, came_from, state.pose)
         now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
         now.mean_clearance_m = self._clearances / self._cycles
@@ -184,11 +182,16 @@ class Episode:
 
     def context(self) -> Context:
         """Return the input of a method for the next decision."""
-        o, state = self.outcome, self.simulator.state
-        assert o is not None, "reset() comes first"
-        seen, known = (o.ranges, o.phi, o.theta, o.time_s), (self.space, self.layout)
-        plan = self.move_base.global_plan
-        return Context(*seen, state.odom_pose, state.odom_twist, self.goal, plan, self.movers(), *known)
+        assert self.outcome is not None, "reset() comes first"
+        return Context.of(self.outcome.theta, self.seen(), self.space, self.layout)
+
+    def seen(self) -> Seen:
+        """Return what the next decision is made from."""
+        state, laser = self.simulator.state, self.robot.laser
+        assert self.outcome is not None, "reset() comes first"
+        scan = self._scanned, laser.first_angle + laser.pose[2], laser.increment
+        motion = state.odom_pose, state.odom_twist, self.goal, self._plan, self.movers()
+        return Seen(scan, self.outcome.time_s, *motion)
 
     def movers(self) -> np.ndarray:
         """(k, 4) x, y, vx, vy of what the tracker sees moving, in the odometry's frame [m, m/s]."""
@@ -277,21 +280,8 @@ class Episode:
             now.aborted, now.reason = True, "planner %s: %s" % (status, text)
 
     # -- what is seen ------------------------------------------------------------------------------
-    def _resampled(self, ranges: np.ndarray) -> np.ndarray:
-        """A scan of the simulated laser as the layout has it."""
-        laser = self.robot.laser
-        return self.layout.resample(ranges, laser.first_angle + laser.pose[2], laser.increment)
-
     def _nearest(self, ranges: np.ndarray) -> float:
         return nearest(ranges, self.robot.laser.range_min)
-
-    def _phi(self, plan) -> float:
-        """Angle to the local goal along the plan [rad]; to the goal itself where there is no plan."""
-        pose = self.simulator.state.odom_pose
-        if plan is not None and len(plan):
-            return goal_angle(local_goal(plan, pose, self.layout.lookahead))
-        dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
-        return normalize_angle(math.atan2(dy, dx) - yaw)
 
 
 def progress(goal, p, q) -> Tuple[float, float]:

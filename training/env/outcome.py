@@ -18,8 +18,7 @@ CLEAR = 3.0  # widths of the body beyond which an obstacle is not near
 class Outcome:
     """State of a trial after a decision (or after reset, when most fields are zero).
 
-    The inputs of the next observation:
-      ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (n,) what the planner really has
+    What the planner really has: theta (n,)
     Of this decision:
       progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
       last_scan_min         smallest range of the scan at its end [m], never under range_min
@@ -35,8 +34,6 @@ class Outcome:
       [m/s^3]), mean_turn (the same of the yaw acceleration)
     """
 
-    ranges: np.ndarray
-    phi: float
     theta: np.ndarray
     progress: float = 0.0
     progress_y: float = 0.0
