@@ -9,15 +9,17 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Literal, Optional
 
+from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.policy.form import PaperForm
-from training.common.command_line import parsed
+from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.dimensionless import FORMS
+from training.common.command_line import Parser
 from training.common.folders import make_folder
-from training.common.options import argument, checked, option
-from training.env.reward import Reward
+from training.common.options import add_options, argument, checked, option
+from training.env.reward import Reward, RewardOptions
 from training.replay.store import NAME, TrajectoryStore
 from training.replay.trajectory import MAX_NAME, TransitionLayout
 
@@ -33,7 +35,7 @@ def _reasons(skipped) -> str:
     return "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
 
 
-class DatasetOptions(BagOptions):
+class DatasetOptions(BagOptions, RewardOptions):
     """The bags to convert, and how."""
 
     # fmt: off
@@ -42,9 +44,8 @@ class DatasetOptions(BagOptions):
     finish: Optional[float] = option(None,
         "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. Without it "
         "the result of move_base decides.", ge=-1e6, le=1e6)
-    reward: List[str] = option([],
-        "Coefficient of the reward to use instead of its default, as NAME=VALUE; can be given several times. Names: "
-        f"{', '.join(Reward.model_fields)}.")
+    observation: Literal["paper", "dimensionless"] = option("paper",
+        "Form of observations, actions and reward, as that of train.py, which needs the same.")
     move_base: str = option(TopicNames.move_base,
         "Name space of move_base in the bags, with its goals.")
     applr: str = option(TopicNames.applr,
@@ -54,8 +55,22 @@ class DatasetOptions(BagOptions):
 
 def main(arguments=None) -> int:
     """Return exit status 0; 1 with one line when no dataset could be made."""
-    name = "bags_to_dataset"
-    return run_main(lambda: run(parsed(DatasetOptions, f"{name}.py", __doc__, arguments)), name)
+    return run_main(lambda: run(parse(arguments)), "bags_to_dataset")
+
+
+def parse(arguments=None) -> DatasetOptions:
+    """Return the options of a command line; robot, form and reward are those of the recipe, if they are not given."""
+    parser = Parser("bags_to_dataset.py", __doc__ or "")
+    recipe = "Recipe whose robot, observation and reward are used, as `train.py --recipe` of the same has them."
+    parser.add_argument("--recipe", default="", help=recipe)
+    add_options(parser, DatasetOptions)
+    given = vars(parser.parse_args(without_remappings(arguments)))
+    if name := given.pop("recipe"):
+        from training.learner import config  # with torch
+
+        shared = ("robot", "observation", *RewardOptions.model_fields)
+        given = {**{key: value for key, value in config.recipe(name).items() if key in shared}, **given}
+    return checked(DatasetOptions, given)
 
 
 def run(options: DatasetOptions) -> None:
@@ -64,10 +79,9 @@ def run(options: DatasetOptions) -> None:
     A bag or episode that is damaged or incomplete is skipped, printed and counted under its reason. Raises BagError
     when nothing at all could be used, StorageError when the folder cannot be written.
     """
-    reward = checked(Reward, dict(text.partition("=")[::2] for text in options.reward), "--reward")
-    topics = options.topics()
-    bags, form = bags_in(options.bags), PaperForm(options.robot)
-    layout = TransitionLayout(form.scan, form.size - form.scan, form.actions)
+    reward = Reward(**options.model_dump(include=set(RewardOptions.model_fields)))
+    topics, bags = options.topics(), bags_in(options.bags)
+    layout = TransitionLayout.of(FORMS[options.observation](options.robot, PERIOD))
     store = TrajectoryStore(make_folder(options.out) / NAME, layout)
     if store.last:
         raise ApplrError(f"{options.out}: holds trajectories already; give another folder")
@@ -77,7 +91,7 @@ def run(options: DatasetOptions) -> None:
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)
-                found = list(transitions(recorded, options.robot, reward, layout, report, options.finish))
+                found = list(transitions(recorded, options.robot, options.observation, reward, report, options.finish))
                 for trajectory in found:
                     trajectory.check(layout)
         except BagError as error:
@@ -98,7 +112,8 @@ def run(options: DatasetOptions) -> None:
         raise BagError(f"no transition could be used{_reasons(all_skipped)}")
     about = ("episodes", "transitions", "skipped")
     made = [{"name": bag.name, **{name: vars(report)[name] for name in about}} for bag, report in zip(bags, reports)]
-    source: Dict[str, Any] = {"bags": made, "robot": options.robot.name, **reward.model_dump()}
+    source: Dict[str, Any] = {"bags": made, "robot": options.robot.name, "observation": options.observation}
+    source.update(reward.model_dump(), critics_know_more=False)
     periods = sorted(set().union(*(report.periods for report in reports)))
     if len(periods) == 1:
         source["decision_period"] = round(periods[0], 3)

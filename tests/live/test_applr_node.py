@@ -23,7 +23,7 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
-from tests.support.fake_jackal import Standing
+from tests.support.fake_jackal import Standing, decided, observed
 from tests.support.ros_harness import LONGEST, session, wait_for
 from tests.support.weights import make_weights
 
@@ -121,7 +121,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert periods.sum() > 3.0
     assert periods.min() < 1.25  # a busy machine is late now and then
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
-    np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
+    np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
     planner = client._servers[PLANNER.split("/")[-1]].values
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
     inflaters = [server for role, server in client._servers.items() if "inflater" in role]
@@ -134,6 +134,11 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert robot.count("failed") == 0
     robot.goal = None  # the course is over: the next one starts on theta_0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
+    wait_for(lambda: robot.ends, "what came of the last decision")
+    (end,) = robot.ends
+    assert decided(end)["theta_prev"] == robot.decisions[-1]["theta"]
+    assert (end.goal, decided(end)["theta"]) == ("one", {})
+    assert observed(end)[:721] == pytest.approx(expected[:721], abs=1e-6)
     count = len(robot.decisions)
     two_periods(robot)
     assert len(robot.decisions) == count
@@ -198,7 +203,7 @@ def test_fault_11_odd_scans(robot, stack):
     for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
         robot.ranges, count = odd, len(robot.decisions)
         wait_for(lambda count=count: len(robot.decisions) >= count + 2, "decisions")
-        assert np.all(np.isfinite(robot.observations[-1]))
+        assert np.all(np.isfinite(observed(robot.messages[-1])))
     for odd, line in (
         (np.full(720, np.nan, np.float32), "all 720 beams"),
         (good[:360], "360 beams"),

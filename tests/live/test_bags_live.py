@@ -36,6 +36,12 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
         child.end()
         assert "Traceback" not in child.text, child.text
     wait_for(bag.exists, "the bag")
-    report = BagReport()
-    assert list(transitions(read(bag), report=report))
-    assert report.transitions >= 3, report
+    recorded = read(bag)
+    for observation in ("paper", "dimensionless"):
+        report = BagReport()
+        found = list(transitions(recorded, observation=observation, report=report))
+        assert report.transitions >= 3, report
+        assert len(found[0].rest[0]) == {"paper": 9, "dimensionless": 51}[observation]
+    first = recorded.decisions[0].seen
+    assert len(first.scan[0]) == 720
+    assert first.plan[-1, 0] - first.plan[0, 0] > 1.0 or first.plan[-1, 1] - first.plan[0, 1] > 1.0

@@ -123,7 +123,7 @@ def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
         beside.plan(5.0, frame)
         seen = beside.snapshot()
         np.testing.assert_allclose(seen.movers, moving, atol=1e-9)
-        assert seen.motion[-1] is seen.movers
+        assert seen.seen(1.0).movers is seen.movers
         assert seen.movers_stamp == beside.time
     beside.now += 1.1
     beside.plan(5.0)

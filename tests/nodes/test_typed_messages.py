@@ -1,5 +1,6 @@
 """Messages of this package: what the applr node publishes, and what a bag's reader makes of it."""
 
+import io
 import math
 from types import SimpleNamespace
 
@@ -10,8 +11,12 @@ import rospy
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
+from applr_ros1 import robots
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.dimensionless import FAR_POINT, FORMS, DimensionlessForm
+from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from training.bags.bag import read
 
@@ -32,13 +37,21 @@ def published(monkeypatch):
     return messages
 
 
-def decide(topics, number, theta, refused=""):
-    now = rospy.Time(100 + number, 5)
+def snapshot(number):
+    """Numbers of which none is like another, as a node heard them; its plan goes on where no form looks."""
+    rng = np.random.default_rng(number)
     *stamps, movers = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
-    ranges = np.full(720, 2.0, np.float32)
-    seen = Snapshot(ranges, (1.0, 2.0, 0.5), np.zeros((2, 2)), "odom", *stamps, movers_stamp=movers)
-    observation = np.linspace(0.0, 1.0, 729, dtype=np.float32) + np.float32(number)
-    topics.decision(number, now, "goal 7", seen, (1.5, -0.25), observation, THETA_0, theta, refused)
+    scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
+    pose, twist, goal, moving = (tuple(rng.uniform(-2.0, 2.0, n)) for n in (3, 2, 3, (number, 4)))
+    along = 0.03 * np.arange(400)
+    plan = np.column_stack([pose[0] + along, pose[1] + np.sin(along)])
+    return Snapshot(scan, pose, plan, "odom", *stamps, twist, goal, np.reshape(moving, (-1, 4)), movers)
+
+
+def decide(topics, number, theta, refused=""):
+    now, heard = rospy.Time(100 + number, 5), snapshot(number)
+    context = Context.of(THETA_0, heard.seen(0.1 * number), SPACE, LAYOUT)
+    topics.decision(number, now, "goal 7", heard, context, theta, refused)
     return now
 
 
@@ -58,25 +71,49 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     theta = SPACE.clip(np.linspace(0.4, 1.9, len(SPACE)))
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
-    assert [m.movers.to_nsec() % 10**9 for topic, m in published if topic == "applr/decision"] == [4, 4]
     bag = written(tmp_path / "a.bag", published)
     decisions = [d._asdict() for d in bag.decisions]
-    observations = [(decision.pop("at"), decision.pop("observation"))[1] for decision in decisions]
+    found = [(decision.pop("at"), decision.pop("seen"))[1] for decision in decisions]
     assert decisions == [
         {
             "number": number,
             "goal": "goal 7",
             "stamp": (100 + number) * 10**9 + 5,
-            "scan": (100 + number) * 10**9 + 1,
             "odometry": (100 + number) * 10**9 + 2,
             "before": SPACE.as_dict(THETA_0),
             "after": chosen,
         }
         for number, chosen in ((1, SPACE.as_dict(theta)), (2, {}))
     ]
-    for number, observation in enumerate(observations, 1):
-        assert observation.dtype == np.float32
-        assert np.array_equal(observation, np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
+    for number, seen in enumerate(found, 1):
+        said = snapshot(number).seen(0.1 * number)
+        assert seen.scan[1:] == said.scan[1:]
+        assert (seen.time, seen.pose, seen.twist, seen.goal) == (said.time, said.pose, said.twist, said.goal)
+        np.testing.assert_array_equal(seen.scan[0], said.scan[0])
+        np.testing.assert_array_equal(seen.movers, said.movers)
+        assert len(seen.plan) < 200 < len(said.plan)
+        for kind in FORMS.values():
+            form = kind(robots.JACKAL, 1.0)
+            observed = [form.observe(Context.of(THETA_0, it, SPACE, form.layout)) for it in (seen, said)]
+            np.testing.assert_array_equal(*observed)
+
+
+def test_a_decision_is_small_and_names_what_it_was_made_from(published):
+    decide(applr_topics.ApplrTopics(), 2, THETA_0)
+    ((_, message),) = [one for one in published if one[0] == "applr/decision"]
+    stamps = message.scan, message.odometry, message.plan, message.movers.header.stamp
+    assert [stamp.to_nsec() % 10**9 for stamp in stamps] == [1, 2, 3, 4]
+    packed = io.BytesIO()
+    message.serialize(packed)
+    assert len(packed.getvalue()) < 7000  # bytes, of which 2880 are the scan's
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_no_form_looks_beyond_the_plan_of_a_decision(name):
+    robot = robots.load(name)
+    width = DimensionlessForm(robot, 1.0).width
+    farthest = max(layout_of(robot).lookahead, FAR_POINT * width)
+    assert 1.3 * farthest < FARTHEST_M * robot.world_scale
 
 
 def test_fields_of_the_parameters_are_named_for_plotting():

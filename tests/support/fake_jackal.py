@@ -21,6 +21,9 @@ from std_msgs.msg import Time
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import compose
+from applr_ros1.policy.decision import Context, Seen
+from applr_ros1.policy.observation import LAYOUT
+from applr_ros1.policy.parameter_space import SPACE
 from tests.support.toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
 
 TICK = 0.01
@@ -122,6 +125,7 @@ class Standing(FakeJackal):
         self._status = self._publisher("/move_base/status", GoalStatusArray)
         for topic, kind, callback in (
             ("/applr/decision", Decision, self._on_decision),
+            ("/applr/course_end", Decision, lambda m: self.ends.append(m)),
             ("/applr/heartbeat", Time, lambda m: self.beats.append(m.data.to_sec())),
             ("/applr/parameters", Parameters, lambda m: self.parameters.append(list(m.values))),
             ("/diagnostics", DiagnosticArray, self._on_diagnostics),
@@ -134,14 +138,15 @@ class Standing(FakeJackal):
         self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
         self.goal = self.clock = None
         self.statuses = True  # whether move_base's status is published
-        self.decisions, self.observations, self.beats, self.parameters, self.values = [], [], [], [], {}
+        self.decisions, self.messages, self.ends = [], [], []
+        self.beats, self.parameters, self.values = [], [], {}
 
     def count(self, key):
         return int(self.values.get(key, 0))
 
     def _on_decision(self, message):
         self.decisions.append(decided(message))
-        self.observations.append(np.array(message.observation, dtype=np.float32))
+        self.messages.append(message)
 
     def _on_diagnostics(self, message):
         status = message.status[0]
@@ -173,6 +178,14 @@ def decided(message):
         key: dict(zip(of.names, of.values)) for key, of in (("theta_prev", message.before), ("theta", message.after))
     }
     return dict(sets, stamp=str(message.header.stamp), refused=message.refused)
+
+
+def observed(message):
+    """Return the paper's observation (729,) of an applr_ros1/Decision of a Jackal."""
+    scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
+    pose, plan = (message.x, message.y, message.yaw), np.column_stack([message.plan_x, message.plan_y])
+    seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
+    return Context.of(np.array(message.before.values), seen, SPACE, LAYOUT).observation
 
 
 def transform(parent, child, pose, stamp):

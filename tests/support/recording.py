@@ -8,6 +8,7 @@ import numpy as np
 from rosbags.typesys import get_types_from_msg
 
 from applr_ros1.common.angles import quaternion_of
+from applr_ros1.policy.observation import FARTHEST_M, beginning
 from tests.support import ROOT
 from training.bags.writer import BagWriter
 from training.env.episode import Episode
@@ -71,23 +72,24 @@ class StackWriter(BagWriter):
         )
         self._put(self.topics.move_base + "/result", "move_base_msgs/msg/MoveBaseActionResult", time, *fields)
 
-    def decision(self, time, number, goal, observation, seen, before, after):
-        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry"} [s], two {name: value}."""
-        kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
-        if kinds[1] not in self.store.types:
+    def decision(self, time, number, goal, seen, before, after=None):
+        """Write msg/Decision.msg: a Seen in the odometry's frame, and two {name: value}; without the second an end."""
+        kinds = [f"applr_ros1/msg/{name}" for name in ("Parameters", "Movers", "Decision")]
+        if kinds[-1] not in self.store.types:
             for kind in kinds:
                 text = (ROOT / "msg" / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
                 self.store.register(get_types_from_msg(text, kind))
         header = self._header(time, self.robot.frames.odom)
-        times = [self._time(seen.get(name, 0.0)) for name in ("scan", "odometry", "plan", "movers")]
         sets = [
             self._make(kinds[0], header, list(of), np.array(list(of.values())), np.ones(len(of)), *[np.nan] * PLOTTED)
-            for of in (before, after)
+            for of in (before, after or {})
         ]
-        place = [np.nan] * 5  # pose and local goal, which no reader needs
-        observation = np.asarray(observation, np.float32)
-        fields = header, number, goal, *times, *place, observation, *sets, ""
-        self._put(self.topics.decision, kinds[1], time, *fields)
+        movers = self._make(kinds[1], header, *seen.movers.T.copy(), np.zeros(len(seen.movers)))
+        stamps, places = [self._time(time)] * 3, map(float, (*seen.pose, *seen.twist, *seen.goal))
+        plan = beginning(seen.plan, seen.pose, FARTHEST_M * self.robot.world_scale).T.copy()
+        fields = header, number, goal, seen.time, *stamps, *places, *seen.scan[1:], seen.scan[0], *plan, movers
+        topic = self.topics.course_end if after is None else self.topics.decision
+        self._put(topic, kinds[2], time, *fields, *sets, "")
 
     def _status(self, goal_id, status):
         identity = self._make("actionlib_msgs/msg/GoalID", self._time(0.0), goal_id)
@@ -102,7 +104,7 @@ class RecordingEpisode(Episode):
         self.writer = writer
         self.courses = self.decisions = 0
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
-        self._scanned: Optional[float] = None  # time of the newest scan in the bag
+        self._written: Optional[float] = None  # time of the newest scan in the bag
 
     def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
         """Begin a course; a goal is sent on the recorded action topic."""
@@ -119,13 +121,16 @@ class RecordingEpisode(Episode):
 
     def decide(self, theta) -> Outcome:
         """Drive one decision period and write what the nodes would have published in it."""
-        now, observation, before = self._now, self.context().observation, self.outcome.theta
+        now, seen, before = self._now, self.seen(), self.outcome.theta
         outcome = super().decide(theta)
-        seen, sets = {"scan": now, "odometry": now}, map(self.space.as_dict, (before, outcome.theta))
-        self.writer.decision(now, self.decisions, self._goal_id, observation, seen, *sets)
+        sets = map(self.space.as_dict, (before, outcome.theta))
+        self.writer.decision(now, self.decisions, self._goal_id, seen, *sets)
         self.decisions += 1
         self._look()
         if outcome.over:
+            self.writer.decision(
+                self._now, self.decisions, self._goal_id, self.seen(), self.space.as_dict(outcome.theta)
+            )
             status = SUCCEEDED if outcome.success else ABORTED if outcome.aborted else PREEMPTED
             self.writer.result(self._now, self._goal_id, status)
             self.writer.status(self._now, self._goal_id, running=False)
@@ -146,7 +151,7 @@ class RecordingEpisode(Episode):
         before, now, ranges = self.simulator.state, self._now, self._ranges
         cycle, state = super()._cycle()
         if self._goal_id:
-            if self._scanned != now:  # a decision's scan was taken at the same moment, with other noise
+            if self._written != now:  # a decision's scan was taken at the same moment, with other noise
                 self.writer.odometry(now, before.odom_pose, before.odom_twist)
                 if self._ranges is not ranges:
                     self.writer.scan(now, self._ranges)
@@ -159,8 +164,8 @@ class RecordingEpisode(Episode):
         now, state = self._now, self.simulator.state
         self.writer.status(now, self._goal_id)
         self.writer.odometry(now, state.odom_pose, state.odom_twist)
-        self.writer.scan(now, self._seen)
-        self._scanned = now
+        self.writer.scan(now, self._scanned)
+        self._written = now
 
     def _parameters(self, later: float) -> None:
         for server in self.space.servers:

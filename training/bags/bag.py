@@ -18,6 +18,7 @@ import rosbags  # noqa: F401  (messages.py's process needs it)
 
 from applr_ros1.common import child
 from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.parameter_space import Space
 from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
@@ -77,17 +78,19 @@ class Scans(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}."""
+    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}.
+
+    In a bag of an older node, whose decisions held an observation of one form alone, seen has a scan without ranges.
+    """
 
     at: int
     number: int
     goal: str
     stamp: int
-    scan: int
     odometry: int
     before: Dict[str, float]
     after: Dict[str, float]
-    observation: np.ndarray  # (n,) float32
+    seen: Seen
 
 
 @dataclass
@@ -102,6 +105,7 @@ class Bag:
         results: By id of a goal when it ended, and its actionlib status.
         commands: (n,) times and (n, 2) v [m/s], w [rad/s].
         updates: By topic (at, {name: value}) of each message with a server's parameters.
+        ends: What the applr node saw where courses ended, with what the planner had before.
         source: Who demonstrated, and where.
         collisions: When a contact was reported.
         transforms: By parent and child (at, (x, y, yaw)); inverted are those whose child hangs upside down.
@@ -120,6 +124,7 @@ class Bag:
     results: Dict[str, Tuple[int, int]]
     updates: Dict[str, List[Tuple[int, Dict[str, Any]]]]
     decisions: List[Decision]
+    ends: List[Decision]
     transforms: Dict[Tuple[str, str], List[Tuple[int, Tuple[float, float, float]]]]
     inverted: Set[Tuple[str, str]]
     collisions: List[int]
@@ -195,21 +200,29 @@ def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Ba
     transforms: Dict[Any, List[Tuple[int, Any]]] = {pair: [] for pair in pairs}
     for at, pair, pose in zip(*(values.tolist() for values in table("tf", "at", "pair", "pose").values())):
         transforms[pairs[pair]].append((at, tuple(pose)))
-    decisions, first = [], 0
-    for *known, before, after, count in about.pop("decisions"):
-        observation, first = arrays["observations"][first : first + count], first + count
-        decisions.append(Decision._make([*known, dict(zip(*before)), dict(zip(*after)), observation]))
+    for name in ("decisions", "ends"):
+        about[name] = [
+            Decision._make([*known, dict(zip(*before)), dict(zip(*after)), _seen(arrays["seen"], places)])
+            for *known, before, after, places in about[name]
+        ]
     return Bag(
         path,
         TopicNames(**about.pop("topics")),
         Scans(**scan, starts=starts, ranges=arrays["ranges"], frame=frames["scan"]),
         Poses(**table("odometry", "at", "stamp", "pose", "twist"), frame=frames["odometry"]),
         (arrays["command_at"], arrays["command_command"]),
-        decisions=decisions,
         transforms=transforms,
         inverted={tuple(pair) for pair in about.pop("inverted")},
         **about,
     )
+
+
+def _seen(numbers: np.ndarray, places: List[int]) -> Seen:
+    """Return what a decision was made from, of the numbers that messages.py puts one behind the other."""
+    single, ranges, plan, movers = (numbers[begin:end] for begin, end in zip(places, places[1:]))
+    time, x, y, yaw, v, w, goal_x, goal_y, goal_yaw, first, step = single.tolist()
+    scan, where = (ranges.astype(np.float32), first, step), ((x, y, yaw), (v, w), (goal_x, goal_y, goal_yaw))
+    return Seen(scan, time, *where, plan.reshape(2, -1).T, movers.reshape(4, -1).T)
 
 
 @contextmanager

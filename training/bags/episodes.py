@@ -1,24 +1,24 @@
-"""Transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from the decisions in a Bag, goal by goal.
+"""Transitions (s, theta, r, s', terminated, truncated) from the decisions in a Bag, goal by goal.
 
-bags_to_dataset.py calls it. A decision of the applr node holds what it saw, what the planner had, and what was chosen;
-the action's status, the odometry and the scans of the bag say what came of it.
+bags_to_dataset.py calls it. A decision of the applr node holds what it was made from, which is observed in any form as
+the node and the learning environment observe it, and what was chosen; the action's status, the odometry and the scans
+of the bag say what came of it.
 """
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import transform_point
+from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.dimensionless import DimensionlessForm
-from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.observation import ObservationError, observe
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.form import PAPER, Form
+from applr_ros1.policy.observation import ObservationError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
 from training.bags.bag import Bag, BagError, Decision
@@ -53,8 +53,6 @@ class Goal(NamedTuple):
     start: int
     end: int
     status: Optional[int]
-    frame: str
-    xy: Tuple[float, float]
 
     @property
     def ended(self) -> bool:
@@ -64,30 +62,35 @@ class Goal(NamedTuple):
 
 @dataclass
 class Sample:
-    """A decision, or the end of a course, where none was made.
+    """A decision, or the end of a course.
 
     Attributes:
-        at: ROS time [ns].
-        decision: The decision; at the end the last one.
+        decision: The decision; at an end what was seen there.
+        place: (x, y) [m] of the robot in the decision's frame.
+        is_end: Whether the course ended or was broken off here.
         trouble: Why it cannot be used (outcome is None), or why the transition that ends here cannot.
-        pose: (x, y) [m] of the robot in the goal's frame.
         theta: (k,) what the planner had.
     """
 
-    at: int
     decision: Decision
+    place: Tuple[float, float]
+    is_end: bool = False
     trouble: str = ""
-    pose: Tuple[float, float] = (0.0, 0.0)
     theta: np.ndarray = field(default_factory=lambda: np.empty(0))
     observation: np.ndarray = field(default_factory=lambda: np.empty(0))
     outcome: Optional[Outcome] = None
+
+    @property
+    def at(self) -> int:
+        """Return its ROS time [ns]."""
+        return self.decision.stamp
 
 
 def transitions(
     bag: Bag,
     robot: Robot = JACKAL,
+    observation: str = PAPER,
     reward: Reward = Reward(),
-    layout: TransitionLayout = TransitionLayout(),
     report: Optional[BagReport] = None,
     finish: Optional[float] = None,
 ) -> Iterator[Trajectory]:
@@ -96,8 +99,8 @@ def transitions(
     Args:
         bag: What was recorded.
         robot: Who drove.
+        observation: Name of the form in which the transitions are.
         reward: Of each transition.
-        layout: Of what is yielded.
         report: Is filled.
         finish: Metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
             goal lies beyond the finish line); None: only move_base's own result counts.
@@ -107,24 +110,23 @@ def transitions(
     """
     _check(bag)
     report = report if report is not None else BagReport()
-    form, period = PaperForm(robot), decision_period(bag)
+    period = decision_period(bag)
+    form = FORMS[observation](robot, period)
     for number, goal in enumerate(goals(bag, report.skipped)):
         try:
             _check_motion(bag, goal)
-            goal = _finished(bag, goal, finish)
-            samples = _samples(bag, form, goal)
+            samples = _samples(bag, form, goal, finish)
         except Skipped as reason:
             report.skipped[str(reason)] += 1
             continue
         report.periods.add(period)
         for before, after in zip(samples, samples[1:]):
-            if before.outcome and after.outcome:
-                _label(bag, robot, goal, before, after, after.outcome)
-                after.trouble = _unusable(bag, form, period, before, after, is_last=after is samples[-1])
+            if before.outcome and after.outcome and not before.is_end:
+                after.trouble = _unusable(bag, form, before, after)
         for run in split_at_gaps(samples, report.skipped):
             report.episodes += 1
             report.transitions += len(run) - 1
-            trajectory = _trajectory(form, period, run, reward, layout)
+            trajectory = _trajectory(form, run, reward)
             trajectory.info.update(actor="bag:" + bag.path.name[:180], episode=number, goal=goal.id[:180])
             yield trajectory
 
@@ -132,9 +134,11 @@ def transitions(
 def _check(bag: Bag) -> None:
     """Raise BagError where a bag lacks what transitions are made of."""
     topics = bag.topics
+    remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
     if not bag.decisions:
-        remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
         raise BagError(f"no decisions on {topics.decision}: {remedy}")
+    if not all(len(decision.seen.scan[0]) for decision in bag.decisions):
+        raise BagError(f"decisions without scan and plan, of an older applr node, on {topics.decision}: {remedy}")
     for what, topic, times in (("scans", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
         if not len(times):
             raise BagError(f"no {what} on {topic}")
@@ -144,7 +148,7 @@ def _check(bag: Bag) -> None:
 
 # -- courses -----------------------------------------------------------------------------------------------------------
 def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
-    """Return the goals that were pursued, by the action's status; why one cannot be used, or there is none, counts."""
+    """Return the goals that were pursued, by the action's status; that there is none counts in `skipped`."""
     spans: List[List] = []  # [id, start, end]
     before = ""
     for at, running in bag.status:
@@ -155,14 +159,8 @@ def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
         before = running
     found = []
     for goal, start, end in spans:
-        targets = [g for g in bag.goals if start - 2 * SECOND <= g[0] <= start + SECOND]
-        targets = targets or [g for g in bag.goals if g[0] <= end]
         at, status = bag.results.get(goal, (end, None))
-        if targets:
-            end = end if status is None else min(end, at)
-            found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4]))
-        else:
-            skipped["the goal's position was not recorded"] += 1
+        found.append(Goal(goal, start, end if status is None else min(end, at), status))
     if not spans:
         skipped["no goal was pursued"] += 1
     return found
@@ -200,116 +198,111 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
         raise Skipped("the clock jumped")
 
 
-def _finished(bag: Bag, goal: Goal, finish: Optional[float]) -> Goal:
-    """Return the goal, which ends where the robot has got `finish` metres towards it."""
-    if finish is None:
-        return goal
-    during = np.flatnonzero((bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)).tolist()
-    poses = np.array([_place(bag, i, goal.frame, goal.end) for i in during])
-    towards = np.array(goal.xy) - poses[0]
-    past = (poses - poses[0]) @ towards >= finish * np.hypot(*towards)
-    if not past.any():
-        return goal
-    return goal._replace(end=int(bag.odometry.stamp[during[np.argmax(past)]]), status=SUCCEEDED)
-
-
 # -- samples -----------------------------------------------------------------------------------------------------------
-def _samples(bag: Bag, form: PaperForm, goal: Goal) -> List[Sample]:
-    """Return the decisions, and the end of the course where the goal was reached or given up."""
+def _samples(bag: Bag, form: Form, goal: Goal, finish: Optional[float]) -> List[Sample]:
+    """Return the decisions, and where the course ended or was broken off.
+
+    The node tells what it saw there, a moment later. Where it does not, the end of a course that was reached or given
+    up is seen as its last decision was: what follows on that counts for nothing.
+    """
     made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
-    samples = [Sample(decision.stamp, decision) for decision in made]
-    if made and goal.ended and goal.end > made[-1].stamp:
-        samples.append(Sample(goal.end, made[-1]))
+    if not made:
+        raise Skipped("no decision was recorded for the goal")
+    told = [d for d in bag.ends if d.goal == goal.id and d.stamp <= goal.end + MAX_AGE_S * SECOND]
+    if finish is not None:
+        goal = _finished(bag, goal, made, finish)
+        made, told = ([d for d in some if d.stamp <= goal.end] for some in (made, told))
+    samples = [Sample(d, d.seen.pose[:2]) for d in made]
+    samples += [Sample(d._replace(stamp=min(d.stamp, goal.end)), d.seen.pose[:2], True) for d in told]
+    samples.sort(key=lambda sample: sample.at)
+    is_told = samples[-1].is_end and samples[-1].at > goal.end - MAX_AGE_S * SECOND
+    if goal.ended and not is_told and made[-1].stamp < goal.end:
+        end = made[-1]._replace(stamp=goal.end, before=made[-1].after or made[-1].before)
+        samples.append(Sample(end, tuple(_driven(bag, made[-1], goal.end)[1][-1]), True))
     if len(samples) < 2:
-        raise Skipped("shorter than one decision" if made else "no decision was recorded for the goal")
+        raise Skipped("shorter than one decision")
+    form.reset()
     for number, sample in enumerate(samples):
         try:
-            scan, pose = _messages(bag, sample)
-            sample.pose = _place(bag, pose, goal.frame, sample.at)
-            _look(form, sample)
-            near = nearest(bag.scans.nearest[[scan]], form.robot.laser.range_min)
-            time_s = (sample.at - samples[0].at) / SECOND
-            seen = sample.observation[: form.scan], 0.0, sample.theta
-            sample.outcome = Outcome(*seen, last_scan_min=near, decision_min=near, decisions=number, time_s=time_s)
+            _look(form, sample, number, (sample.at - samples[0].at) / SECOND)
         except ObservationError as error:
             sample.trouble = f"a decision's scan is unusable ({str(error).split(':')[0]})"
         except Skipped as reason:
             sample.trouble = str(reason)
+        if sample.outcome and number:
+            _label(bag, form.robot, samples[number - 1], sample, sample.outcome)
+        if sample.is_end:
+            form.reset()
+    last = samples[-1]
+    if last.outcome and last.is_end and goal.ended:
+        last.outcome.success, last.outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
     return samples
 
 
-def _messages(bag: Bag, sample: Sample) -> Tuple[int, int]:
-    """Return which scan and which odometry of the bag a sample is of.
+def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal:
+    """Return the goal, which ends where the robot has got `finish` metres towards it."""
+    begin = np.array(made[0].seen.pose[:2])
+    for decision, until in zip(made, [*(d.stamp for d in made[1:]), goal.end]):
+        stamps, places = _driven(bag, decision, until)
+        towards = np.array(decision.seen.goal[:2]) - begin
+        past = (places - begin) @ towards >= finish * np.hypot(*towards)
+        if past.any():
+            return goal._replace(end=int(stamps[np.argmax(past)]), status=SUCCEEDED)
+    return goal
 
-    They are those that the node names; at the end of a course, and in a bag of fewer messages, the nearest.
+
+def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.ndarray]:
+    """Return times (n,) [ns] and places (n, 2) [m] of the robot from a decision on, in the decision's frame.
+
+    The decision says where the robot was in its frame, the odometry how it drove on.
     """
-    scans, poses, decision = bag.scans.stamp, bag.odometry.stamp, sample.decision
-    scan, pose = _last(scans == decision.scan), _last(poses == decision.odometry)
-    if sample.at != decision.stamp or min(scan, pose) < 0:
-        scan = _last(scans <= sample.at)
-        pose = int(np.argmin(np.abs(poses - scans[scan])))
-    for what, index, times in (("scan", scan, scans), ("odometry", pose, poses)):
-        if index < 0 or abs(int(times[index]) - sample.at) > MAX_AGE_S * SECOND:
-            raise Skipped(f"no {what} for a decision")
-    return scan, pose
+    stamps = bag.odometry.stamp
+    first = int(np.argmin(np.abs(stamps - decision.odometry)))
+    rows = np.append(first, np.flatnonzero((stamps > stamps[first]) & (stamps <= until)))
+    change = compose(decision.seen.pose, inverse(tuple(bag.odometry.pose[first].tolist())))
+    return stamps[rows], np.column_stack(transform_point(change, *bag.odometry.pose[rows, :2].T))
 
 
-def _last(which: np.ndarray) -> int:
-    """Return the last index at which `which` (n,) holds; -1 for none."""
-    found = np.flatnonzero(which)
-    return int(found[-1]) if len(found) else -1
+def _look(form: Form, sample: Sample, number: int, time_s: float) -> None:
+    """Set parameters, observation and outcome of a sample. Raises Skipped and ObservationError where it has none."""
+    theta = _theta(form, sample.decision.before)
+    sample.observation = form.observe(Context.of(theta, sample.decision.seen, form.space, form.layout))
+    if not np.isfinite(sample.observation).all():
+        raise Skipped("what a decision was made from is not finite")
+    sample.theta, sample.outcome = theta, Outcome(theta, decisions=number, time_s=time_s)
 
 
-def _look(form: PaperForm, sample: Sample) -> None:
-    """Set parameters and observation of a sample in the paper's form.
-
-    A policy in the dimensionless form was shown other sectors: of these the nearest in each beam is taken.
-    """
-    decision, seen = sample.decision, sample.decision.observation
-    is_end = sample.at != decision.stamp
-    sample.theta = _after(form, decision) if is_end else _theta(form, decision.before)
-    sectors = len(seen) - 1 - form.actions
-    if not (np.abs(seen) <= 1.0).all():
-        raise Skipped("the observation of a decision is not within [-1, 1]")
-    if sectors == form.scan:
-        sample.observation = np.append(seen[: sectors + 1], form.action(sample.theta)).astype(np.float32)
-        return
-    layout = DimensionlessForm(form.robot, PERIOD).layout
-    if sectors != layout.beams:
-        raise Skipped("a decision was made with a scan of other beams than the robot's")
-    ranges = form.layout.resample(0.5 * (seen[:sectors] + 1.0) * layout.range_cap, layout.angle_min, layout.step)
-    sample.observation = observe(ranges, seen[sectors] * math.pi, sample.theta, form.space, form.layout)
-
-
-def _after(form: PaperForm, decision: Decision) -> np.ndarray:
+def _after(form: Form, decision: Decision) -> np.ndarray:
     """Return the parameters (k,) that the planner had after a decision; those before it where it was refused."""
     return _theta(form, decision.after or decision.before)
 
 
-def _theta(form: PaperForm, values: Dict[str, float]) -> np.ndarray:
+def _theta(form: Form, values: Dict[str, float]) -> np.ndarray:
     """Return theta (k,) of the {name: value} of a decision."""
-    theta = np.array([values.get(name, math.nan) for name in form.space.names])
+    theta = np.array([values.get(name, np.nan) for name in form.space.names])
     if not np.isfinite(theta).all():
         raise Skipped("the planner's parameters are not known")
     return theta
 
 
-def _label(bag: Bag, robot: Robot, goal: Goal, before: Sample, after: Sample, outcome: Outcome) -> None:
-    """Set the parts of an Outcome that a transition has: progress, clearance, contact, the end."""
-    outcome.progress, outcome.progress_y = progress(goal.xy, before.pose, after.pose)
+def _label(bag: Bag, robot: Robot, before: Sample, after: Sample, outcome: Outcome) -> None:
+    """Set the parts of an Outcome that a transition has: progress, clearance, contact, time."""
+    outcome.progress, outcome.progress_y = progress(before.decision.seen.goal, before.place, after.place)
     outcome.seconds = (after.at - before.at) / SECOND
-    during = (bag.scans.stamp > before.at) & (bag.scans.stamp <= after.at)
-    if during.any():
-        outcome.decision_min = nearest(bag.scans.nearest[during], robot.laser.range_min)
+    ranges = bag.scans.nearest[(bag.scans.stamp >= before.at) & (bag.scans.stamp <= after.at)]
+    if len(ranges):
+        lowest = robot.laser.range_min
+        outcome.decision_min, outcome.last_scan_min = nearest(ranges, lowest), nearest(ranges[-1:], lowest)
     outcome.contact = any(before.at < at <= after.at for at in bag.collisions)
-    if goal.ended and after.at == goal.end:
-        outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
 
-def _unusable(bag: Bag, form: PaperForm, period: float, before: Sample, after: Sample, is_last: bool) -> str:
+def _unusable(bag: Bag, form: Form, before: Sample, after: Sample) -> str:
     """Return why a transition cannot be used; "" when it can."""
     seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
-    if seconds > 1.5 * period or (seconds < 0.5 * period and not is_last):
+    early = seconds < 0.5 * form.period and not (after.outcome and after.outcome.over)
+    if early and after.is_end:
+        return "a course was broken off soon after a decision"
+    if early or seconds > 1.5 * form.period:
         return "a decision's period is not that of the others"
     stamps = stamps[(stamps >= before.at - MAX_AGE_S * SECOND) & (stamps <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
@@ -319,24 +312,13 @@ def _unusable(bag: Bag, form: PaperForm, period: float, before: Sample, after: S
     return ""
 
 
-def _place(bag: Bag, index: int, frame: str, at: int) -> Tuple[float, float]:
-    """Return (x, y) of odometry number `index` in `frame`, through a recorded transform where frames differ."""
-    x, y, _ = bag.odometry.pose[index].tolist()
-    if not frame or frame == bag.odometry.frame:
-        return x, y
-    known = [t for time, t in bag.transforms.get((frame, bag.odometry.frame), ()) if time <= at]
-    if not known:
-        raise Skipped("no transform between the goal's frame and the odometry's")
-    return transform_point(known[-1], x, y)
-
-
 # -- episodes ----------------------------------------------------------------------------------------------------------
 def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
     """Yield runs of samples with usable transitions between them; the trouble of the others counts in `skipped`."""
     run: List[Sample] = []
     for sample in samples:
-        if sample.trouble:
-            skipped[sample.trouble] += 1
+        skipped.update([sample.trouble] if sample.trouble else [])
+        if sample.trouble or run and run[-1].is_end:
             if len(run) > 1:
                 yield run
             run = []
@@ -346,17 +328,16 @@ def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List
         yield run
 
 
-def _trajectory(
-    form: PaperForm, period: float, run: List[Sample], reward: Reward, layout: TransitionLayout
-) -> Trajectory:
+def _trajectory(form: Form, run: List[Sample], reward: Reward) -> Trajectory:
     """Return the transitions between the samples of a run."""
     actions, rewards, outcomes = [], [], [sample.outcome for sample in run if sample.outcome]
     for before, outcome in zip(run, outcomes[1:]):
         action = form.action(_after(form, before.decision))
         change = float(np.abs(action - form.action(before.theta)).mean())
-        limit = max(round(TIME_LIMIT / period), outcome.decisions)
-        rewards.append(reward(outcome, change, limit, period, scale=1.0)[0])
+        limit = max(round(TIME_LIMIT / form.period), outcome.decisions)
+        rewards.append(reward(outcome, change, limit, form.period, form.scale, form.pace)[0])
         actions.append(action)
     last = outcomes[-1]
     info = {"from": outcomes[0].decisions, "success": bool(last.success)}
-    return Trajectory.of(layout, [m.observation for m in run], actions, rewards, last.success or failed(last), info)
+    terminated = last.success or failed(last)
+    return Trajectory.of(TransitionLayout.of(form), [m.observation for m in run], actions, rewards, terminated, info)

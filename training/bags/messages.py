@@ -73,7 +73,7 @@ class _Messages:
         self.pairs: Dict[Tuple[str, str], int] = {}  # of frames in tf, numbered
         self.inverted: List[Tuple[str, str]] = []
         self.further: Set[str] = set()  # frames of other lasers on the topic of the scans
-        self.ranges, self.observations = array("f"), array("f")
+        self.ranges, self.seen = array("f"), array("d")  # of scans and of decisions
 
     def read(self, reader: Any) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
         """Return (what JSON holds, arrays), by the names of fields of Bag and its tables."""
@@ -94,6 +94,7 @@ class _Messages:
             topics.tf: self._tf,
             topics.tf_static: self._tf,
             topics.decision: self._decision,
+            topics.course_end: self._decision,
         }
         rows: Dict[str, List[tuple]] = {one.topic: [] for one in needed}
         rows.update((topic, []) for topic in make_rows)
@@ -108,6 +109,7 @@ class _Messages:
             "results": {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]},
             "updates": {topic: made for topic, made in rows.items() if topic not in make_rows},
             "decisions": rows[topics.decision],
+            "ends": rows[topics.course_end],
             "source": next((known for _, known in reversed(rows[topics.demonstration])), {}),
             "collisions": [at for (at,) in rows[topics.collision]],
             "end": end,
@@ -122,7 +124,8 @@ class _Messages:
             **_columns("odometry", rows[topics.odometry], at=1, stamp=1, pose=3, twist=2),
             **_columns("command", rows[topics.command], at=1, command=2),
             **_columns("tf", transforms, at=1, pair=1, pose=3),
-            **{name: np.frombuffer(getattr(self, name), np.float32) for name in ("ranges", "observations")},
+            "ranges": np.frombuffer(self.ranges, np.float32),
+            "seen": np.frombuffer(self.seen),
         }
         return about, arrays
 
@@ -150,12 +153,17 @@ class _Messages:
             yield self.pairs.setdefault(frames, len(self.pairs)), p.x, p.y, yaw_of(q)
 
     def _decision(self, m):
-        """Return what msg/Decision.msg says: number and goal, stamps, both sets, and how long the observation is."""
+        """Return what msg/Decision.msg says: number and goal, stamps, both sets, and where in `seen` the rest is."""
         before, after = ([p.names, [float(value) for value in p.values]] for p in (m.before, m.after))
-        observation = np.asarray(m.observation, np.float32)
-        self.observations.frombytes(observation.tobytes())
-        stamps = _stamp(m), _nanoseconds(m.scan), _nanoseconds(m.odometry)
-        return [(int(m.number), m.goal, *stamps, before, after, len(observation))]
+        parts: List[Any] = [[np.nan] * 11, [], [], []]
+        if hasattr(m, "ranges"):  # older ones have an observation instead
+            single = m.elapsed, m.x, m.y, m.yaw, m.v, m.w, m.goal_x, m.goal_y, m.goal_yaw, m.angle_min
+            movers = [getattr(m.movers, name) for name in ("x", "y", "vx", "vy")]
+            parts = [[*single, m.angle_increment], m.ranges, [m.plan_x, m.plan_y], movers]
+        arrays, begin = [np.array(part, np.float64).ravel() for part in parts], len(self.seen)
+        self.seen.frombytes(np.concatenate(arrays).tobytes())
+        places = np.cumsum([begin, *map(len, arrays)]).tolist()
+        return [(int(m.number), m.goal, _stamp(m), _nanoseconds(m.odometry), before, after, places)]
 
 
 def _opened(path: Path) -> Any:

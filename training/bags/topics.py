@@ -28,7 +28,7 @@ class TopicNames:
         """Return whether messages of a topic are read."""
         below = [self.move_base + name for name in ("/status", "/result", "/current_goal", "/goal", "_simple/goal")]
         named = [value for name, value in vars(self).items() if name not in ("move_base", "applr")]
-        return topic in (*named, *below, self.decision) or bool(self.updates.fullmatch(topic))
+        return topic in (*named, *below, self.decision, self.course_end) or bool(self.updates.fullmatch(topic))
 
     def found(self, connections: Sequence[Any]) -> TopicNames:
         """Return these names, and for what is not recorded there the same below a namespace, or what is of its type.
@@ -62,6 +62,11 @@ class TopicNames:
     def decision(self) -> str:
         """Topic of the applr node's decisions."""
         return self.applr + "/decision"
+
+    @property
+    def course_end(self) -> str:
+        """Topic of what the applr node sees where a course ends."""
+        return self.applr + "/course_end"
 
     @property
     def updates(self) -> re.Pattern[str]:

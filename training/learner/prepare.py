@@ -61,8 +61,8 @@ def prepare(config: TrainConfig) -> Preparation:
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """Return the settings of a run's experience, as its store notes them and as an offline run must have them."""
-    name = load(config.robot).name
-    return {"decision_period": config.decision_period, "robot": name, **Reward(**config.reward()).model_dump()}
+    shared = {name: getattr(config, name) for name in ("decision_period", "observation", "critics_know_more")}
+    return {**shared, "robot": load(config.robot).name, **Reward(**config.reward()).model_dump()}
 
 
 def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:
@@ -75,10 +75,6 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Trajec
     if not config.dataset:
         return None
     store = TrajectoryStore(config.dataset)
-    if store.layout != layout:
-        raise ApplrError(f"{config.dataset}: its layout is {store.layout}, this training has {layout}")
-    if not store.rows:
-        raise ApplrError(f"{config.dataset}: holds no transitions")
     source = store.about("source")
     for name, value in driven_with(config).items():
         if source.get(name, value) != value:
@@ -86,4 +82,8 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Trajec
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {source[name]}: give "
                 "that, or make the dataset anew"
             )
+    if store.layout != layout:
+        raise ApplrError(f"{config.dataset}: its layout is {store.layout}, this training has {layout}")
+    if not store.rows:
+        raise ApplrError(f"{config.dataset}: holds no transitions")
     return store

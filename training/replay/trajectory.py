@@ -15,7 +15,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, json_value
 from applr_ros1.common.tensors import unpack
-from applr_ros1.policy.form import Mirror
+from applr_ros1.policy.form import Form, Mirror
 
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 255  # characters in the name of an actor
@@ -47,6 +47,11 @@ class TransitionLayout:
     hidden: int = 0
 
     LEVELS = 255
+
+    @classmethod
+    def of(cls, form: Form) -> TransitionLayout:
+        """Return the layout of a form's observations and actions."""
+        return cls(form.scan, form.size - form.scan, form.actions, form.scans, form.odd)
 
     @property
     def mirror(self) -> Optional[Mirror]:

@@ -21,7 +21,8 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.transforms import LaserMount, Transforms
-from applr_ros1.policy.observation import LAYOUT, ObservationError
+from applr_ros1.policy.decision import Seen
+from applr_ros1.policy.observation import ObservationError
 from applr_ros1.robots import JACKAL
 
 MAX_AGE_S = 1.0  # an older scan or pose is no basis for a decision
@@ -33,13 +34,12 @@ _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 class Snapshot:
     """The inputs of one decision.
 
-    ranges (beams,) m as the layout has them; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps
-    (rospy.Time) say which messages these were, so that a bag's reader can find them. twist (v, w) m/s and rad/s of the
-    odometry; goal (x, y, yaw) as move_base has stated it in the plan's frame, or the plan's end where the node was
-    started later. movers (k, 4) x, y [m], vx, vy [m/s] in `frame`: nothing where no newest message says so.
+    Those of a Seen in `frame`, the plan's, and the stamps (rospy.Time) of the messages that these were. The goal is as
+    move_base has stated it, or the plan's end where the node was started later; movers are none where no newest
+    message says so.
     """
 
-    ranges: np.ndarray
+    scan: tuple
     pose: tuple
     plan: np.ndarray
     frame: str
@@ -51,10 +51,9 @@ class Snapshot:
     movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     movers_stamp: rospy.Time = field(default_factory=rospy.Time)
 
-    @property
-    def motion(self):
-        """(pose, twist, goal, plan, movers), as a Context has them."""
-        return self.pose, self.twist, self.goal, self.plan, self.movers
+    def seen(self, time):
+        """Return it as a Seen, at so many seconds after the goal was sent."""
+        return Seen(self.scan, time, self.pose, self.twist, self.goal, self.plan, self.movers)
 
 
 class RobotInputs:
@@ -101,8 +100,8 @@ class RobotInputs:
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
 
-    def snapshot(self, now, layout=LAYOUT):
-        """Return a Snapshot at ROS time `now`; the scan is resampled to `layout`.
+    def snapshot(self, now):
+        """Return a Snapshot at ROS time `now`.
 
         Raises ObservationError with one line about what is missing or odd.
         """
@@ -119,7 +118,7 @@ class RobotInputs:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
         nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
         _check_age("odometry", self._names["odometry"], now, nearest.header.stamp)
-        ranges = layout.resample(*self._mount.beams(scan, _base_of(nearest)))
+        beams = self._mount.beams(scan, _base_of(nearest))
         plan = None if packed_plan is None else _unpack(packed_plan[0], Path)
         early = 0.0 if plan is None or since is None else (since - packed_plan[1]).to_sec()
         if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
@@ -129,7 +128,7 @@ class RobotInputs:
         pose = self._pose(nearest, frame, scan.header.stamp)
         moving = nearest.twist.twist
         return Snapshot(
-            ranges,
+            beams,
             pose,
             points,
             frame,
@@ -183,9 +182,9 @@ class RobotInputs:
         running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
         with self._lock:
             self._goal_heard = rospy.Time.now()
-            if not running or running[-1] != self._goal:
-                self._goal = running[-1] if running else None
+            if running and running[-1] != self._goal:
                 self._goal_since = self._goal_heard
+            self._goal = running[-1] if running else None
 
 
 def _nearer(pose, former, goal):

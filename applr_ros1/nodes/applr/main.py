@@ -106,7 +106,7 @@ def main():
     node = ApplrNode(
         method,
         RobotInputs(robot, namespace),
-        ApplrTopics(space),
+        ApplrTopics(robot),
         float(period) or None,
         namespace,
         float(max_speed) or math.inf,

@@ -8,6 +8,7 @@ topics.
 import math
 import threading
 from collections import Counter
+from contextlib import suppress
 
 import numpy as np
 import rospy
@@ -18,7 +19,7 @@ from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.sensors import jumped_back
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal
+from applr_ros1.policy.observation import ObservationError
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 
@@ -175,6 +176,7 @@ class ApplrNode:
         goal = self.inputs.goal(now) if self.enabled else None
         if goal != self._goal:
             if goal is None:
+                self._note_end(now)
                 rospy.loginfo("applr: no goal any more")
                 self._base()
             else:
@@ -190,17 +192,8 @@ class ApplrNode:
         unsettled = self.client.busy or self.meter_scoring.waits(now)
         if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
             return  # every course starts on theta_0, which is still on its way
-        theta_prev = self.client.theta()
         try:
-            if theta_prev is None:
-                raise ObservationError("the planner's parameters are not known yet")
-            layout = self.method.layout
-            snapshot = self.inputs.snapshot(now, layout)
-            target = local_goal(snapshot.plan, snapshot.pose, layout.lookahead)
-            time = (now - self._began).to_sec()
-            asked = snapshot.ranges, goal_angle(target), theta_prev, time, *snapshot.motion, self.space, layout
-            context = Context(*asked)
-            obs = context.observation
+            snapshot, context = self._look(now)
         except ObservationError as e:
             if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now
@@ -214,11 +207,26 @@ class ApplrNode:
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
         theta, refused = self._choose(context)
-        self.topics.decision(self.counts["decisions"], now, goal, snapshot, target, obs, theta_prev, theta, refused)
+        self.topics.decision(self.counts["decisions"], now, goal, snapshot, context, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")
             return
         self._failures = 0
+
+    def _look(self, now):
+        """Return (Snapshot, Context) of a decision. Raises ObservationError where none can be made."""
+        theta = self.client.theta()
+        if theta is None:
+            raise ObservationError("the planner's parameters are not known yet")
+        snapshot = self.inputs.snapshot(now)
+        seen = snapshot.seen((now - self._began).to_sec())
+        return snapshot, Context.of(theta, seen, self.space, self.method.layout)
+
+    def _note_end(self, now):
+        """Publish what came of the last decision of a course, for those who learn from it."""
+        if self._last is not None:
+            with suppress(ObservationError):
+                self.topics.course_end(self.counts["decisions"], now, self._goal, *self._look(now))
 
     def _choose(self, context):
         """Request what the method chooses: (theta, "") as requested, (None, one line) where it must not be sent.

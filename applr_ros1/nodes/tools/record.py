@@ -21,8 +21,8 @@ STACK = (
     "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
     "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
     "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "
-    "applr/heartbeat applr/decision applr/parameters applr/local_goal applr/predicted applr/tracked applr/movers "
-    "collision_monitor/action "
+    "applr/heartbeat applr/decision applr/course_end applr/parameters applr/local_goal applr/predicted applr/tracked "
+    "applr/movers collision_monitor/action "
     "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
 )
 COSTMAPS = (

@@ -16,33 +16,39 @@ from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import get_types_from_msg
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
-from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.decision import Context, Seen
+from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.observation import LAYOUT, observe
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
+from tests.support import ROOT
+from tests.support.recording import ABORTED, PLOTTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
 from training.bags import SECOND
 from training.bags import bag as bags
 from training.bags.bag import BagError, bags_in, read
 from training.bags.episodes import BagReport, decision_period, transitions
+from training.env.env import ApplrEnv
 from training.env.reward import Reward
+from training.learner.config import parse as config_of
+from training.learner.prepare import dataset_of
 from training.replay.store import TrajectoryStore
-from training.replay.trajectory import TransitionLayout
+from training.replay.trajectory import Trajectory, TransitionLayout
+from training.workers.collect import layout_of
 
 
 class Drive:
     """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen.
 
     without: topics that are left out; scan(ranges, k): what the laser says instead in step k, None for nothing;
-    after(drive, t, k): is called after each step.
+    after(drive, t, k): is called after each step; told(number, seen): what a decision says the node saw.
     """
-
-    behind = 0.0  # s by which the odometry that a decision names is older than the decision
 
     def __init__(
         self,
@@ -56,19 +62,13 @@ class Drive:
         without=(),
         goal="g",
         every=100,
-        layout=LAYOUT,
         scan=lambda ranges, k: ranges,
         after=lambda drive, t, k: None,
+        told=lambda number, seen: seen,
     ):
-        self.writer, self.node, self.goal, self.without, self.every, self.heard = (
-            writer,
-            node,
-            goal,
-            without,
-            every,
-            scan,
-        )
-        self.rng, self.layout = np.random.default_rng(seed), layout
+        self.writer, self.node, self.goal, self.without = writer, node, goal, without
+        self.every, self.heard, self.told = every, scan, told
+        self.rng = np.random.default_rng(seed)
         self.observations, self.thetas, self.number = [], [], 0
         self.theta = THETA_0
         steps = int(round(seconds * 50))
@@ -78,6 +78,7 @@ class Drive:
             self.step(begin + 0.02 * k, k)
             after(self, begin + 0.02 * k, k)
         end = begin + 0.02 * steps
+        self.end(end)
         if status is not None:
             writer.result(end, goal, status)
             writer.status(end, goal, running=False)
@@ -101,19 +102,24 @@ class Drive:
     def write_goal(self, t, goal):
         self.writer.goal(t, goal)
 
-    def seen(self, layout):
-        laser = robots.JACKAL.laser
-        ranges = layout.resample(self.newest, laser.first_angle, laser.increment)
-        return observe(ranges, 0.01 * self.number, self.theta, layout=layout)
+    def end(self, t):
+        pass
+
+    def seen(self):
+        """A plan goes .01 rad farther to the left at each decision."""
+        laser, bearing = robots.JACKAL.laser, self.pose[2] + 0.01 * self.number
+        way = np.linspace(0.0, 5.0, 100)[:, None] * [np.cos(bearing), np.sin(bearing)] + self.pose[:2]
+        scan = self.newest, laser.first_angle, laser.increment
+        return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), way, np.zeros((0, 4)))
 
     def decide(self, t):
-        self.observations.append(self.seen(LAYOUT))
-        seen_by_node = self.seen(self.layout)
+        seen, before = self.seen(), self.theta
+        self.observations.append(Context.of(before, seen, SPACE, LAYOUT).observation)
         self.number += 1
-        before, self.theta = self.theta, SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
+        self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         if self.node:
-            seen, sets = {"scan": t, "odometry": t - self.behind}, map(SPACE.as_dict, (before, self.theta))
-            self.writer.decision(t, self.number, self.goal, seen_by_node, seen, *sets)
+            sets = map(SPACE.as_dict, (before, self.theta))
+            self.writer.decision(t, self.number, self.goal, self.told(self.number, seen), *sets)
         self.thetas.append(self.theta)
 
 
@@ -172,32 +178,22 @@ def test_progress_counts_towards_a_goal_in_the_map(tmp_path):
     np.testing.assert_allclose(found.reward, expected.reward, atol=1e-6)
 
 
-def test_a_decision_was_made_at_the_pose_of_the_odometry_that_it_names(tmp_path):
+def test_a_decision_was_made_at_the_pose_that_it_states(tmp_path):
     """At .5 m/s; all decisions but the first had odometry of .1 s before."""
-    record(tmp_path / "a.bag", after=lambda drive, t, k: setattr(drive, "behind", 0.1))
+
+    def behind(number, seen):
+        x, y, yaw = seen.pose
+        return seen._replace(pose=(x - 0.05 * (number > 1), y, yaw))
+
+    record(tmp_path / "a.bag", told=behind)
     (trajectory,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_c=0.0))
-    assert trajectory.reward[:2].tolist() == pytest.approx([0.95, 1.0])
+    assert trajectory.reward[:2].tolist() == pytest.approx([0.95, 1.0], abs=1e-3)
 
 
 def test_the_period_is_the_median_interval_in_whole_cycles():
     stamps = (0.0, 1.7, 3.71, 5.7, 7.71, 7.9)
     decisions = [SimpleNamespace(goal="g", stamp=int(stamp * SECOND)) for stamp in stamps]
     assert decision_period(SimpleNamespace(decisions=decisions, end=9 * SECOND)) == 2.0
-
-
-def test_a_policy_in_the_dimensionless_form_has_seen_the_nearest_of_each_sector(tmp_path):
-    layout = DimensionlessForm(robots.JACKAL, 2.0).layout
-    drive = record(tmp_path / "a.bag", layout=layout)
-    (trajectory,), report = rebuild(tmp_path / "a.bag")
-    assert report.skipped == {}
-    fine, coarse = np.array(drive.observations)[:, :720], trajectory.scan[:5] * TransitionLayout().step - 1.0
-    assert (coarse <= fine + TransitionLayout().step).all()
-    fine, coarse = (scans.reshape(5, 180, 4).min(axis=2) for scans in (fine, coarse))
-    assert coarse.mean() == pytest.approx(fine.mean(), abs=0.03)
-    np.testing.assert_allclose(trajectory.rest[:5], np.array(drive.observations)[:, 720:], atol=1e-6)
-    record(tmp_path / "b.bag", layout=replace(layout, beams=100))
-    _, report = rebuild(tmp_path / "b.bag")
-    assert report.skipped == {"a decision was made with a scan of other beams than the robot's": 5 + 1}
 
 
 def test_a_bag_of_fewer_scans_than_the_node_got_has_what_it_saw(tmp_path):
@@ -247,6 +243,52 @@ def test_how_a_course_ends(tmp_path, status, seconds, finish, count, terminated)
     assert trajectory.terminated == terminated
     assert trajectory.info["success"] == (finish is not None)
     assert_equal(trajectory, drive, count, ends=terminated)
+
+
+@pytest.mark.parametrize(
+    ("status", "seconds", "count", "terminated", "skipped"),
+    [
+        (SUCCEEDED, 9.0, 5, True, {}),
+        (SUCCEEDED, 8.4, 5, True, {}),
+        (PREEMPTED, 9.8, 5, False, {}),
+        (PREEMPTED, 8.4, 4, False, {"a course was broken off soon after a decision": 1}),
+        (None, 9.8, 5, False, {}),  # the node was switched off
+    ],
+)
+def test_the_last_decision_of_a_course_leads_to_what_the_node_saw_there(
+    tmp_path, status, seconds, count, terminated, skipped
+):
+    class Told(Drive):
+        def end(self, t):
+            self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
+            self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
+
+    drive = record(tmp_path / "a.bag", Told, status=status, seconds=seconds)
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert (trajectory.terminated, report.skipped) == (terminated, skipped)
+    assert len(trajectory) == count
+    np.testing.assert_allclose(trajectory.rest, np.array(drive.observations)[: count + 1, 720:], atol=1e-6)
+    np.testing.assert_array_equal(
+        trajectory.scan, TransitionLayout().quantise(np.array(drive.observations)[: count + 1])
+    )
+    assert trajectory.reward[-1] > -1.0 if terminated else trajectory.reward[-1] < 0.0
+
+
+def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
+    """It stops after 3.8 s, and decides again from 6 s on."""
+
+    class Switched(Drive):
+        def decide(self, t):
+            if t == pytest.approx(14.0):
+                self.writer.decision(t - 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
+            else:
+                super().decide(t)
+
+    record(tmp_path / "a.bag", Switched)
+    found, report = rebuild(tmp_path / "a.bag")
+    assert [len(t) for t in found] == [2, 2]
+    assert [t.terminated for t in found] == [False, True]
+    assert report.skipped == {}
 
 
 def test_the_status_says_how_a_course_ended_where_no_result_was_recorded(tmp_path):
@@ -305,7 +347,6 @@ def damaged(tmp_path):
         ("scan", "no scans"),
         ("odometry", "no odometry"),
         ("status", "no goal was pursued"),
-        ("goal", "the goal's position"),
         ("decision", "no decisions"),
     ):
         record(tmp_path / ("no_%s.bag" % missing), without=(missing,), node=missing != "decision")
@@ -474,18 +515,118 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reaso
     assert [t.terminated for t in found] == [False, True][: len(found)]
 
 
-@pytest.mark.parametrize("value", [np.nan, 1.5, -1e30])
-def test_an_observation_out_of_bounds_cuts_an_episode(tmp_path, value):
-    class Other(Drive):
-        def seen(self, layout):
-            seen = super().seen(layout)
-            seen[720] = value if self.number == 2 else seen[720]
-            return seen
+@pytest.mark.parametrize(
+    ("form", "odd", "reason", "lengths"),
+    [
+        # the next decision sees what has changed since
+        ("dimensionless", {"twist": (np.nan, 0.0)}, "what a decision was made from is not finite", [1, 1]),
+        ("paper", {"pose": (np.inf, 0.0, 0.0)}, "a decision's scan is unusable (global plan or pose is not", [1, 2]),
+        ("paper", {"scan": (np.ones(9, np.float32), -1.0, 0.01)}, "a decision's scan is unusable (scan of 9", [1, 2]),
+    ],
+)
+def test_what_no_observation_can_be_made_of_cuts_an_episode(tmp_path, form, odd, reason, lengths):
+    record(tmp_path / "a.bag", told=lambda number, seen: seen._replace(**(odd if number == 3 else {})))
+    found, report = rebuild(tmp_path / "a.bag", observation=form)
+    ((why, _),) = report.skipped.items()
+    assert why.startswith(reason)
+    assert [len(t) for t in found] == lengths
 
-    record(tmp_path / "a.bag", Other)
-    found, report = rebuild(tmp_path / "a.bag")
-    assert report.skipped == {"the observation of a decision is not within [-1, 1]": 1}
-    assert [len(t) for t in found] == [1, 2]
+
+def test_a_contact_costs_in_the_decision_in_which_it_is(tmp_path):
+    record(tmp_path / "a.bag", after=lambda drive, t, k: k in (250, 260) and drive.writer.contact(t))
+    (plain,), _ = rebuild(tmp_path / "a.bag")
+    (found,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
+    np.testing.assert_allclose(found.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
+
+
+def moving(number, seen):
+    """It turns, and two things move, one to the left and one to the right."""
+    movers = np.array([(2.0, 0.5 + 0.1 * number, 0.3, -0.2), (3.0, -1.0, -0.4, 0.1 * number)])
+    return seen._replace(twist=(0.4, 0.1 * number), movers=movers)
+
+
+def mirrored(number, seen):
+    """The same with left and right exchanged."""
+    seen, across = moving(number, seen), np.array([1.0, -1.0])
+    ranges, first, step = seen.scan
+    x, y, yaw = seen.pose
+    return Seen(
+        (ranges[::-1].copy(), -first - (len(ranges) - 1) * step, step),
+        seen.time,
+        (x, -y, -yaw),
+        (seen.twist[0], -seen.twist[1]),
+        (seen.goal[0], -seen.goal[1], -seen.goal[2]),
+        seen.plan * across,
+        seen.movers * np.tile(across, 2),
+    )
+
+
+@pytest.mark.parametrize("observation", ["paper", "dimensionless"])
+def test_a_mirrored_drive_gives_the_mirror_images_of_its_transitions(tmp_path, observation):
+    for name, told in (("a", moving), ("b", mirrored)):
+        record(tmp_path / f"{name}.bag", told=told)
+    ((here,), (there,)) = (rebuild(tmp_path / f"{n}.bag", observation=observation)[0] for n in "ab")
+    layout = TransitionLayout.of(FORMS[observation](robots.JACKAL, 2.0))
+    order, sign = layout.mirror
+    images = layout.restore(here.scan, here.rest)[:, order] * sign
+    np.testing.assert_allclose(layout.restore(there.scan, there.rest), images, atol=1.1 * layout.step)
+    np.testing.assert_allclose(there.rest, images[:, layout.scan :], atol=1e-6)
+    assert np.abs(there.rest - here.rest).max() > 0.02
+    np.testing.assert_array_equal(there.action, here.action)
+
+
+OLDER = """Header header
+uint32 number
+string goal
+time scan
+time odometry
+float32[] observation
+Parameters before
+Parameters after
+string refused
+"""
+
+
+def test_decisions_of_an_older_node_are_refused_in_one_line(tmp_path, capsys):
+    """They held an observation of one form alone."""
+    kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
+    with StackWriter(tmp_path / "a.bag") as writer:
+        text = (ROOT / "msg" / "Parameters.msg").read_text(encoding="utf-8")
+        for kind, definition in zip(kinds, (text, OLDER)):
+            writer.store.register(get_types_from_msg(definition, kind))
+        made = Drive(writer, node=False)
+        header, sets = writer._header(11.0, "odom"), [list(SPACE.names), THETA_0.copy(), np.ones(len(SPACE))]
+        chosen = writer._make(kinds[0], header, *sets, *[np.nan] * PLOTTED)
+        stamps, seen = [writer._time(11.0)] * 2, np.float32(made.observations[0])
+        writer._put("/applr/decision", kinds[1], 11.0, header, 1, "g", *stamps, seen, chosen, chosen, "")
+    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", str(tmp_path / "out")]) == 1
+    printed, error = capsys.readouterr()
+    assert "a.bag: decisions without scan and plan, of an older applr node, on /applr/decision: record a dr" in printed
+    assert error.count("\n") == 1
+    (decision,) = read(tmp_path / "a.bag").decisions
+    assert decision.before == SPACE.as_dict(THETA_0)  # as tune reads it
+
+
+def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, capsys):
+    record(tmp_path / "a.bag")
+    data = str(tmp_path / "data")
+    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", "jackal", "--no-lowest"]) == 0
+    source = TrajectoryStore(data).about("source")
+    assert (source["observation"], source["robot"], source["decision_period"]) == ("dimensionless", "jackal", 2.0)
+    assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (11.0, True, False)
+    base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2", "--out", str(tmp_path / "run")]
+    known = [*base, "--no-critics-know-more"]
+    for options, line in (
+        (base, "critics_know_more is True, but the dataset .*data was driven with False"),
+        (known, "lowest is True, but the dataset .*data was driven with False"),
+        ([*known, "--observation", "paper", "--no-lowest"], "observation is paper, but .* driven with dimensionless"),
+        ([*known, "--decision-period", "1"], "decision_period is 1.0, but .* driven with 2.0"),
+    ):
+        config = config_of(options)
+        with pytest.raises(ApplrError, match=line):
+            dataset_of(config, TransitionLayout())
+    layout = TransitionLayout.of(FORMS["dimensionless"](robots.JACKAL, 2.0))
+    assert dataset_of(config_of([*known, "--no-lowest"]), layout).transitions == 5
 
 
 def zeros(ranges, k):
@@ -517,29 +658,72 @@ def test_the_goal_is_in_the_robots_odometry_frame(tmp_path):
     assert {(topic, message.header.frame_id) for topic, message in found} == {(t, "wheel_odom") for t in topics}
 
 
-def test_recorded_simulation_equals_the_environment(tmp_path):
-    sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
-    from applr_ros1.planner.move_base import MoveBase
+class Truthful(RecordingEpisode):
+    """Its odometry does not slip, and its goal lies on the map.
 
-    rng, form, observations, actions = np.random.default_rng(0), PaperForm(robots.JACKAL), [], []
-    with StackWriter(tmp_path / "a.bag") as writer:
-        planner = MoveBase(robots.JACKAL.parameters())
-        episode = RecordingEpisode(sim_bridge.make("kinematic"), planner, writer, period=2.0, limit=3)
-        for course in range(2):
-            outcome = episode.reset(worlds.load("generated:%d" % course), course)
-            while not outcome.over:
-                observations.append(form.observe(episode.context()))
-                outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, len(SPACE))))
-                if not outcome.over:  # no decision says what came of the last one, when the time was over
-                    actions.append(form.action(outcome.theta))
-    found, report = rebuild(tmp_path / "a.bag")
-    assert len(actions) == report.transitions
-    assert not report.skipped
-    np.testing.assert_array_equal(
-        np.concatenate([t.scan for t in found]), TransitionLayout().quantise(np.array(observations))
+    The environment's rewards are of the true way to the goal of the course, those of a bag of the odometry's to the
+    goal that was sent.
+    """
+
+    def reset(self, world, *args, **more):
+        near = replace(world.course, goal=world.course.sent_goal)
+        return super().reset(replace(world, course=near), *args, **more)
+
+    def _cycle(self):
+        cycle, state = super()._cycle()
+        self.simulator.set_odometry(self.simulator.to_odom(state.pose))
+        return cycle, self.simulator.state
+
+
+def driven(path, observation, world, limit=None, **settings):
+    """The environment's transitions of two courses in a world, whose last one ended as it says, and a bag of them."""
+    env = ApplrEnv(
+        world, observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0}, **settings
     )
-    np.testing.assert_allclose(np.concatenate([t.rest for t in found]), np.array(observations)[:, 720:], atol=1e-6)
-    np.testing.assert_allclose(np.concatenate([t.action for t in found]), actions, atol=1e-6)
+    with StackWriter(path) as writer:
+        same = env.episode.simulator, env.episode.move_base
+        env.episode = Truthful(*same, writer, period=1.0, limit=limit)
+        env.episode.layout = env.form.layout
+        rng, found, moving = np.random.default_rng(3), [], 0
+        for course in range(2):
+            seen, over = [env.reset(seed=course)[0]], False
+            actions, rewards = [], []
+            while not over:
+                wanted = env.form.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.form.actions)
+                observed, reward, terminated, truncated, _ = env.step(wanted)
+                seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
+                actions.append(env.form.action(env.episode.outcome.theta))
+                moving += len(env.episode.movers())
+            layout = TransitionLayout.of(env.form)
+            assert layout == layout_of(env)
+            found.append(Trajectory.of(layout, seen, actions, rewards, terminated))
+    assert moving or "dynamic" not in world
+    return found
+
+
+def assert_same(found, expected):
+    """Transitions are equal, field by field, but for beams that lie between two steps of the scan's resolution."""
+    assert (len(found), found.terminated) == (len(expected), expected.terminated)
+    assert np.abs(found.scan.astype(int) - expected.scan).max() <= 1
+    assert (found.scan != expected.scan).mean() < 1e-4
+    for name, most in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name)
+
+
+@pytest.mark.parametrize("observation", ["paper", "dimensionless"])
+@pytest.mark.parametrize(("world", "limit"), [("generated:2", None), ("dynamic:406", 9)])
+def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
+    """Through rosbags-convert and the command, in both forms, with what moves, to the goal and to the time limit."""
+    expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
+    command = Path(sys.executable).with_name("rosbags-convert")
+    subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)
+    options = ["--observation", observation, "--lowest", "--exact-time", "--out", str(tmp_path / "data")]
+    assert bags_to_dataset.main([str(tmp_path / "ros2"), *options]) == 0
+    store = TrajectoryStore(tmp_path / "data")
+    assert store.about("source")["observation"] == observation
+    assert store.about("skipped") == {}
+    for (_, found), whole in zip(store.trajectories(), expected, strict=True):
+        assert_same(found, whole)
 
 
 def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
@@ -549,8 +733,8 @@ def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
     for arguments in (
         [str(tmp_path / "missing.bag"), "--out", out],
         [str(tmp_path / "none"), "--out", out],
-        [bag, "--out", out, "--reward", "speed=1"],
-        [bag, "--out", out, "--reward", "c_p=nan"],
+        [bag, "--out", out, "--recipe", "none"],
+        [bag, "--out", out, "--failure-seconds", "nan"],
         [bag, "--out", bag],
         [bag, "--out", out, "--scan", "/other"],
     ):

@@ -87,6 +87,7 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
         (
             ({"decision_period": 1.0}, "decision_period is 2.0, but the dataset .* driven with 1.0"),
             ({"robot": "husky"}, "robot is jackal, but the dataset .* driven with husky"),
+            ({"observation": "dimensionless"}, "observation is paper, but the dataset .* with dimensionless"),
             ({"exact_time": True}, "exact_time is False, but the dataset .* with True"),
             ({"c_c": 0.06}, "c_c is 0.05, but the dataset .* with 0.06"),
             ({"decision_period": 2, "robot": "jackal", **Reward().model_dump(), "bags": ["a"]}, ""),
@@ -102,7 +103,7 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "decision_period is 0.5, but")
     assert not (tmp_path / "run").exists()
     with pytest.raises(ApplrError, match="its layout is .*, this training has"):
-        dataset_of(TrainConfig(dataset=toys), layout)
+        dataset_of(TrainConfig(dataset=write(tmp_path / "other")), layout)
     with pytest.raises(ApplrError, match="holds no transitions"):
         dataset_of(TrainConfig(dataset=write(tmp_path / "empty", {}, 0, layout=layout)), layout)
 
