@@ -36,10 +36,12 @@ class FakeJackal:
     `clock`: publish /clock and stamp with it (starting at `clock` seconds); None: wall time.
     """
 
+    ticking = True
+
     def __init__(self, circles=(), pose=(0.0, 0.0, 0.0), clock=None):
         self.robot = ToyRobot(pose, circles)
         self.clock = clock
-        self.scans = self.transforms = self.ticking = True
+        self.scans = self.transforms = True
         self.bend = lambda scan: scan  # what happens to a scan before it goes out
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
@@ -119,6 +121,7 @@ class Standing(FakeJackal):
 
     def __init__(self):
         self.reset()
+        self.ticking = False  # until its publishers are there
         super().__init__(pose=self.pose)
         self.robot.twist, self.transforms = self.twist, False
         self._plan = self._publisher("/move_base/NavfnROS/plan", Path)
@@ -131,6 +134,7 @@ class Standing(FakeJackal):
             ("/diagnostics", DiagnosticArray, self._on_diagnostics),
         ):
             self._ends.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
+        self.ticking = True
 
     def reset(self):
         self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
