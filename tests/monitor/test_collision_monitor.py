@@ -251,6 +251,8 @@ def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():
     assert verdict.command != (0.0, 0.0)
     v, _ = monitor.fastest
     assert v * 0.15 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
+    v, _ = monitor.filter(0.0, pose, (0, 0), (1e3, 0.0), (0.0, 0.3)).command  # by odometry of .3 s ago
+    assert v * 0.45 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
     assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # odometry that cannot be
 
 
