@@ -138,11 +138,12 @@ def test_sigkill_at_random_moments_loses_nothing(tmp_path, measured, times, step
 
 
 @pytest.mark.fault("19")
-def test_killed_at_any_of_its_writes_a_run_loses_nothing(tmp_path, monkeypatch):
+@pytest.mark.parametrize("seconds", [0.0, 1e9], ids=["many checkpoints", "one at the end"])
+def test_killed_at_any_of_its_writes_a_run_loses_nothing(tmp_path, monkeypatch, seconds):
     """Checkpoint, policies, rounds and store, of which a part has been dropped: the next session goes on from each."""
     monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)
     monkeypatch.setattr("training.train.provenance", lambda seed: {})
-    monkeypatch.setattr("training.train.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("training.train.CHECKPOINT_SECONDS", seconds)
     whole, options = tmp_path / "whole", ["--total-timesteps=20", "--buffer-size=11", "--eval-freq=20", "--net-arch=8"]
 
     def end_of(out):
