@@ -3,6 +3,7 @@
 from collections import Counter
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -113,6 +114,20 @@ def test_one_planner_on_a_changing_map(seed, list_size):
             goal = inside(rng, nx, ny) + (0.0,)
         if rng.random() < 0.2:
             allow_unknown = not allow_unknown
+
+
+@pytest.mark.parametrize("ends", [(0.5, 1.5), (1.5, 0.5)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
+    wall = np.zeros((40, 40), np.uint8)
+    wall[:, 20] = 254
+    robot, goal = ((end, 1.0)[:: -1 if turned else 1] for end in ends)
+    costmap, planner = costmap_of(wall.T if turned else wall), Navfn()
+    assert not len(planner.plan(costmap, robot, (*goal, 0.0)))
+    wall[20, 20] = 0
+    costmap.clear()
+    costmap.paint(wall.T if turned else wall)
+    assert len(compare(planner, costmap, robot, (*goal, 0.0))) > 3
 
 
 def test_no_way():
