@@ -539,6 +539,16 @@ def test_a_contact_costs_in_the_decision_in_which_it_is(tmp_path):
     np.testing.assert_allclose(found.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
 
 
+def test_rewards_are_in_the_scale_and_pace_of_the_form(tmp_path):
+    """A base of half the Jackal's speed pays half for its time."""
+    record(tmp_path / "a.bag")
+    slow = replace(robots.JACKAL, base=robots.JACKAL.base.model_copy(update={"max_speed": 1.0}))
+    for robot, cost in ((robots.JACKAL, -1.0), (slow, -0.5)):
+        options = {"observation": "dimensionless", "reward": Reward(c_p=0.0, c_c=0.0)}
+        (trajectory,), _ = rebuild(tmp_path / "a.bag", robot, **options)
+        assert trajectory.reward.tolist() == pytest.approx([cost] * 4 + [0.0])
+
+
 def moving(number, seen):
     """It turns, and two things move, one to the left and one to the right."""
     movers = np.array([(2.0, 0.5 + 0.1 * number, 0.3, -0.2), (3.0, -1.0, -0.4, 0.1 * number)])
