@@ -142,6 +142,12 @@ def test_rotation_of_a_robot_that_cannot_turn_ends():
     assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
 
 
+def test_a_rotation_ends_as_slowly_as_its_acceleration_asks_for():
+    turn = rotate(acc_lim_theta=1.0)
+    commands = [turn.step(0.0, (0.0, 0.0, yaw), OPEN, OPEN) for yaw in (0.0, 3.1, -0.2)]
+    assert commands[-1] == (0.0, pytest.approx(math.sqrt(2.0 * 1.0 * 0.2)))
+
+
 def test_angle_difference():
     pi = math.pi
     for a, b, want in [(0, 1, 1), (1, 0, -1), (3, -3, 2 * pi - 6), (0, pi, pi), (0, -pi, pi), (10, 10, 0)]:
