@@ -31,6 +31,8 @@ class Lock:
         name: of the file in it that is locked; "": the folder itself, in which nothing is written.
     """
 
+    _file = -1
+
     def __init__(self, folder, who: str = "train.py", name: str = "lock"):
         how = os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK if name else os.O_RDONLY
         try:
@@ -42,5 +44,9 @@ class Lock:
             raise StorageError(f"{folder}: cannot be locked ({reason(error)})") from None
 
     def close(self) -> None:
-        """Let another process use the folder."""
-        os.close(self._file)
+        """Let another process use the folder, as where what holds the lock ends by an error and is gone."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    __del__ = close
