@@ -170,7 +170,7 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 1.0, "auto", 1, "move_base gave up: no way", 1.0),
         (8.0, 99.0, "auto", 0, "goal reached", 0.9),
         (0.5, 1.0, "0.6 0.5 0", 0, "goal reached", 1.0),  # the planner's word, 0.6 m off
-        (0.5, 1.0, "0.9 0.5 0", 1, "move_base gave up: no way", 1.0),
+        (0.5, 1.0, "1.2 0.5 0", 1, "move_base gave up: no way", 1.0),  # .86 m off
     ],
 )
 def test_how_a_demo_ends(speed, gives_up_at, goal, status, reason, time, tmp_path, monkeypatch, capsys):

@@ -18,20 +18,26 @@ CLEAR = 3.0  # widths of the body beyond which an obstacle is not near
 class Outcome:
     """State of a trial after a decision (or after reset, when most fields are zero).
 
-    What the planner really has: theta (n,)
-    Of this decision:
-      progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
-      last_scan_min         smallest range of the scan at its end [m], never under range_min
-      decision_min          smallest range of all its scans [m]
-      contact               whether the robot touched anything
-      seconds               simulated time it took: the decision period, less where the course ended
-    Of the trial so far:
-      success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
-      timeout (the limit; also set for an abort, which stands until the limit), over
-      time_s                seconds since the goal was sent; the full limit where it timed out
-      decisions, path_length_m, min_clearance_m (lowest range), mean_clearance_m (mean over time of the lowest range,
-      which counts as at most CLEAR widths of the body), mean_jerk (mean magnitude of the change of acceleration
-      [m/s^3]), mean_turn (the same of the yaw acceleration)
+    Attributes:
+        theta: (n,) what the planner really has.
+        progress: Of this decision, as all up to `seconds`: metres driven towards the goal (the paper's R_p).
+        progress_y: Metres driven along y.
+        last_scan_min: Smallest range of the scan at its end [m], never under range_min.
+        decision_min: Smallest range of all its scans [m].
+        contact: Whether the robot touched anything.
+        seconds: Simulated time that it took: the decision period, less where the course ended.
+        success: Of the trial so far, as all below: whether the robot has arrived.
+        flipped: Whether it lies on its side.
+        collided: Whether it has touched anything.
+        aborted: Whether the planner gave up, or stopped off the goal.
+        timeout: Whether the limit has passed; also set for an abort, which stands until the limit.
+        time_s: Seconds since the goal was sent; the full limit where it timed out.
+        decisions: Number of them.
+        path_length_m: Way driven.
+        min_clearance_m: Lowest range.
+        mean_clearance_m: Mean over time of the lowest range, which counts as at most CLEAR widths of the body.
+        mean_jerk: Mean magnitude of the change of acceleration [m/s^3].
+        mean_turn: The same of the yaw acceleration.
     """
 
     theta: np.ndarray

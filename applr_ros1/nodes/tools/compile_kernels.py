@@ -58,7 +58,7 @@ def _compile() -> None:
             running.remove(process)
             if process.exitcode:
                 for other in running:
-                    other.terminate()
+                    other.kill()
                 raise ApplrError(f"the kernels of {process.name} could not be compiled (status {process.exitcode})")
         if time.monotonic() >= due:
             due += NEXT_LINE_S
