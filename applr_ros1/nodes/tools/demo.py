@@ -97,7 +97,7 @@ def prepare(words):
     if values["goal"] != "auto":  # given in odom, whose origin is the start
         values["sent"] = x, y, yaw = pose("goal", values["goal"])
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
-        course = dataclasses.replace(world.course, goal=goal, finish_y=None, planner_ends=True)
+        course = dataclasses.replace(world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True)
         world = dataclasses.replace(world, course=course)
     passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
     return values, dict(passed, goal="none"), robot, world
