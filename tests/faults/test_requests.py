@@ -39,7 +39,7 @@ def test_a_hundred_goals_in_a_second(stack, measured):
     assert set(ends.values()) <= {PREEMPTED, SUCCEEDED, RECALLED}
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")
-    assert gap < 0.3 * kept.slowdown()
+    assert gap < 0.3 + kept.waiting()  # all of which may fall into one gap
     subscriber.unregister()
     publisher.unregister()
 

@@ -279,6 +279,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     at = SPACE.names.index("sim_time")
     wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
     says(robot, "switched off: set by hand")
+    two_periods(robot)  # by then the servers have all of the set that was under way
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the cap, and a whole number")
