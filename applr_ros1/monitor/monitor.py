@@ -125,7 +125,6 @@ class CollisionMonitor:
         self.ages = (0.0, 0.0, 0.0)
         self._pose = 0.0, None  # the odometry's newest pose, and its stamp [s] when it first was so
         self._brakes = False  # whether what was given last falls more slowly than asked
-        self._turning = 0.0  # measured turn rate at the last command [rad/s]
         self._asked, self._beats = None, deque(maxlen=BEATS)  # when the last command came, and between these [s]
         self._given = -math.inf, 0.0, 0.0  # when the base was last given a command [s], and that (v, w)
 
@@ -190,11 +189,10 @@ class CollisionMonitor:
         if self._is_impossible(moved):
             problem = f"the poses say {moved[0]:g} m/s and {moved[1]:g} rad/s, which cannot be"
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
-        self._turning = twist[1]
         verdict = self._judge(pose, self._twists(twist), command)
         # wheels that slip say too little; the base is where it is going by the faster of both
         measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
-        return replace(verdict, command=self.braked(now, measured, verdict.command))
+        return replace(verdict, command=self.braked(now, measured, verdict.command, twist[1]))
 
     def _twists(self, twist):
         """[(v, w, slide), ...]: the measured velocity, and that of the poses where it contradicts.
@@ -206,8 +204,9 @@ class CollisionMonitor:
         slide = aside + self.settings.turn_ahead * w
         return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
 
-    def braked(self, now, measured, command=(0.0, 0.0)):
+    def braked(self, now, measured, command=(0.0, 0.0), turning=None):
         """Return the (v, w) given to the base at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
+        turning: its measured turn rate [rad/s]; None where that is not to be believed.
 
         Where v falls more slowly than asked, w stays with it on the command's arc, as safe_scale has judged it; but the
         base turns no faster for that than it was commanded before, and changes its turn gradually: tyres that are to
@@ -221,14 +220,14 @@ class CollisionMonitor:
                     w = turned * left / abs(was)
                 elif v * was > 0.0:
                     w = on_arc(left, v, w, turned)
-                v, w = math.copysign(left, was), self._gradual(w)
+                v, w = math.copysign(left, was), w if turning is None else self._gradual(w, turning)
         self._brakes = v != command[0]
         self._given = now, v, w
         return v, w
 
-    def _gradual(self, w):
+    def _gradual(self, w, turning):
         """Return what is nearest to the turn rate w of those that the base can soon have, and not the other way."""
-        turning, change = self._turning / self.settings.turn_gain, GRIPPING_S * self.settings.yaw_deceleration
+        turning, change = turning / self.settings.turn_gain, GRIPPING_S * self.settings.yaw_deceleration
         soon = min(max(w, turning - change), turning + change)
         return soon if soon * w > 0.0 else 0.0
 

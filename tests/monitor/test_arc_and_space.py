@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory
@@ -24,10 +24,9 @@ HERE = (0.0, 0.0, 0.0)
 
 def test_creeping_and_stopping_keep_the_arc_of_the_command():
     """Figures of a drive in which the robot left a turn straight on and hit a wall."""
-    monitor = CollisionMonitor()
-    monitor._turning = SETTINGS.turn_gain * -1.457  # it turns as it is commanded
+    monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # it turns as it is commanded
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
-    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078))
+    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), turning)
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
     stopped = monitor.braked(0.1, 1.6)
     assert stopped == pytest.approx((1.48, w / v * 1.48))
@@ -36,9 +35,8 @@ def test_creeping_and_stopping_keep_the_arc_of_the_command():
 @pytest.mark.parametrize("command", [(0.5, 1.0), (0.5, -1.0), (0.5, 0.2)])
 def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_turning(command):
     monitor = CollisionMonitor()
-    monitor._turning = SETTINGS.turn_gain * command[1]
     monitor.braked(0.0, 2.0, (2.0, 0.4))
-    v, w = monitor.braked(0.05, 2.0, command)
+    v, w = monitor.braked(0.05, 2.0, command, SETTINGS.turn_gain * command[1])
     assert v == pytest.approx(2.0 - 1.9 * 0.05)
     assert abs(w) == pytest.approx(min(abs(command[1]) * v / 0.5, max(abs(command[1]), 0.4)))
     assert w * command[1] > 0.0
@@ -49,8 +47,7 @@ def test_while_it_brakes_it_is_commanded_a_turn_that_it_can_soon_have():
     for turning, asked, turned in ((0.0, 4.0, 0.33), (1.35, 4.0, 1.33), (-1.35, 4.0, 0.0), (2.7, 0.5, 1.67)):
         monitor = CollisionMonitor()
         monitor.braked(0.0, 2.0, (2.0, asked))
-        monitor._turning = turning
-        assert monitor.braked(0.05, 2.0, (1.0, asked)) == pytest.approx((1.905, turned))
+        assert monitor.braked(0.05, 2.0, (1.0, asked), turning) == pytest.approx((1.905, turned))
         assert monitor.braked(0.1, 2.0, (2.0, asked)) == (2.0, asked), "it does not brake any more"
 
 
@@ -107,7 +104,20 @@ def test_the_outline_may_swing_at_rest(side):
 numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 
 
+def test_a_stop_in_a_turn_keeps_its_arc_until_it_stands():
+    """Without a command, or without odometry to be believed: then nobody knows how fast it turns by now."""
+    monitor, speed = CollisionMonitor(), 1.0
+    monitor.filter(0.0, HERE, (1.0, 1.35 * 1.5), (1.0, 1.5))
+    monitor.braked(0.0, 1.0, (1.0, 1.5))
+    for step in range(1, 10):
+        v, w = monitor.braked(0.05 * step, speed)
+        assert w == pytest.approx(1.5 * v), step
+        speed = v
+    assert v < 0.2
+
+
 @examples(60)
+@example([(1.0, 0.0, 1.0), *[(0.0, 0.0, 1.0)] * 3, (1.0, 1.0, 1.0), (0.0, 0.0, 1.0)])  # odometry that stood still
 @given(st.lists(st.tuples(numbers, numbers, st.floats(0.3, 3.0)), min_size=2, max_size=6))
 def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(commands):
     """Or turns less than that, or as it turns already, where it brakes."""
