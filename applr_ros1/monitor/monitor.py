@@ -205,12 +205,13 @@ class CollisionMonitor:
         return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
 
     def braked(self, now, measured, command=(0.0, 0.0), turning=None):
-        """Return the (v, w) given to the base at `now` [s] instead of `command`; measured: its wheels' speed [m/s].
-        turning: its measured turn rate [rad/s]; None where that is not to be believed.
+        """Return the (v, w) given to the base at `now` [s] instead of `command`.
 
         Where v falls more slowly than asked, w stays with it on the command's arc, as safe_scale has judged it; but the
         base turns no faster for that than it was commanded before, and changes its turn gradually: tyres that are to
         turn the body by much do not brake it.
+
+        measured: its wheels' speed [m/s]. turning: its turn rate [rad/s] as measured; None where nobody knows.
         """
         (then, was, turned), (v, w) = self._given, command
         if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
