@@ -259,7 +259,7 @@ class Episode:
             self.trace.command.append(cycle.command or (0.0, 0.0))
         self._judge(now, cycle, state)
 
-    def _called_within(self, state) -> Optional[float]:
+    def _called_within(self, cycle, state) -> Optional[float]:
         """Return the planner's tolerance [m] where it takes the goal's place for reached, else None.
 
         It goes by odometry, and has still to stop and to turn there; the time of a recorded drive ends here, too.
@@ -269,7 +269,7 @@ class Episode:
 
     def _judge(self, now: Outcome, cycle, state) -> None:
         """Note whether the course has ended, by its rule (Course.arrived)."""
-        if self.world.course.arrived(state.pose[0], state.pose[1], self._called_within(state)):
+        if self.world.course.arrived(state.pose[0], state.pose[1], self._called_within(cycle, state)):
             now.success, now.reason = True, "finished"
         elif state.flipped:
             now.flipped, now.reason = True, "flipped"
