@@ -195,6 +195,20 @@ def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():
     assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # ends
 
 
+def test_make_plan_leaves_the_maps_as_they_are_while_a_goal_is_active():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(0.45, 0.0, 0.1)])
+    run(made, robot, 0.2)
+    made.set_goal((3.0, 0.0, 0.0), robot.time)
+    marked = made.global_costmap.cells == 254
+    assert marked.any()
+    made.make_plan(robot.pose, (3.0, 0.0, 0.0))
+    assert ((made.global_costmap.cells == 254) == marked).all()
+    made.cancel(robot.time)
+    run(made, robot, 0.1)
+    made.make_plan(robot.pose, (3.0, 0.0, 0.0))
+    assert not (made.global_costmap.cells == 254)[marked].all()  # within clearing_radius
+
+
 def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     run(made, robot, 0.2)

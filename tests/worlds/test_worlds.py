@@ -37,6 +37,7 @@ def test_splits_share_no_world():
     assert names["validation"] | names["learn"] == names["train"]
     assert not names["validation"] & names["learn"]
     assert not names["train"] & names["test"]
+    assert [f"generated:{n}" for n in (5, 14, 24)] == worlds.specs("generated:validation")[:3]  # never other ones
     assert len(names["validation"]) == 31
     assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
     assert [w.name for w in worlds.load_all("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]

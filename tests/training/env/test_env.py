@@ -289,6 +289,8 @@ def test_times_are_counted_at_the_pace_of_the_robot():
     everything = Reward(exact_time=True, c_c=0.1, c_switch=0.2)
     _, terms = earned(everything, STEP, 0.5, pace=4.0)
     assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0, -0.025))))
+    once, twice = (earned(Reward(), STEP, scale=scale)[1]["progress"] for scale in (1.0, 2.0))
+    assert once == 2.0 * twice != 0.0
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
