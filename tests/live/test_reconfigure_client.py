@@ -121,6 +121,28 @@ def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client,
         assert calls() == expected
 
 
+def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(client, monkeypatch):
+    i = SPACE.names.index("max_vel_x")
+    monkeypatch.setattr(client, "multipliers", np.where(np.arange(len(SPACE)) == i, 2.0, 1.0))
+    assert applied(client, THETA_0)
+    assert client.values()[i] == 2.0 * THETA_0[i]
+    assert np.array_equal(client.theta(), THETA_0)
+    client._servers["TrajectoryPlannerROS"]._client.update_configuration({"max_vel_x": 0.8})
+    wait_for(lambda: client.values()[i] == 0.8, "the person's value")
+    assert client.theta()[i] == 0.4
+
+
+def test_a_server_that_comes_back_gets_what_was_requested_last():
+    client = ReconfigureClient()  # not started: nothing is applied
+    client.applied = THETA_0
+    client.request(SPACE.high)
+    client.reapply()
+    assert np.array_equal(client._requested, SPACE.high)
+    client._requested = None
+    client.reapply()
+    assert np.array_equal(client._requested, THETA_0)
+
+
 @pytest.mark.parametrize("said", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
 def test_what_a_server_says_that_is_no_number_is_not_known_and_set_anew(client, monkeypatch, said):
     planner = client._servers["TrajectoryPlannerROS"]
