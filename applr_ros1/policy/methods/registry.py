@@ -9,7 +9,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor
 from applr_ros1.policy.decision import Method, period_of
-from applr_ros1.policy.methods.included import FixedParameters, RandomParameters
+from applr_ros1.policy.methods.included import Exploration, FixedParameters, RandomParameters
 from applr_ros1.policy.methods.user_method import make_user_method
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -60,6 +60,13 @@ def _tuned(robot: Robot) -> Method:
     return _fixed(path, robot)
 
 
+def _explored(robot: Robot) -> Method:
+    tuned = os.path.exists(shipped(SET, robot))
+    around = _tuned(robot) if tuned else _named({}, robot)
+    assert isinstance(around, FixedParameters)
+    return Exploration(around)
+
+
 def _named(values: Dict[str, float], robot: Robot) -> Method:
     space = space_of(robot)
     return FixedParameters(space.from_dict(values), space)
@@ -80,6 +87,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         "the best single set that CMA-ES found on the training worlds",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
+    "explore": (_explored, "the robot's tuned set, else its own parameters, with noise that stays for some seconds"),
     "applr": (
         _trained,
         "the robot's policy",
