@@ -1,7 +1,7 @@
 """Several trainings one after the other, of which the best is kept: `train.py --seeds 3`.
 
-The end of a training depends on its seed. Here runs of several seeds share the time, their best policies drive
-the same fresh courses, and the policy with the lowest mean score drives other fresh courses beside the robot's own
+The end of a training depends on its seed. Here runs of several seeds share the time or a dataset, their best policies
+drive the same fresh courses, and the one with the lowest mean score drives other fresh courses beside the robot's own
 parameters: no course on which something was chosen is part of the verdict.
 """
 
@@ -42,8 +42,6 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     Raises:
         ApplrError: with one line.
     """
-    if config.dataset:
-        raise ApplrError("--seeds: give --seeds 1 with --dataset")
     out = make_folder(config.out)
     if (out / "config.json").exists() and not config.resume:
         raise ApplrError(f"{out} holds a run already: --resume goes on with it, another --out begins one")
@@ -71,10 +69,11 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
     trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
     method, (arrivals, judged) = verdict(trials, robot.name)
+    more = "record more drives" if config.dataset else "--resume with more --minutes"
     advice = {
         POLICY: f"Copy {best} to {robot.folder}/applr.safetensors: the method applr drives with it.",
-        SET: "Drive with the best single set (method static), or --resume with more --minutes.",
-        BASELINE: "Keep your parameters, or --resume with more --minutes.",
+        SET: f"Drive with the best single set (method static), or {more}.",
+        BASELINE: f"Keep your parameters, or {more}.",
     }[method]
     chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
     return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]

@@ -10,7 +10,6 @@ import numpy as np
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.parameter_space import SPACE, Space
 
-
 EXPLORED = 0.3  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
 EXPLORED_S = 3.0  # [s] in which that changes
 

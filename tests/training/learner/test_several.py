@@ -78,5 +78,11 @@ def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, says, adv
     assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"
 
 
-def test_what_seeds_cannot_be_combined_with(tmp_path, capsys):
-    one_line(capsys, ["--dataset", "d", "--seeds", "3", "--out", str(tmp_path / "x")], "--seeds 1", train.main)
+def test_policies_of_a_dataset_are_judged_in_the_same_way(tmp_path, evaluated, capsys, monkeypatch):
+    for name, value in {"applr": 30.0, "static": 20.0}.items():
+        monkeypatch.setitem(SECONDS, name, value)
+    assert toy_run(parse(toy(tmp_path / "drives", "--total-timesteps", 40, *NO_EVALUATION))).run() == 0
+    learnt = ["--dataset", tmp_path / "drives", "--gradient-steps", 20, "--seeds", 2, "--seed", 3]
+    assert several.train(parse(toy(tmp_path / "runs", *learnt, *NO_EVALUATION)), toy_run) == 0
+    assert [options.workers for options in evaluated] == [0, 0]
+    assert "Keep your parameters, or record more drives." in capsys.readouterr().out
