@@ -42,7 +42,6 @@ class Navfn:
         self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
         self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # no cost of navfn's: the first conversion sees all cells change
         self._field = make_field(nx * ny)
-        self._potential, self._weights = self._field[::2], self._field[1::2]
         self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
         self._path = np.empty((4 * nx, 2), np.float32)
@@ -52,6 +51,14 @@ class Navfn:
         self._flooded = (-1, -1)  # robot's and goal's cells of the flood in memory
         self._asked = None  # the question of the plan in memory
         self._plan: np.ndarray = np.zeros((0, 3))
+
+    @property
+    def _potential(self) -> np.ndarray:
+        return self._field[::2]  # made each time: a deep copy of a view would be an array of its own
+
+    @property
+    def _weights(self) -> np.ndarray:
+        return self._field[1::2]
 
     @property
     def potential(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """navfn against a plain version in float32 arithmetic: potentials, cost arrays, plans; answers from memory."""
 
+import copy
 from collections import Counter
 
 import numpy as np
@@ -128,6 +129,18 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
     costmap.clear()
     costmap.paint(wall.T if turned else wall)
     assert len(compare(planner, costmap, robot, (*goal, 0.0))) > 3
+
+
+def test_a_deep_copy_plans_by_itself():
+    costmap = costmap_of(np.zeros((40, 40), np.uint8))
+    planner, way = Navfn(), ((0.5, 1.0), (1.6, 1.0, 0.0))
+    before = compare(planner, costmap, *way)
+    copied, its_map = copy.deepcopy((planner, costmap))
+    wall = np.zeros((40, 40), np.uint8)
+    wall[8:, 20] = 254
+    its_map.paint(wall)
+    assert len(compare(copied, its_map, *way)) > len(before)
+    np.testing.assert_array_equal(compare(planner, costmap, *way), before)
 
 
 def test_no_way():
