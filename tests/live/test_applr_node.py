@@ -257,6 +257,16 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     assert "Traceback" not in node.text
 
 
+def test_at_its_end_the_defaults_stay_where_one_server_is_not_heard(robot, stack, monkeypatch):
+    monkeypatch.setitem(HURRIED, "applr_ros1.nodes.applr.reconfigure_client.ANNOUNCED_S", 0.05)
+    node, _, client = stack("static")
+    best = SPACE.clip(methods.make("static").theta(None))
+    wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
+    rospy.set_param("/fake/late", [LAYERS[0]])  # as after a restart: it answers, and its messages do not come
+    assert node.end() == 0
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+
+
 def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
     node, _, client = stack("random", max_speed=1.6)
     robot.goal = "one"

@@ -268,7 +268,7 @@ class ApplrNode:
         if client.applied is None or (np.array_equal(client.applied, theta) and (client.multipliers == 1.0).all()):
             return
         self.meter_scoring.forget()  # as the planner was before this node came
-        client.apply(theta)
+        client.apply(theta, all_or_none=False)  # of a server that has just come back nothing may be heard yet
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1

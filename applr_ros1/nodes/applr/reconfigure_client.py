@@ -304,7 +304,7 @@ class ReconfigureClient:
                 low[i], high[i] = max(low[i], least), min(high[i], most)
         return low, high
 
-    def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> ApplyReport:
+    def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S, all_or_none: bool = True) -> ApplyReport:
         """Set theta (n,): one call to each server that has not got its values, side by side, with answers verified.
 
         What is sent is theta times `multipliers`, within the servers' bounds. A server whose values are in force is
@@ -312,12 +312,12 @@ class ReconfigureClient:
 
         Raises ApplrError before anything is sent when a value is not finite. Otherwise never raises and ends within
         `seconds` (twice that where values have to be put back), as Deadline counts them: see ApplyReport. If one server
-        refuses, is gone or does not answer, those that took the new values get their former ones back. Nothing is sent
-        while a server still has a former call to answer.
+        refuses, is gone or does not answer, with all_or_none those that took the new values get their former ones
+        back. Nothing is sent while a server still has a former call to answer.
         """
-        return self._apply(self.space.clip(theta), seconds)
+        return self._apply(self.space.clip(theta), seconds, all_or_none)
 
-    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> ApplyReport:
+    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE_S, all_or_none: bool = True) -> ApplyReport:
         until = Deadline(seconds)
         with self._lock:
             if not self.connected:
@@ -336,7 +336,7 @@ class ReconfigureClient:
                 former = {s: {name: s.values[name] for name in wanted[s] if name in s.values} for s in wanted}
                 errors = _set_all(wanted, until)
                 refused = any(server.refused for server in errors)
-                if errors:
+                if errors and all_or_none:
                     again = {server: former[server] for server in wanted if server.call.done()}
                     failed = _set_all(again, Deadline(seconds))
                     put_back = [server.name for server in again if server not in failed]
