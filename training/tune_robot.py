@@ -41,13 +41,15 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import sha256
+from applr_ros1.common.files import read_json, sha256, write_json
+from applr_ros1.common.progress import announced
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots.measured import Value
 from applr_ros1.robots.owner.write import write_measured
 from training import open_floor
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
@@ -97,6 +99,8 @@ LIMIT_OPTIMAL_TIMES = 10.0  # after which a drive of the search has failed
 PUT_BACK_BLOCKS = 6  # of drives, at most, in which a parameter is put back
 VERDICT_COURSES = 12  # at least
 COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
+BUSY_SHARE = 0.5  # of the time, in which workers have a processor; with less a line says so
+BAGS = "bags.json"  # in the folder of trials: what bags gave, which a run that goes on does not read and check again
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
 DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
@@ -236,16 +240,46 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     Raises:
         ApplrError: the bags hold no course, or the simulator does not agree with them.
     """
-    found = read(options.bag, options.robot, copies=COPIES)
+    state, note, place = _state(options, options.robot), out / BAGS, out / options.robot.name
+    known = read_json(note) if note.exists() else {}
+    if not state or state not in (known.get("before"), known.get("after")):
+        known = {"before": state, **_read(options, out, place)}
+        write_json(note, known)
+    print("\n".join([*known["lines"], known["sentence"]]), flush=True)
+    if not known["agrees"] and not options.anyway:
+        raise ApplrError(f"{known['sentence']}; give --anyway to go on all the same")
+    if folder != out and state == known["before"]:
+        for remark in write_measured(folder, {(section, name): Value(*v) for section, name, *v in known["new"]}):
+            print(remark, flush=True)
+        write_json(note, {**known, "after": _state(options, load(str(folder)))})
+    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
+    both = [[*half, *other[: len(half)]] for half, other in zip(known["worlds"], others)]
+    return load(str(place)), ",".join(both[0]), ",".join(both[1])
+
+
+def _state(options: TuneOptions, robot: Robot) -> str:
+    """Return a checksum of what reading and checking bags depends on; "" where a bag is not there."""
+    files = [file for path in options.bag for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
+    with suppress(OSError):
+        states = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+        return sha256(json.dumps([states, content(robot), options.seed]))
+    return ""
+
+
+def _read(options: TuneOptions, out: Path, place: Path) -> Dict[str, Any]:
+    """Read and check bags; write their worlds, and the robot as they measure it at a place; return what bags.json has.
+
+    That is the lines to print, whether the simulator agrees and a sentence about it, what is measured, and the files of
+    the worlds of the search and of the verdict.
+    """
+    with announced("reading bags", _tell):
+        found = read(options.bag, options.robot, copies=COPIES)
+    _tell("driving the recorded parameters in simulation")
     check = bag.check(found, seed=options.seed)
     fields = [
         f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
         for (section, name), value in found.fields.items()
     ]
-    print("\n".join([*found.remarks, *fields, *check.lines, check.sentence]), flush=True)
-    if not check.agrees and not options.anyway:
-        raise ApplrError(f"{check.sentence}; give --anyway to go on all the same")
-    place = out / options.robot.name
     inside = {out.resolve(), *out.resolve().parents}  # where the robot's folder holds what is written here
     shutil.copytree(
         options.robot.folder,
@@ -253,17 +287,21 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
         ignore=lambda at, names: [name for name in names if Path(at, name).resolve() in inside],
         dirs_exist_ok=True,
     )
-    for described in (place, folder) if folder != out else (place,):
-        for remark in write_measured(described, found.new):
-            print(remark, flush=True)
+    remarks = write_measured(place, found.new)
     halves: Tuple[List[str], List[str]] = [], []
     for number, world in enumerate(found.worlds):
         file = make_folder(out / "worlds") / f"{world.name}.world"
         sdf_writer.write(world, str(file))
         halves[number >= 2 * len(found.courses) and number // 2 % 2].append(str(file))
-    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
-    both = [[*half, *other[: len(half)]] for half, other in zip(halves, others)]
-    return load(str(place)), ",".join(both[0]), ",".join(both[1])
+    return {
+        **{"lines": [*found.remarks, *fields, *check.lines, *remarks], "sentence": check.sentence},
+        **{"agrees": bool(check.agrees), "new": [[*field, *value] for field, value in found.new.items()]},
+        "worlds": halves,
+    }
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
@@ -300,6 +338,7 @@ def find(
             driven.append(COARSE if spent < COARSE_SHARE else FINE)
             yield partial(drives, driven[-1])
 
+    began = os.times()
     with Pool(options.workers) as pool:
         coarse, fine = partial(drives, COARSE), partial(drives, FINE)
         for run in (coarse, fine):
@@ -322,7 +361,19 @@ def find(
         theta, worth = without_idle(
             space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked()
         )
-        return whole.fill(theta), worth
+    print(busy(began, os.times(), options.workers), end="", flush=True)
+    return whole.fill(theta), worth
+
+
+def busy(began: os.times_result, ended: os.times_result, workers: int) -> str:
+    """Return a line where ended workers had a processor for less than BUSY_SHARE of the time between, else ""."""
+    driven_s = ended.children_user + ended.children_system - began.children_user - began.children_system
+    share = driven_s / max(1, workers) / max(1e-9, ended.elapsed - began.elapsed)
+    if not workers or share >= BUSY_SHARE:
+        return ""
+    return (
+        f"The machine is busy: the drives had a processor for {100 * share:.0f} % of the time; give more --minutes.\n"
+    )
 
 
 def warm_starts(robot: Robot) -> np.ndarray:

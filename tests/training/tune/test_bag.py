@@ -114,7 +114,7 @@ def test_the_world_is_what_stood_there_and_the_course_what_was_driven(recorded, 
     assert clearance(free, course.path).min() > 0.15
 
 
-def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven):
+def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven, monkeypatch):
     (course,) = recorded.courses
     assert course.pace.time_s == pytest.approx(driven[1].time_s, abs=0.8)
     check = bag.check(recorded, drives=1)
@@ -124,7 +124,12 @@ def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded,
     slow = course._replace(theta=np.where(fastest, 0.25, course.theta))
     check = bag.check(replace(recorded, courses=[slow]), drives=1)
     assert not check.agrees
+    assert "20 % are believed, and lane is farthest off with" in check.sentence
     assert "may not hold" in check.sentence
+    lost = iter([False, False, True, True])
+    monkeypatch.setattr(bag, "simulated", lambda *how: course.pace._replace(arrived=next(lost, False)))
+    sentence = bag.check(recorded, drives=2).sentence
+    assert "they do not arrive in 34 of 36 on lane; what is found may not hold" in sentence
 
 
 def test_each_drive_of_the_check_draws_its_own_noise_half_of_them_with_the_unseen_as_wall(recorded, monkeypatch):

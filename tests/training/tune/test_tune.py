@@ -1,6 +1,7 @@
 """./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -225,6 +226,34 @@ def recorded(monkeypatch, *numbers, name="hall"):
     said = SimpleNamespace(worlds=halls, courses=[None], fields={}, new={}, remarks=[])
     monkeypatch.setattr(tune_robot, "read", lambda paths, robot, copies: said)
     monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check([], True, "they agree"))
+
+
+def test_a_machine_on_which_drives_wait_is_named(monkeypatch):
+    began, ended = os.times_result([9.0, 9.0, 1.0, 1.0, 50.0]), os.times_result([99.0, 99.0, 9.0, 2.0, 60.0])
+    assert "for 45 % of the time" in tune_robot.busy(began, ended, 2)
+    assert tune_robot.busy(began, ended, 1) == ""
+    assert tune_robot.busy(began, ended, 0) == ""  # all in this process
+
+
+def test_a_run_that_goes_on_neither_reads_nor_checks_its_bags_again(jackal, tmp_path, capsys, monkeypatch):
+    recorded(monkeypatch, *range(50, 60))
+    said, reads = tune_robot.read(None, None, None), []
+    said.new = {("laser", "noise"): NOISE}
+    monkeypatch.setattr(tune_robot, "read", lambda *paths, copies: reads.append(paths) or said)
+    monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check(["hall"], False, "they differ"))
+    bag = tmp_path / "a.bag"
+    for text, words, status, count in (
+        ("as recorded", [], 1, 1),
+        ("as recorded", ["--anyway"], 0, 1),  # writes what was measured into robot.yaml
+        ("as recorded", ["--anyway"], 0, 1),
+        ("another drive", [], 1, 2),
+    ):
+        if not bag.exists() or bag.read_text() != text:
+            bag.write_text(text)
+        assert tune(jackal, "toy", "--bag", str(bag), *words) == status, capsys.readouterr()
+        assert len(reads) == count
+        assert "hall\nthey differ\n" in capsys.readouterr().out
+    assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
 
 
 def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
