@@ -1,15 +1,13 @@
 """Makes a dataset of recorded drives, and trains a policy from it, offline.
 
-`record:=drive.bag` of the launch file records a drive of a real robot, `./applr demo method:=random record:=drive.bag`
-one in simulation. Without a bag some drives with random parameters are recorded here.
+`record:=drive.bag` of the launch file records a drive of a real robot, `./applr demo method:=explore record:=drive.bag`
+one in simulation. Without a bag some drives around the robot's own parameters are recorded here.
 """
 
 import argparse
 import subprocess
 import sys
 from pathlib import Path
-
-import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,18 +18,22 @@ def record(bag: Path, courses: int, decisions: int) -> None:
     import sim_bridge
     import worlds
     from applr_ros1.planner.move_base import MoveBase
-    from applr_ros1.policy.parameter_space import SPACE
+    from applr_ros1.policy import methods
+    from applr_ros1.policy.methods.included import Exploration
     from applr_ros1.robots import JACKAL
     from tests.support.recording import RecordingEpisode, StackWriter
 
-    random = np.random.default_rng(0)
+    own = methods.make("dwa")
+    assert isinstance(own, methods.FixedParameters)
+    explore = Exploration(own)
     with StackWriter(bag) as writer:
         simulator, planner = sim_bridge.make("kinematic"), MoveBase(JACKAL.parameters())
-        episode = RecordingEpisode(simulator, planner, writer, period=2.0, limit=decisions)
+        episode = RecordingEpisode(simulator, planner, writer, period=explore.period, limit=decisions)
         for number in range(courses):
             outcome = episode.reset(worlds.load(f"generated:{number}"), seed=number)
+            explore.reset(number)
             while not outcome.over:
-                outcome = episode.decide(SPACE.to_theta(random.uniform(-1.0, 1.0, len(SPACE))))
+                outcome = episode.decide(explore.theta(None))
 
 
 def main() -> None:
@@ -48,9 +50,9 @@ def main() -> None:
         options.bags = [Path(options.out) / "drives.bag"]
         record(options.bags[0], courses=3, decisions=20)
     dataset, run = str(Path(options.out) / "dataset"), str(Path(options.out) / "run")
-    convert = ["applr_ros1.training.bags_to_dataset", *map(str, options.bags), "--out", dataset, "--finish", "5.925"]
-    train = ["applr_ros1.training.train", "--dataset", dataset, "--out", run, "--eval-worlds", "none"]
-    train += ["--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch, "--bc-alpha", "2.5"]
+    convert = ["applr_ros1.training.bags_to_dataset", *map(str, options.bags), "--recipe", "offline", "--out", dataset]
+    train = ["applr_ros1.training.train", "--recipe", "offline", "--dataset", dataset, "--out", run, "--seeds", "1"]
+    train += ["--init-from", "dwa", "--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch]
     for command in (convert, train):
         subprocess.run([sys.executable, "-m", *command], check=True)
     print(f"{run}/actor.safetensors: drive it with method:=applr policy:=...")

@@ -1,7 +1,6 @@
 """Every method of the package repeats itself under a seed, within the ranges; what a person's own class does wrong."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -47,7 +46,7 @@ def test_methods_of_the_package(spec):
     assert json.loads(json.dumps(method.describe()))
 
 
-def test_exploration_stays_near_the_robots_set_and_changes_within_seconds():
+def test_exploration_draws_around_the_robots_set():
     method = methods.make("explore")
     space, centre = method.space, methods.make("static").values
     method.reset(1)
@@ -56,10 +55,7 @@ def test_exploration_stays_near_the_robots_set_and_changes_within_seconds():
     assert free.any()
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
-    assert away.std(axis=0) == pytest.approx(0.3, abs=0.03)
-    for decisions, expected in ((1, math.exp(-1.0 / 3.0)), (6, math.exp(-2.0))):
-        related = [np.corrcoef(column[:-decisions], column[decisions:])[0, 1] for column in away.T]
-        assert np.array(related) == pytest.approx(expected, abs=0.08)
+    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # .5, cut at the ends
 
 
 @pytest.mark.parametrize(

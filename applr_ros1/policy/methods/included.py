@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Dict, Optional
 
 import numpy as np
@@ -10,8 +9,7 @@ import numpy as np
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.parameter_space import SPACE, Space
 
-EXPLORED = 0.3  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
-EXPLORED_S = 3.0  # [s] in which that changes
+EXPLORED = 0.5  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
 
 
 class FixedParameters(Method):
@@ -62,7 +60,7 @@ class RandomParameters(Method):
 
 
 class Exploration(FixedParameters):
-    """A set with noise that stays for some seconds (an Ornstein-Uhlenbeck process): for data that a policy learns from.
+    """Sets around one, drawn normally at each decision: for drives that a policy learns from.
 
     Args:
         around: The set.
@@ -78,14 +76,12 @@ class Exploration(FixedParameters):
     def reset(self, seed: int) -> None:
         """Begin a course with draws that depend on the seed only."""
         self._draws = np.random.default_rng([seed, 0xE401])
-        self._noise = self._draws.normal(size=len(self.space))
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the set with the noise of the next decision."""
-        kept = math.exp(-self.period / EXPLORED_S)
-        self._noise = kept * self._noise + math.sqrt(1.0 - kept**2) * self._draws.normal(size=len(self.space))
-        return self.space.to_theta(np.clip(self.space.to_action(self.values) + EXPLORED * self._noise, -1.0, 1.0))
+        """Return a new draw."""
+        action = self.space.to_action(self.values) + EXPLORED * self._draws.normal(size=len(self.space))
+        return self.space.to_theta(np.clip(action, -1.0, 1.0))
 
     def describe(self) -> Dict[str, Any]:
-        """Return the set by name, and how it is changed."""
-        return {**super().describe(), "noise": [EXPLORED, EXPLORED_S]}
+        """Return the set by name, and how far draws are from it."""
+        return {**super().describe(), "explored": EXPLORED}

@@ -87,7 +87,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         "the best single set that CMA-ES found on the training worlds",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
-    "explore": (_explored, "the robot's tuned set, else its own parameters, with noise that stays for some seconds"),
+    "explore": (_explored, "around the robot's tuned set, else its own parameters, drawn anew every second"),
     "applr": (
         _trained,
         "the robot's policy",
