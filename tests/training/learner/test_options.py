@@ -22,7 +22,7 @@ from training.learner.config import TrainConfig, parse
         (["--simulator", "gazebo"], "--simulator is 'gazebo'"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
-        (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, paper"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
@@ -54,7 +54,7 @@ def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
             parse(["--recipe", str(own)])
 
 
-@pytest.mark.parametrize("name", ["paper", "jackal"])
+@pytest.mark.parametrize("name", ["paper", "jackal", "offline"])
 def test_a_recipe_is_what_the_command_line_takes(name):
     assert parse(["--recipe", name, "--seed", "7"]).seed == 7
 
