@@ -87,6 +87,15 @@ def test_a_world_without_standing_obstacles_has_a_picture(world):
     assert picture.min() < 255
 
 
+def test_an_obstacle_fills_the_cells_into_whose_inner_circle_it_reaches():
+    post = replace(TINY, cylinders=np.array([[0.0, 0.0, 0.06]]), boxes=np.zeros((0, 5)))
+    cells, (left, low) = occupancy(post, 0.1)
+    rows, columns = np.nonzero(cells)
+    found = np.hypot(left + 0.1 * (columns + 0.5), low + 0.1 * (rows + 0.5))
+    away = np.hypot(*np.meshgrid(np.arange(-5, 5) * 0.1 + 0.05, np.arange(-5, 5) * 0.1 + 0.05))
+    assert sorted(found) == pytest.approx(sorted(away[away <= 0.06 + 0.05]))
+
+
 def test_a_map_of_too_many_cells_is_refused_before_it_is_made():
     far = replace(TINY, boxes=np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [2000.0, 2000.0, 0.0, 1.0, 1.0]]))
     refused(lambda: occupancy(far), "open is 20.. x 20.. m, .* cells of 0.05 m: give .* at most")

@@ -220,6 +220,18 @@ def test_a_policy_can_begin_at_a_set_and_learns_from_there():
     refused(lambda: td3.begin_at([0.0, 0.0]), "begin at 2 numbers: give 3")
 
 
+def test_a_policy_that_is_taken_over_stands_still_while_the_critics_learn_alone(monkeypatch):
+    monkeypatch.setattr("training.td3.td3.CRITICS_ALONE", 2)
+    options = TD3Options(net_arch=[8], policy_delay=1)
+    begun, td3 = TD3(5, 2, options, seed=1), TD3(5, 2, options, seed=2)
+    td3.begin_with(begun.actor_weights(), "it")
+    moved = []
+    for _ in range(3):
+        td3.update(_batch(np.random.default_rng(0), 8, 5, 2))
+        moved.append(not np.array_equal(td3.actor_weights()["0.weight"], begun.actor_weights()["0.weight"]))
+    assert moved == [False, False, True]
+
+
 def test_critics_see_what_the_policy_does_not():
     """The policy's weights and answers have no place for the hidden numbers; the critics' values change by them."""
     rng, hidden = np.random.default_rng(0), 3
