@@ -877,6 +877,8 @@ def test_a_layers_own_file_is_loaded_below_the_layer(make):
     _, said, file = make(PLAIN, out="named", **{"costmap_common.yaml": two, "layer_near.yaml": SOURCES})
     places = [one.get("namespace") for one in yaml.safe_load(file.read_text())["move_base"]["files"]]
     assert places[-2:] == ["local_costmap/near", "global_costmap/near"]
+    _, said, _ = make(PLAIN, out="above", **{"costmap_common.yaml": two + SOURCES})  # C++ reads them there for no layer
+    assert "write them and what they name below local_costmap/seen" in said
 
 
 def test_the_first_of_several_is_taken_with_a_word(make):

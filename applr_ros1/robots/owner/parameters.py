@@ -256,10 +256,17 @@ def _place_layers(found: Parameters, read: Mapping[str, Dict[str, Any]]) -> None
     for number, (path, costmap) in enumerate(found.files):
         given, plugins = read[path], branch(found.tree, costmap).get("plugins")
         own = {name for name, value in given.items() if not isinstance(value, dict)}
-        if "observation_sources" not in own or own - _OF_LAYER or not isinstance(plugins, list):
+        if "observation_sources" not in own or not isinstance(plugins, list):
             continue
         names = [str(entry.get("name")) for entry in plugins if isinstance(entry, dict) and _SEES.search(str(entry))]
         free = [name for name in names if "observation_sources" not in branch(found.tree, f"{costmap}/{name}")]
+        if own - _OF_LAYER:
+            if free and free == names:
+                found.notes.append(
+                    f"{path}: the layers in plugins do not read the observation_sources of {costmap} itself, and it "
+                    f"sees nothing; write them and what they name below {costmap}/{free[0]}"
+                )
+            continue
         named = [name for name in free if name in os.path.basename(path)]
         if len(named or free) != 1:
             which = ", ".join(names) or "none is there"
