@@ -35,7 +35,7 @@ HURRIED = {  # less than the node's own s and searches before it says something,
     "applr_ros1.nodes.applr.meter_scoring.PATIENCE_S": 0.3,
     "applr_ros1.nodes.applr.reconfigure_client.MOST_SEARCHES": 3,
 }
-LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+LAYERS = ["/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer"]
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +52,10 @@ def stack(robot, tmp_path):
     ros, started, clients = session(), [], []
     robot.reset()
 
-    def start_fake(*args):
+    def start_fake(*args, until="all up"):
         fake = ros.node("tests.support.fake_move_base", *args)
         started.append(fake)
-        fake.until("up")
+        fake.until(until)
         return fake
 
     def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):
@@ -262,7 +262,7 @@ def test_at_its_end_the_defaults_stay_where_one_server_is_not_heard(robot, stack
     node, _, client = stack("static")
     best = SPACE.clip(methods.make("static").theta(None))
     wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
-    rospy.set_param("/fake/late", [LAYERS[0]])  # as after a restart: it answers, and its messages do not come
+    rospy.set_param("/fake/late", LAYERS[:1])  # as after a restart: it answers, and its messages do not come
     assert node.end() == 0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
 
@@ -427,6 +427,40 @@ def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(
     wait_for(lambda: np.array_equal(client.theta(), space.theta0), "the defaults")
     assert "Traceback" not in node.text
     client.close()
+
+
+@pytest.mark.parametrize("interrupted", [False, True], ids=["in_force", "under_way"])
+def test_at_its_end_the_defaults_come_back_to_a_server_that_is_still_starting(robot, stack, interrupted):
+    """A server starts with the ROS parameters, which still hold what the node had set, also where it set a part."""
+    rospy.set_param("/fake/hang", LAYERS[:1] * interrupted)
+    node, fake, client = stack("static")
+    best = SPACE.clip(methods.make("static").theta(None))
+    wait_for(lambda: (client.theta() == best)[:7].all(), "the static set of the planner")
+    wait_for(lambda: robot.count("applied") or interrupted, "the static set")
+    fake.kill()
+    rospy.delete_param("/fake/hang")
+    rospy.set_param("/fake/absent", LAYERS[:1])
+    fake = stack.fake(until="partly up")
+    wait_for(lambda: robot.count("restarts"), "the servers that are up")
+    assert node.end() == 0, node.text
+    rospy.delete_param("/fake/absent")
+    fake.until("all up")
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+    assert "Traceback" not in node.text
+
+
+def test_at_its_end_the_defaults_come_back_beside_a_server_that_is_frozen_in_a_call(robot, stack):
+    node, fake, client = stack("static")
+    best = SPACE.clip(methods.make("static").theta(None))
+    wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
+    rospy.set_param("/fake/hang", LAYERS[:1])
+    assert service("set_method", SetMethod, "dwa").success
+    node.until("does not answer")
+    assert node.end() == 0, node.text
+    others = [server for server in client._servers.values() if server.name != LAYERS[0]]
+    wanted = client._requests(THETA_0)
+    wait_for(lambda: all(server.has(wanted[server]) for server in others), "theta_0 of the others")
+    rospy.delete_param("/fake/hang")
 
 
 def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):

@@ -26,7 +26,7 @@ COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 @pytest.fixture(scope="module")
 def fake():
     child = session().node("tests.support.fake_move_base")
-    child.until("up")
+    child.until("all up")
     yield child
     child.thaw()
     child.kill()
@@ -247,7 +247,7 @@ def test_nothing_that_a_server_says_is_run(tmp_path):
     """dynamic_reconfigure's client evaluates the edit_method of a parameter that it sets to a text."""
     mark = tmp_path / "ran"
     evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
-    evil.until("up")
+    evil.until("all up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: "not as a number" in client.connect() or client.connected, "the servers")
     client.apply(SPACE.high)

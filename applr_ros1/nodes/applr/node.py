@@ -265,10 +265,11 @@ class ApplrNode:
         """Leave the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.client.stop()
         client, theta = self.client, self.client.space.clip(self.space.theta0)
-        if client.applied is None or (np.array_equal(client.applied, theta) and (client.multipliers == 1.0).all()):
+        only = np.array_equal(client.applied, theta) and np.array_equal(client.sent, theta)
+        if client.sent is None or (only and (client.multipliers == 1.0).all()):
             return
         self.meter_scoring.forget()  # as the planner was before this node came
-        client.apply(theta, all_or_none=False)  # of a server that has just come back nothing may be heard yet
+        client.leave(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1

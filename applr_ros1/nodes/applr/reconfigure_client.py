@@ -11,6 +11,7 @@ import os
 import threading
 import time
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -28,6 +29,7 @@ SLOWEST = 10.0  # times as much wall time as a deadline, after which it is over 
 POLL_S = 0.05
 ANNOUNCED_S = 0.4  # between a server's answer and its message on parameter_updates
 RETRY_S = 0.25  # between attempts
+START_S = 0.5  # longest time between a server's reading of its ROS parameters and its first answer
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
 MOST_SEARCHES = 15  # failed searches for the servers, a second apart, before they are reported
 # no texts: for one, the library evaluates as Python what the server says of its choices (edit_method)
@@ -225,6 +227,11 @@ class ReconfigureClient:
         return len(self._servers) == len(self.space.servers)
 
     @property
+    def sent(self) -> Optional[np.ndarray]:
+        """Theta (n,) of the last apply, of which servers may have a part; None before the first one."""
+        return None if self._sent is None else self._sent[0]
+
+    @property
     def servers(self) -> Dict[str, str]:
         """{server as the space names it: its full name as found}."""
         return {wanted: server.name for wanted, server in self._servers.items()}
@@ -313,7 +320,7 @@ class ReconfigureClient:
         Raises ApplrError before anything is sent when a value is not finite. Otherwise never raises and ends within
         `seconds` (twice that where values have to be put back), as Deadline counts them: see ApplyReport. If one server
         refuses, is gone or does not answer, with all_or_none those that took the new values get their former ones
-        back. Nothing is sent while a server still has a former call to answer.
+        back, and nothing is sent while a server still has a former call to answer.
         """
         return self._apply(self.space.clip(theta), seconds, all_or_none)
 
@@ -327,14 +334,11 @@ class ReconfigureClient:
             errors = {server: f"{server.name} does not answer" for server in servers if not server.call.done()}
             put_back: List[str] = []
             refused = False
-            if not errors:
-                values = theta * self.multipliers
-                self._sent = theta, values
-                values = np.clip(values, *self.bounds())
-                wanted = {server: server.request(values) for server in servers}
+            if not errors or not all_or_none:
+                wanted = {s: request for s, request in self._requests(theta).items() if s not in errors}
                 wanted = {server: request for server, request in wanted.items() if not server.has(request)}
                 former = {s: {name: s.values[name] for name in wanted[s] if name in s.values} for s in wanted}
-                errors = _set_all(wanted, until)
+                errors.update(_set_all(wanted, until))
                 refused = any(server.refused for server in errors)
                 if errors and all_or_none:
                     again = {server: former[server] for server in wanted if server.call.done()}
@@ -342,6 +346,29 @@ class ReconfigureClient:
                     put_back = [server.name for server in again if server not in failed]
             unanswered = tuple(server.name for server in servers if not server.call.done())
         return ApplyReport("; ".join(errors.values()), refused, tuple(put_back), unanswered)
+
+    def _requests(self, theta: np.ndarray) -> Dict[Server, Dict[str, Any]]:
+        """{server: {name: value}} of theta (n,), which counts as sent from now on."""
+        self._sent = theta, theta * self.multipliers
+        values = np.clip(self._sent[1], *self.bounds())
+        return {server: server.request(values) for server in self._servers.values()}
+
+    def leave(self, theta: np.ndarray) -> None:
+        """Set theta (n,) at the end of the node, with servers that are starting or down, too: call `stop` before.
+
+        A server starts with the ROS parameters, in which every change was kept. Where one is not reached, theta is
+        written there, and again with further attempts, until what had read it before must have answered.
+        """
+        until, report = Deadline(START_S), self.apply(theta, all_or_none=False)
+        while not report.ok and self.connected:
+            with suppress(OSError):  # of a master that is gone, and its parameters with it
+                for server, request in self._requests(self.space.clip(theta)).items():
+                    for name, value in request.items():
+                        rospy.set_param(f"{server.name}/{name}", value)
+            report = self.apply(theta, all_or_none=False)
+            if until.is_over:
+                break
+            time.sleep(RETRY_S)
 
     def start(self) -> None:
         """Begin to apply requests; those made before are kept."""
