@@ -14,6 +14,7 @@ from applr_ros1.robots.folder import load
 from tests.support.recording import RecordingEpisode, StackWriter
 from training.bags import courses
 from training.bags.bag import BagError
+from training.bags.drive import Pace
 from training.bags.topics import TopicNames
 from training.env.episode import counting_cells
 from training.tune import bag
@@ -114,7 +115,7 @@ def test_the_world_is_what_stood_there_and_the_course_what_was_driven(recorded, 
     assert clearance(free, course.path).min() > 0.15
 
 
-def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven, monkeypatch):
+def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded, driven):
     (course,) = recorded.courses
     assert course.pace.time_s == pytest.approx(driven[1].time_s, abs=0.8)
     check = bag.check(recorded, drives=1)
@@ -124,12 +125,39 @@ def test_the_check_drives_the_recorded_parameters_in_the_recorded_time(recorded,
     slow = course._replace(theta=np.where(fastest, 0.25, course.theta))
     check = bag.check(replace(recorded, courses=[slow]), drives=1)
     assert not check.agrees
-    assert "20 % are believed, and lane is farthest off with" in check.sentence
-    assert "may not hold" in check.sentence
-    lost = iter([False, False, True, True])
-    monkeypatch.setattr(bag, "simulated", lambda *how: course.pace._replace(arrived=next(lost, False)))
-    sentence = bag.check(recorded, drives=2).sentence
-    assert "they do not arrive in 34 of 36 on lane; what is found may not hold" in sentence
+    assert "s where the recorded ones take" in check.sentence
+    assert "% (at most 20 % are believed): what is found may not hold for this robot" in check.sentence
+    assert " arrive" not in check.sentence
+
+
+@pytest.mark.parametrize(
+    ("drives", "words"),
+    [
+        ([(30.0, 1), (30.0, 1), (60.0, 0), (60.0, 0)], "on lane 2 of 4 simulated drives arrive, and simulated drives"),
+        ([(21.0, 1), (20.0, 0), (20.0, 0), (19.0, 0)], "on lane 1 of 4 simulated drives arrive: what is found may"),
+        (
+            [(30.0, 1)] * 4,
+            "take 50 s where the recorded ones take 40 s, +25 % (at most 20 % are believed), most on lane:",
+        ),
+        (
+            [(9.0, 1)] * 4,
+            "take 29 s where the recorded ones take 40 s, -28 % (at most 20 % are believed), most on lane: ",
+        ),
+        ([(25.0, 1)] * 4, ""),
+        ([(70.0, 1), (70.0, 1), (70.0, 1), (10.0, 0)], ""),
+    ],
+)
+def test_a_refusal_names_time_or_arrivals_with_the_course_and_the_numbers(recorded, monkeypatch, drives, words):
+    lane = recorded.courses[0]._replace(name="lane", pace=Pace(20.0, 5.0, 0.5, 0.0))
+    hall = lane._replace(name="hall")
+    taken = {"lane": drives, "hall": [(20.0, 1)] * 4}
+    paces = {name: [Pace(time, 5.0, 0.5, 0.0, bool(there)) for time, there in of] for name, of in taken.items()}
+    monkeypatch.setattr(bag, "MANY", 0)
+    monkeypatch.setattr(bag, "simulated", lambda robot, course, world, seed: paces[course.name].pop(0))
+    check = bag.check(replace(recorded, courses=[lane, hall]), drives=2)
+    assert check.agrees == (not words)
+    assert words in check.sentence
+    assert "hall" not in check.sentence
 
 
 def test_each_drive_of_the_check_draws_its_own_noise_half_of_them_with_the_unseen_as_wall(recorded, monkeypatch):
