@@ -41,7 +41,7 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import read_json, sha256, write_json
+from applr_ros1.common.files import sha256
 from applr_ros1.common.progress import announced
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
@@ -49,7 +49,6 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
-from applr_ros1.robots.measured import Value
 from applr_ros1.robots.owner.write import write_measured
 from training import open_floor
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
@@ -98,15 +97,17 @@ COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part,
 LIMIT_OPTIMAL_TIMES = 10.0  # after which a drive of the search has failed
 PUT_BACK_BLOCKS = 6  # of drives, at most, in which a parameter is put back
 VERDICT_COURSES = 12  # at least
+BUSY = 0.5  # share of a processor below which a machine counts as busy with other work
+LINES_S = 10.0, 15.0  # between the lines about long work: until the first, and further ones
 COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
-BUSY_SHARE = 0.5  # of the time, in which workers have a processor; with less a line says so
-BAGS = "bags.json"  # in the folder of trials: what bags gave, which a run that goes on does not read and check again
+BAGS = "bags.json"  # what was found in bags
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
 DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
     **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
 }
 T = TypeVar("T")
+say = partial(print, flush=True)
 
 
 class TuneOptions(Options):
@@ -123,7 +124,9 @@ class TuneOptions(Options):
         "course takes another time than the recorded one.")
     worlds: str = option(WORLDS,
         f"Courses to search in: {FORMS}; several are separated by commas. {UNSEEN} are for the verdict.")
-    minutes: float = option(15.0, "Time [min] from the first drive to the verdict.", gt=0, le=10_000)
+    minutes: float = option(15.0,
+        "Time [min] of driving, from the first drive to the verdict; what other programs take of it does not count.",
+        gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
         "What counts beside arriving without a contact: fast, the time; careful, the distance from obstacles; smooth, "
         "little jerk and turning; both without taking longer.")
@@ -136,29 +139,49 @@ class TuneOptions(Options):
 
 
 class Clock:
-    """The time of a run. A table keeps each look at it: a run that goes on decides as before it was interrupted.
+    """The time of driving in a run: a machine that is busy with other work makes it pass more slowly.
+
+    Wall time counts by the share of it in which drives had a processor. A table keeps each look at it: a run that goes
+    on decides as before it was interrupted.
 
     Args:
         table: keeps the looks.
         name: under which it keeps them.
         seconds: that the run has.
+
+    Attributes:
+        minutes: at the last look.
     """
 
     def __init__(self, table: Trials, name: str, seconds: float):
         self._table, self._name, self._seconds = table, name, seconds
         self._looks = table.times(name)
         self._again = iter(list(self._looks))
-        self._began, self.minutes = time.monotonic(), 0.0
+        self._last, self.minutes = time.monotonic(), 0.0
+        self._took = self._passed = np.zeros(2)  # processor and wall time of drives since the last look; both here
+
+    def took(self, processor_s: float, wall_s: float) -> None:
+        """Count a drive."""
+        self._took = self._took + (min(processor_s, wall_s), wall_s)
 
     def spent(self) -> float:
         """Return the share that is over. The first look begins the time."""
-        now = next(self._again, None)
+        now, at = next(self._again, None), time.monotonic()
         if now is None:
-            now = time.monotonic() - self._began if self._looks else 0.0
+            passed = (at - self._last) * (self._took / self._took[1] if self._took[1] else np.ones(2))
+            now = self._looks[-1] + float(passed[0]) if self._looks else 0.0
+            self._passed = self._passed + passed * bool(self._looks)
             self._looks.append(now)
             self._table.note(**{self._name: self._looks})
-        self._began, self.minutes = time.monotonic() - now, now / 60.0
+        self._last, self._took, self.minutes = at, np.zeros(2), now / 60.0
         return now / self._seconds
+
+    def busy(self) -> str:
+        """Return a line that says how busy the machine has been since this process began; "" where it was its own."""
+        driving, wall = self._passed / 60.0
+        if driving >= BUSY * wall:
+            return ""
+        return f"this machine is busy: {wall:.1f} minutes here were {driving:.1f} minutes of driving, which count"
 
     def until(self, share: float, blocks: Iterable[T], fewest: int = 1) -> Iterator[T]:
         """Yield those of the blocks that begin before so much is spent, at least the fewest."""
@@ -192,7 +215,8 @@ def run(options: TuneOptions) -> int:
 def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
     """Search in courses whose trials are kept in `out`, compare, write the set into a folder, and print; as `run`."""
     robot, searched, unseen = options.robot, options.worlds, UNSEEN
-    can, floor = open_floor.check(robot)
+    with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
+        can, floor = open_floor.check(robot)
     print("\n".join(floor), flush=True)
     if not (can or options.anyway):
         return 1
@@ -235,51 +259,21 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
 def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str, str]:
     """Return the robot with the fields that bags measure, and the worlds of the search and of the verdict.
 
-    Half of the worlds are the bags' own: the courses and moved copies of them, others for the verdict.
+    Half of the worlds are the bags' own: the courses and moved copies of them, others for the verdict. What an earlier
+    run has found in the same bags for the same robot is taken from `out`.
 
     Raises:
         ApplrError: the bags hold no course, or the simulator does not agree with them.
     """
-    state, note, place = _state(options, options.robot), out / BAGS, out / options.robot.name
-    known = read_json(note) if note.exists() else {}
-    if not state or state not in (known.get("before"), known.get("after")):
-        known = {"before": state, **_read(options, out, place)}
-        write_json(note, known)
-    print("\n".join([*known["lines"], known["sentence"]]), flush=True)
-    if not known["agrees"] and not options.anyway:
-        raise ApplrError(f"{known['sentence']}; give --anyway to go on all the same")
-    if folder != out and state == known["before"]:
-        for remark in write_measured(folder, {(section, name): Value(*v) for section, name, *v in known["new"]}):
-            print(remark, flush=True)
-        write_json(note, {**known, "after": _state(options, load(str(folder)))})
-    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
-    both = [[*half, *other[: len(half)]] for half, other in zip(known["worlds"], others)]
-    return load(str(place)), ",".join(both[0]), ",".join(both[1])
-
-
-def _state(options: TuneOptions, robot: Robot) -> str:
-    """Return a checksum of what reading and checking bags depends on; "" where a bag is not there."""
-    files = [file for path in options.bag for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
-    with suppress(OSError):
-        states = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
-        return sha256(json.dumps([states, content(robot), options.seed]))
-    return ""
-
-
-def _read(options: TuneOptions, out: Path, place: Path) -> Dict[str, Any]:
-    """Read and check bags; write their worlds, and the robot as they measure it at a place; return what bags.json has.
-
-    That is the lines to print, whether the simulator agrees and a sentence about it, what is measured, and the files of
-    the worlds of the search and of the verdict.
-    """
-    with announced("reading bags", _tell):
-        found = read(options.bag, options.robot, copies=COPIES)
-    _tell("driving the recorded parameters in simulation")
-    check = bag.check(found, seed=options.seed)
-    fields = [
-        f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
-        for (section, name), value in found.fields.items()
-    ]
+    key = bag.key(options.bag, options.robot, options.seed)
+    found = bag.kept(out / BAGS, key)
+    if found is None:
+        found = looked_at(options, out)
+        bag.keep(out / BAGS, [key], found)
+    print("\n".join([*found.lines, found.sentence]), flush=True)
+    if not found.agrees and not options.anyway:
+        raise ApplrError(f"{found.sentence}; give --anyway to go on all the same")
+    place = out / options.robot.name
     inside = {out.resolve(), *out.resolve().parents}  # where the robot's folder holds what is written here
     shutil.copytree(
         options.robot.folder,
@@ -287,21 +281,32 @@ def _read(options: TuneOptions, out: Path, place: Path) -> Dict[str, Any]:
         ignore=lambda at, names: [name for name in names if Path(at, name).resolve() in inside],
         dirs_exist_ok=True,
     )
-    remarks = write_measured(place, found.new)
+    said = write_measured(place, found.new)
+    robot = load(str(place))
+    bag.keep(out / BAGS, [key, bag.key(options.bag, robot, options.seed)], found)
+    for remark in (*said, *(write_measured(folder, found.new) if folder != out else ())):
+        print(remark, flush=True)
+    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
+    both = [[*half, *other[: len(half)]] for half, other in zip(found.halves, others)]
+    return robot, ",".join(both[0]), ",".join(both[1])
+
+
+def looked_at(options: TuneOptions, out: Path) -> bag.Found:
+    """Read bags, write their worlds below `out`, and drive the check."""
+    (out / BAGS).unlink(missing_ok=True)  # the worlds of which are written anew
+    with announced("reading bags (as long as a small part of the drives took)", say, *LINES_S):
+        found = read(options.bag, options.robot, copies=COPIES)
     halves: Tuple[List[str], List[str]] = [], []
     for number, world in enumerate(found.worlds):
         file = make_folder(out / "worlds") / f"{world.name}.world"
         sdf_writer.write(world, str(file))
         halves[number >= 2 * len(found.courses) and number // 2 % 2].append(str(file))
-    return {
-        **{"lines": [*found.remarks, *fields, *check.lines, *remarks], "sentence": check.sentence},
-        **{"agrees": bool(check.agrees), "new": [[*field, *value] for field, value in found.new.items()]},
-        "worlds": halves,
-    }
-
-
-def _tell(line: str) -> None:
-    print(line, flush=True)
+    check = bag.check(found, seed=options.seed)
+    fields = [
+        f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
+        for (section, name), value in found.fields.items()
+    ]
+    return bag.Found([*found.remarks, *fields, *check.lines], found.new, halves, check.agrees, check.sentence)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
@@ -323,13 +328,15 @@ def find(
 
     def tell(what: str) -> None:
         clock.spent()
-        print(f"{clock.minutes:4.1f} min: {what}", flush=True)
+        print("\n".join([f"{clock.minutes:4.1f} min: {what}", *filter(None, [clock.busy()])]), flush=True)
 
     def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
         """Return each set's results in the worlds of a block; all sets drive the first one at first."""
         runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
         plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
-        results = drive(pool, runner, table, [[trial for of_world in zip(*plan) for trial in of_world]])
+        trials = [trial for of_world in zip(*plan) for trial in of_world]
+        with announced(f"driving {len(sets)} sets in {len(block)} courses, {simulator}", say, *LINES_S):
+            results = drive(pool, runner, table, [trials], took=clock.took)
         return [[results[trial] for trial in of_set] for of_set in plan]
 
     def rounds() -> Iterator[Drive]:
@@ -338,11 +345,11 @@ def find(
             driven.append(COARSE if spent < COARSE_SHARE else FINE)
             yield partial(drives, driven[-1])
 
-    began = os.times()
     with Pool(options.workers) as pool:
         coarse, fine = partial(drives, COARSE), partial(drives, FINE)
-        for run in (coarse, fine):
-            run(space.theta0[None], [0], seed)  # compiles kernels, which shall not count
+        with announced("compiling kernels (about a minute the first time)", say, *LINES_S):
+            for run in (coarse, fine):
+                run(space.theta0[None], [0], seed)  # which shall not count
         clock.spent()
         every = blocks_of(len(worlds), seed)
         (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
@@ -361,19 +368,7 @@ def find(
         theta, worth = without_idle(
             space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked()
         )
-    print(busy(began, os.times(), options.workers), end="", flush=True)
-    return whole.fill(theta), worth
-
-
-def busy(began: os.times_result, ended: os.times_result, workers: int) -> str:
-    """Return a line where ended workers had a processor for less than BUSY_SHARE of the time between, else ""."""
-    driven_s = ended.children_user + ended.children_system - began.children_user - began.children_system
-    share = driven_s / max(1, workers) / max(1e-9, ended.elapsed - began.elapsed)
-    if not workers or share >= BUSY_SHARE:
-        return ""
-    return (
-        f"The machine is busy: the drives had a processor for {100 * share:.0f} % of the time; give more --minutes.\n"
-    )
+        return whole.fill(theta), worth
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
@@ -408,7 +403,7 @@ def driven_unseen(options: TuneOptions, robot: Robot, unseen: str, drives: Path,
         parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
         return clock.until(1.0, parts, fewest=-(-VERDICT_COURSES // workers))
 
-    results = evaluate(evaluation, blocks)
+    results = evaluate(evaluation, blocks, clock.took)
     baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
     return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -10,6 +11,7 @@ import numpy as np
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, sha256, write_json
+from applr_ros1.common.progress import announced
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
@@ -91,7 +93,9 @@ def check(recorded: Recorded, drives: int = 4, seed: int = 0) -> Check:
     while True:
         for course, each in zip(recorded.courses, driven):
             missing = list(enumerate(course.worlds * drives))[len(each) :]
-            each += [simulated(recorded.robot, course, world, seed + n) for n, world in missing]
+            what = f"driving the parameters of {course.name} through its course {len(missing)} times"
+            with announced(what, partial(print, flush=True)):
+                each += [simulated(recorded.robot, course, world, seed + n) for n, world in missing]
         found = _compared(recorded.courses, driven)
         if found.agrees or drives >= MANY:
             return found

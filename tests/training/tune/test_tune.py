@@ -1,7 +1,6 @@
 """./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
 
 import json
-import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,12 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.measured import Value
 from training import tune_robot
 from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
+from training.trials import drive as driving
 from training.trials.loaded import move_base_parameters
 from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
@@ -62,13 +63,20 @@ def only_in_search(settings, task):
     return toy(settings, task, 12.0 if task.theta else 0.0)
 
 
+def processor(monkeypatch, share):
+    """Each drive takes a second and has this share of a processor in it."""
+    clock = SimpleNamespace(monotonic=lambda: float(len(DRIVEN)), process_time=lambda: len(DRIVEN) * share)
+    for module in (tune_robot, driving):
+        monkeypatch.setattr(module, "time", clock)
+
+
 @pytest.fixture
 def few(monkeypatch):
     """Few courses, and time in which nothing but drives takes any."""
     DRIVEN.clear()
     LOADED.clear()
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
-    monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
+    processor(monkeypatch, 1.0)
     monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (True, []))
 
 
@@ -80,6 +88,7 @@ def jackal(tmp_path, few):
 
 
 def tune(folder, runner, *more):
+    robot_folder._read.cache_clear()  # a command is a process of its own
     words = [str(folder), "--out", str(folder.parent / "out"), "--minutes", "12", *more]
     return tune_robot.main([*words, *FEW, "--runner", f"{__name__}:{runner}"])
 
@@ -143,6 +152,37 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_the_same_ones_
     assert tune_robot.Clock(table, "others", 100.0).spent() == 0.0
 
 
+def test_where_other_programs_take_the_processor_the_clock_counts_what_is_left_and_says_so(tmp_path, monkeypatch):
+    now = [7.0]
+    monkeypatch.setattr(tune_robot, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    clock = tune_robot.Clock(Trials(tmp_path, {}), "looks", 100.0)
+    now[0] += 50.0
+    clock.took(1.0, 50.0)
+    assert (clock.spent(), clock.busy()) == (0.0, ""), "what compiles before does not count"
+    now[0] += 40.0
+    clock.took(9.0, 18.0)
+    clock.took(17.0, 16.0)  # more than a processor is as good as one
+    assert clock.spent() == pytest.approx(0.4 * 25.0 / 34.0)
+    assert clock.busy() == ""
+    now[0] += 80.0
+    clock.took(8.0, 80.0)
+    assert clock.spent() == pytest.approx(0.4 * 25.0 / 34.0 + 0.08)
+    assert clock.busy() == "this machine is busy: 2.0 minutes here were 0.6 minutes of driving, which count"
+    now[0] += 10.0
+    assert clock.spent() == pytest.approx(0.4 * 25.0 / 34.0 + 0.18), "nothing was driven"
+
+
+def test_a_run_on_a_busy_machine_drives_as_much_as_on_an_idle_one(tmp_path, monkeypatch, jackal, capsys):
+    counts = []
+    for share in (1.0, 0.4):
+        DRIVEN.clear()
+        processor(monkeypatch, share)
+        tune(jackal, "none_better", "--out", str(tmp_path / str(share)))
+        counts.append(len(DRIVEN))
+        assert ("this machine is busy: " in capsys.readouterr().out) == (share < 0.5)
+    assert counts[1] > 1.8 * counts[0]
+
+
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
 def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal, capsys):
     before = sorted(jackal.iterdir())
@@ -192,20 +232,27 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
         remarks=["drive.bag: no map in tf"],
     )
     check = Check(["hall: recorded 22 s, simulated 30 s"], False, "the simulator disagrees")
+    paths, looks = [tmp_path / "drive.bag", tmp_path / "b.bag"], []
+    for path in paths:
+        path.write_bytes(b"a drive")
     monkeypatch.setattr(
-        tune_robot, "read", lambda paths, robot, copies: said if paths == [Path("drive.bag"), Path("b.bag")] else None
+        tune_robot, "read", lambda given, robot, copies: looks.append(1) or {str(paths): said}[str(given)]
     )
-    monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: check if recorded is said else None)
+    monkeypatch.setattr(
+        tune_robot.bag, "check", lambda recorded, seed: looks.append(2) or {id(said): check}[id(recorded)]
+    )
     before = (jackal / "robot.yaml").read_text()
-    assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag") == 1
-    printed = capsys.readouterr()
-    assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
-    assert "no map in tf" in printed.out
-    assert "measured: laser.noise 0.02 m +- 0.001 (52 scans)\n" in printed.out
-    assert "measured: odometry.lag 0.02 s +- 0.01 (400 commands), as robot.yaml has it\n" in printed.out
-    assert (jackal / "robot.yaml").read_text() == before
+    words = ["--bag", *map(str, paths)]
+    for _ in range(2):
+        assert tune(jackal, "toy", *words) == 1
+        printed = capsys.readouterr()
+        assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
+        assert "no map in tf" in printed.out
+        assert "measured: laser.noise 0.02 m +- 0.001 (52 scans)\n" in printed.out
+        assert "measured: odometry.lag 0.02 s +- 0.01 (400 commands), as robot.yaml has it\n" in printed.out
+        assert (jackal / "robot.yaml").read_text() == before
     DRIVEN.clear()
-    assert tune(jackal, "toy", "--bag", "drive.bag", "b.bag", "--anyway") == 0
+    assert tune(jackal, "toy", *words, "--anyway") == 0
     searched = {task.world for task in DRIVEN if task.theta}
     judged = {task.world for task in DRIVEN if not task.theta}
     halls = [{name for name in found if "hall" in name} for found in (searched, judged)]
@@ -215,33 +262,47 @@ def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jacka
     assert len(judged) == 8
     assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
     assert robots.load(str(tmp_path / "out" / "jackal")).laser.noise == 0.02
+    assert looks == [1, 2], "they are read and checked once"
+    for name in ("static.json", "tuned.yaml"):
+        (jackal / name).unlink()
+    count = len(DRIVEN)
+    assert tune(jackal, "toy", *words, "--anyway") == 0
+    assert (len(DRIVEN), looks) == (count, [1, 2]), "robot.yaml has the measured values now, which changes nothing"
+    described = (jackal / "robot.yaml").read_text()
+    for change in (
+        lambda: (jackal / "robot.yaml").write_text(described.replace("noise: 0.02\n", "noise: 0.018\n")),
+        lambda: paths[0].write_bytes(b"another drive"),
+        lambda: (tmp_path / "out" / "bags.json").write_text("{"),
+        lambda: (tmp_path / "out" / "worlds" / "hall-3.world").unlink(),
+    ):
+        change()
+        looks.clear()
+        assert tune(jackal, "toy", *words) == 1
+        assert looks == [1, 2]
+    tune(jackal, "toy", *words, "--seed", "1")
+    assert looks == [1, 2, 1, 2]
 
 
 def recorded(monkeypatch, *numbers, name="hall"):
-    """Lets each bag hold a course and its wall, which are these generated worlds, below one name."""
+    """Makes a.bag, and lets each bag hold a course and its wall, which are these generated worlds, below one name."""
     lane = worlds.load("generated:50")  # whose course all have, and so the time of a drive
     names = [f"{name}{k}" if k else name for k in range(len(numbers))]
     given = [worlds.load(f"generated:{number}").cylinders for number in numbers]
     halls = [replace(lane, name=one, cylinders=cylinders) for one, cylinders in zip(names, given)]
     said = SimpleNamespace(worlds=halls, courses=[None], fields={}, new={}, remarks=[])
     monkeypatch.setattr(tune_robot, "read", lambda paths, robot, copies: said)
+    Path("a.bag").write_bytes(repr(numbers).encode())
     monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check([], True, "they agree"))
 
 
-def test_a_machine_on_which_drives_wait_is_named(monkeypatch):
-    began, ended = os.times_result([9.0, 9.0, 1.0, 1.0, 50.0]), os.times_result([99.0, 99.0, 9.0, 2.0, 60.0])
-    assert "for 45 % of the time" in tune_robot.busy(began, ended, 2)
-    assert tune_robot.busy(began, ended, 1) == ""
-    assert tune_robot.busy(began, ended, 0) == ""  # all in this process
-
-
 def test_a_run_that_goes_on_neither_reads_nor_checks_its_bags_again(jackal, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     recorded(monkeypatch, *range(50, 60))
     said, reads = tune_robot.read(None, None, None), []
     said.new = {("laser", "noise"): NOISE}
     monkeypatch.setattr(tune_robot, "read", lambda *paths, copies: reads.append(paths) or said)
     monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check(["hall"], False, "they differ"))
-    bag = tmp_path / "a.bag"
+    bag = tmp_path / "b.bag"
     for text, words, status, count in (
         ("as recorded", [], 1, 1),
         ("as recorded", ["--anyway"], 0, 1),  # writes what was measured into robot.yaml
@@ -257,8 +318,8 @@ def test_a_run_that_goes_on_neither_reads_nor_checks_its_bags_again(jackal, tmp_
 
 
 def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
-    recorded(monkeypatch, *range(50, 60))
     monkeypatch.chdir(jackal)
+    recorded(monkeypatch, *range(50, 60))
     words = [".", "--bag", "a.bag", "--minutes", "12", "--runner", f"{__name__}:toy", *FEW]
     for _ in range(2):
         assert tune_robot.main(words) == 0, capsys.readouterr()
@@ -269,6 +330,7 @@ def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch
 
 def test_another_bag_of_the_same_name_is_another_search(jackal, monkeypatch, capsys):
     counts = []
+    monkeypatch.chdir(jackal.parent)
     for first in (50, 50, 60):
         recorded(monkeypatch, *range(first, first + 10))
         assert tune(jackal, "toy", "--bag", "a.bag") == 0, capsys.readouterr()
