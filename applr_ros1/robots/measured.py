@@ -87,6 +87,21 @@ def deceleration(stops: List[Stop], reaction: float) -> float:
     return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
 
 
+def reaction(straight: List[Stop], turns: List[Stop]) -> float:
+    """Return a time [s] until the base brakes, from the median of its stops up.
+
+    It is the one of a stop with which `deceleration` of the straight ones lets the fastest come to rest soonest: one
+    stop that began late, as on a busy machine, then does not count as weak brakes.
+    """
+    times = sorted(s.reaction for s in straight + turns)
+    top = max(s.speed for s in straight)
+
+    def way(time: float) -> float:
+        return round(top * time + top**2 / (2.0 * deceleration(straight, time)), 3)
+
+    return min(times[len(times) // 2 :], key=way)
+
+
 class Response(NamedTuple):
     """Way in which speeds follow commands: rms error [m/s], delay and time constant [s], limits up and down [m/s^2]."""
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rospy
 
+from applr_ros1.robots.measured import Stop, deceleration, reaction
 from tests.support.ros_harness import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
@@ -19,6 +20,23 @@ def measure(*options):
     kept, child = Kept(), session().node("measure_braking", *options)
     wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
     return child.process.returncode, child.text, kept.waiting()
+
+
+def stop(speed, began, brakes):
+    """The Stop of a base that brakes with so many m/s^2 after `began` s."""
+    return Stop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
+
+
+def test_a_stop_that_began_late_is_no_weak_brake():
+    straight, turns = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)], [stop(1.0, 0.1, 3.0)] * 4
+    assert deceleration(straight, 0.1) < 0.4
+    late = reaction(straight, turns)
+    assert (late, deceleration(straight, late)) == pytest.approx((0.4, 0.8))
+
+
+def test_of_times_that_explain_all_stops_alike_the_least_from_the_median_up_counts():
+    turns = [stop(1.0, began, 3.0) for began in (0.0, 0.05, 0.1, 0.3)]
+    assert reaction([stop(1.8, 0.1, 2.0)], turns) == 0.1
 
 
 @pytest.fixture(scope="module")

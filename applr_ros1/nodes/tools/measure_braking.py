@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import statistics
 import sys
 import time
 from typing import Callable, List
@@ -22,7 +21,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
-from applr_ros1.robots.measured import STANDING, STILL, Reading, Stop, deceleration, stop_of
+from applr_ros1.robots.measured import STANDING, STILL, Reading, Stop, deceleration, reaction, stop_of
 
 RATE_HZ = 20.0  # Hz of commands
 DRIVING_S = 1.2  # s of each run before it brakes
@@ -134,11 +133,11 @@ def main() -> None:
         base.drive(0.0, 0.0, base.stands, 6.0)
     for share in [sign * 0.5 * share for share in SHARES[1:] for _ in range(options.repeats) for sign in (1.0, -1.0)]:
         turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
-    reaction = statistics.median(s.reaction for s in straight + turns)
-    brake, turn_brake = deceleration(straight, reaction), deceleration(turns, reaction)
-    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2 from {reaction:.3f} s after the command on")
+    late = reaction(straight, turns)
+    brake, turn_brake = deceleration(straight, late), deceleration(turns, late)
+    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2 from {late:.3f} s after the command on")
     print(f"turn rate over the commanded one: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
-    total = reaction + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # a command and a scan may be so old
+    total = late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # a command and a scan may be so old
     print(
         f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
         f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "
