@@ -12,6 +12,7 @@ import numpy as np
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
+from training.common.options import dashed
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
@@ -77,10 +78,11 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Trajec
     store = TrajectoryStore(config.dataset)
     source = store.about("source")
     for name, value in driven_with(config).items():
-        if source.get(name, value) != value:
+        if (theirs := source.get(name, value)) != value:
+            given = dashed(name if theirs else "no_" + name) if isinstance(value, bool) else f"{dashed(name)} {theirs}"
             raise ApplrError(
-                f"{name} is {value}, but the dataset {config.dataset} was driven with {source[name]}: give "
-                "that, or make the dataset anew"
+                f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give {given}, or make "
+                "the dataset anew"
             )
     if store.layout != layout:
         raise ApplrError(f"{config.dataset}: its layout is {store.layout}, this training has {layout}")

@@ -627,10 +627,11 @@ def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, ca
     base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2", "--out", str(tmp_path / "run")]
     known = [*base, "--no-critics-know-more"]
     for options, line in (
-        (base, "critics_know_more is True, but the dataset .*data was driven with False"),
-        (known, "lowest is True, but the dataset .*data was driven with False"),
-        ([*known, "--observation", "paper", "--no-lowest"], "observation is paper, but .* driven with dimensionless"),
-        ([*known, "--decision-period", "1"], "decision_period is 1.0, but .* driven with 2.0"),
+        (base, "critics_know_more is True, but the .*data was driven with False: give --no-critics-know-more, or"),
+        (known, "lowest is True, but the dataset .*data was driven with False: give --no-lowest, or"),
+        ([*known, "--no-lowest", "--no-exact-time"], "exact_time is False, but .* with True: give --exact-time, or"),
+        ([*known, "--observation", "paper", "--no-lowest"], "is paper, .*: give --observation dimensionless, or"),
+        ([*known, "--decision-period", "1"], "decision_period is 1.0, .* with 2.0: give --decision-period 2.0, or"),
     ):
         config = config_of(options)
         with pytest.raises(ApplrError, match=line):
