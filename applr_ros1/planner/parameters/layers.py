@@ -90,6 +90,8 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
         good = isinstance(plugins, list) and isinstance(entry, dict) and entry.get("name")
         if not good or not all(isinstance(entry.get(key), str) for key in ("name", "type")):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
+            if isinstance(plugins, list) and isinstance(entry, str):
+                advice += f"; names alone are Nav2's form, in ROS 1 it is {{name: {entry}, type: TYPE}}"
             raise ParameterError(Finding(f"{name}/plugins", f"has {entry!r}", advice))
         if any(layer.name == entry["name"] for layer in found):
             raise ParameterError(
