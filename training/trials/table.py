@@ -36,10 +36,11 @@ NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
 def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     """Return a table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
 
-    What follows the last end of a line is left out: the process was killed while it wrote that row.
+    What follows the last end of a line is left out: the process was killed while it wrote that row. A repeated row
+    counts once.
 
     Raises:
-        StorageError: when the file is of another kind, or damaged.
+        StorageError: when the file is of another kind, or damaged, or has two results of a trial.
     """
     import pandas as pd
 
@@ -53,7 +54,11 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
             raise ValueError("other columns, or a row without some of them")
     except ValueError as error:
         raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
-    return found.round(4)  # whatever the parser made of the last bit
+    found = found.round(4).drop_duplicates(ignore_index=True)  # whatever the parser made of the last bit
+    for world, method, trial, seed in found.loc[found.duplicated([*KEY]), [*KEY]].itertuples(index=False):
+        twice = f"two results of trial {trial} of {method} in {world} (seed {seed})"
+        raise StorageError(f"{path}: {twice}; remove one of these rows, or give another folder")
+    return found
 
 
 class Trials:

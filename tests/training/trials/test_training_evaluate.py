@@ -182,6 +182,19 @@ def test_a_row_that_was_being_written_is_driven_again_and_others_are_as_they_wer
         assert table.find(plan[1]) == replace(given, time_s=3.1416)
 
 
+def test_a_repeated_row_counts_once_and_two_results_of_a_trial_are_refused(tmp_path):
+    with Trials(tmp_path, {}) as table:
+        for task in plan_trials([("w", "w")], [("m", "m")], 2, seed=0):
+            table.add(task, Result(time_s=1.0, path_length_m=2.0))
+    path = tmp_path / "trials.csv"
+    whole, row = path.read_text(), path.read_text().splitlines()[1]
+    path.write_text(whole + row + "\n")
+    assert read_trials(path).trial.tolist() == [0, 1]
+    path.write_text(whole + row.replace("1.0", "3.0") + "\n")
+    with pytest.raises(StorageError, match=r"two results of trial 0 of m in w .*; remove one of these rows"):
+        read_trials(path)
+
+
 def test_more_trials_only_append(tmp_path, run, refused):
     assert run(command(tmp_path, "--trials", 2)) == 0
     few = (tmp_path / "trials.csv").read_bytes()
