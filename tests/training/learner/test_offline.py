@@ -5,13 +5,15 @@ import shutil
 
 import pytest
 
+from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy import methods
 from tests.support.episodes import episode
 from tests.support.kills import Killed
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.env.reward import Reward
-from training.learner.config import TrainConfig, parse
+from training.learner.config import TrainConfig, parse, recipe
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
 from training.replay.store import NAME, TrajectoryStore
@@ -138,3 +140,13 @@ def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, cap
     rounds = [json.loads(line) for line in (out / "evaluations.jsonl").read_text().splitlines()]
     assert sum(150 - r["trials"] for r in rounds) > MANY_ERRORS
     assert not any(r["best"] for r in rounds if r["trials"] < 150)  # what failed may have been the hard ones
+
+
+@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # it has no set
+def test_exploration_is_what_the_recipe_offline_learns_from(name, around, monkeypatch):
+    monkeypatch.setattr("applr_ros1.policy.methods.included.EXPLORED", 0.0)
+    robot = robots.load(name)
+    method, centre = methods.make("explore", robot), methods.make(around, robot)
+    assert method.theta(None) == pytest.approx(centre.theta(None))
+    assert method.per_cell == centre.per_cell  # whether its distance weights are per cell
+    assert method.period == recipe("offline")["decision_period"]
