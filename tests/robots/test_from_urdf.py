@@ -389,6 +389,7 @@ def test_old_tags_of_an_included_file_are_named(make, tmp_path):
 BARE_LEFT = link("wheel_left") + joint("wheel_left", "0 .12 0", kind="continuous")
 BARE = TWO[: TWO.index('<link name="left">')] + BARE_LEFT + BARE_LEFT.replace("left", "right").replace(".12", "-.12")
 LEGGED = link("base_link") + link("base_footprint") + joint("base_footprint", "0 0 0") + LEG + NAMED.format("leg")
+FIXED_DISC = link("camera", '<box size=".02 .01 .02"/>') + joint("camera", ".11 0 0")
 WHEEL_SHAPE = '<cylinder radius=".05" length=".02"/>'
 
 
@@ -400,6 +401,7 @@ WHEEL_SHAPE = '<cylinder radius=".05" length=".02"/>'
         (LYING.replace("continuous", "fixed"), "wheel_left_joint is fixed: make the", {}),
         (PLAIN.replace(WHEEL_SHAPE, FAR_MESH), "put the package of package://far/w.stl", {}),
         (BARE, "another URDF", {"drive": "two_wheel", "track": 0.24, "axle_height": 0.05}),
+        (BARE + FIXED_DISC, "another URDF", {"drive": "two_wheel", "track": 0.24, "axle_height": 0.05}),
         (
             BARE + BARE_LEFT.replace("left", "back").replace("0 .12", "-.2 0"),
             "another URDF",
@@ -412,7 +414,16 @@ WHEEL_SHAPE = '<cylinder radius=".05" length=".02"/>'
             {"drive": "skid_steer", "track": 0.24, "axle_height": 0.05, "wheelbase": 0.2},
         ),
     ],
-    ids=["a box", "a leg", "fixed", "meshes elsewhere", "two joints", "three joints", "four joints"],
+    ids=[
+        "a box",
+        "a leg",
+        "fixed",
+        "meshes elsewhere",
+        "two joints",
+        "two joints and a fixed disc",
+        "three joints",
+        "four joints",
+    ],
 )
 def test_wheels_that_are_not_drawn_are_asked_for(make, urdf, remark, known):
     status, said, file = make(urdf)

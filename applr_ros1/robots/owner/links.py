@@ -68,7 +68,8 @@ def read_urdf(
             f"{urdf.base} into a copy of the parameter file"
         )
     wheels = _wheels(urdf, set(driven))
-    fixed = {} if wheels else _loosened(urdf)
+    undrawn = {} if wheels else _undrawn(urdf, set(driven))
+    fixed = {} if wheels or undrawn else _loosened(urdf)
     if fixed:
         kinds = " or ".join(sorted(set(fixed.values())))
         description.notes.append(f"taken for driven wheels, though they are {kinds}: {', '.join(fixed)}")
@@ -76,7 +77,7 @@ def read_urdf(
     base = description.values["base"]
     if not wheels:
         description.notes.append(_no_wheels(urdf))
-        wheels = _undrawn(urdf, set(driven))
+        wheels = undrawn
     found, ahead = _drive(urdf, wheels, description.notes) if wheels else ({}, 0.0)
     base.update(found)
     marks = _marks(urdf, wheels, base)
