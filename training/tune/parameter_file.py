@@ -23,7 +23,7 @@ UNITS = {
 
 
 def write(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Writes {name: value} of a set as both files."""
-    write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
+    """Writes {name: value} of a set as both files; last the JSON, with which a later search begins."""
     head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
+    write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})

@@ -1,6 +1,7 @@
 """./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.measured import Value
+from tests.support.kills import Killed
 from training import tune_robot
 from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
@@ -315,6 +317,44 @@ def test_a_run_that_goes_on_neither_reads_nor_checks_its_bags_again(jackal, tmp_
         assert len(reads) == count
         assert "hall\nthey differ\n" in capsys.readouterr().out
     assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
+
+
+@pytest.mark.fault("19")
+def test_killed_before_a_file_has_its_name_a_run_goes_on_and_drives_nothing_twice(
+    jackal, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    recorded(monkeypatch, *range(50, 60))
+    tune_robot.read(None, None, None).new = {("laser", "noise"): NOISE}
+    whole, names, real = shutil.copytree(jackal, tmp_path / "whole" / "jackal"), [], os.replace
+    words = ["--bag", "a.bag", "--minutes", "4"]
+
+    def replacing(source, target):
+        names.append(Path(target).name)
+        if len(names) - 1 == kill:
+            raise Killed
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replacing)
+    kill = -1
+    assert tune(whole, "toy", *words) == 0
+    found, writes = (whole / "robot.yaml").read_text(), names[:]
+    as_it_was = shutil.copytree(jackal, tmp_path / "as_it_was")
+    last = {name: number for number, name in enumerate(writes)}
+    for kill in (last[name] for name in ("bags.json", "robot.yaml", "trials.csv", "static.json", "tuned.yaml")):
+        for folder in (jackal, tmp_path / "out"):
+            shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(as_it_was, jackal)
+        DRIVEN.clear()
+        names.clear()
+        with pytest.raises(Killed):
+            tune(jackal, "toy", *words)
+        assert tune(jackal, "toy", *words) == 0, f"killed before {writes[kill]}, {kill}: {capsys.readouterr()}"
+        assert len(set(DRIVEN)) == len(DRIVEN)
+        assert (jackal / "robot.yaml").read_text() == found
+        tuned = json.loads((jackal / "static.json").read_text())["parameters"]
+        assert tuned["max_vel_x"] == pytest.approx(1.4, abs=0.5)
+        assert (jackal / "tuned.yaml").exists()
 
 
 def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
