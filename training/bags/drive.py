@@ -357,7 +357,8 @@ class Drive:
         longer = abs(math.hypot(*by_odometry[:2]) - math.hypot(*by_map[:2])) / self.way
         turned = abs(normalize_angle(by_odometry[2] - by_map[2]))
         for name, value, unit in (("scale_error", longer, ""), ("heading_drift", turned, "rad")):
-            self.fields["odometry", name] = Value(value, unit, value, f"against the map after {self.way:.0f} m")
+            spread = max(value, 0.5 * getattr(self.robot.odometry, name))  # a standard deviation allows small draws
+            self.fields["odometry", name] = Value(value, unit, spread, f"against the map after {self.way:.0f} m")
 
 
 def _pose(values) -> Pose:

@@ -302,6 +302,12 @@ def test_of_two_odometries_that_have_other_names_the_one_with_more_messages_is_r
     assert (found.scan, found.odometry) == ("/front/scan", "/odometry/filtered")
 
 
+def test_a_drive_on_which_the_odometry_drew_no_error_does_not_say_that_it_has_none(driven, tmp_path):
+    found = courses.read([written(tmp_path / "a.bag", in_a_map(0.0, 0.0)(driven[0]))], JACKAL, copies=0)
+    assert found.fields["odometry", "scale_error"].value < 0.001
+    assert not {name for section, name in found.new if section == "odometry"} & {"scale_error", "heading_drift"}
+
+
 def test_poses_may_be_in_a_map_or_come_from_tf_alone(driven, tmp_path):
     mapped = courses.read([written(tmp_path / "map.bag", in_a_map(0.1, 0.0)(driven[0]))], JACKAL, copies=0)
     assert mapped.worlds[0].course.start[2] == pytest.approx(START[2] + 0.3, abs=0.04)
