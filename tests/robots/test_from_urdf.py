@@ -774,6 +774,17 @@ def test_a_caster_that_is_drawn_alone_is_one_and_none_lies_below_the_axle(make):
     assert yaml.safe_load(file.read_text())["base"]["casters"] == [[0.14, 0.0]]
 
 
+def test_a_body_keeps_its_outline_where_a_shape_of_its_own_is_the_caster(make):
+    ball = '<collision><origin xyz="-.15 0 -.02"/><geometry><sphere radius=".03"/></geometry></collision>'
+    base = link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
+    status, said, file = make(NO_CASTER.replace(base, base.replace("</link>", ball + "</link>")))
+    assert status == 0, said
+    found, plain = yaml.safe_load(file.read_text()), yaml.safe_load(make(PLAIN, out="plain")[2].read_text())
+    assert found["base"]["casters"] == [[-0.15, 0.0]]
+    assert found["body"]["size"] == plain["body"]["size"]
+    assert found["body"]["bottom"] == plain["body"]["bottom"]
+
+
 def test_casters_below_the_axle_alone_are_refused(make, capsys):
     _, _, file = make(PLAIN)
     text = file.read_text()

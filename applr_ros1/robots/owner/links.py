@@ -86,6 +86,7 @@ def read_urdf(
     rest = [name for name in urdf.links if not driven & {j.name for j in urdf.moving[name]}]
     rigid = [name for name in rest if {j.name for j in urdf.moving[name]} <= suspension]
     loose = [name for name in rest if name not in rigid]
+    carrying: Set[str] = set()
     if base.get("drive") == "two_wheel" and "wheel_radius" in base:
         above = {joint.parent for name in wheels for joint in urdf.above(name)}
         drawn = [name for name in above if _is_drawn_only(urdf, name)]  # a link that carries a wheel is none itself
@@ -94,9 +95,10 @@ def read_urdf(
         if places:
             base["casters"] = places
         swivels = {joint.name for name in standing for joint in urdf.moving[name]}
+        carrying = standing & above & set(rigid)  # a body whose casters are shapes of its own
         rigid = [name for name in rigid if name not in standing]
         loose = [name for name in loose if not swivels & {joint.name for joint in urdf.moving[name]}]
-    _body(urdf, description, ahead, rest, [name for name in rigid if name not in marks])
+    _body(urdf, description, ahead, rest, [name for name in rigid if name not in marks], carrying)
     shaped = [name for name in loose if urdf.links[name].collisions]
     if shaped:
         description.notes.append(f"links that move are left out of the outline: {', '.join(shaped)}")
@@ -361,24 +363,37 @@ def _casters(
     for name in rest:
         for box in _shape(urdf, [name]):
             x, y = box.mean(axis=0)[:2].tolist()
-            if box[0, 2] > axle - 0.85 * radius or not 0.005 < np.max(box[1] - box[0]) < 4 * radius:
-                continue  # above the ground, the mark of a frame, or a body that hangs low
+            if not _stands(box, axle, radius):
+                continue
             standing.add(name)
             if abs(x - ahead) > FLAT and all(hypot(x - other[0], y - other[1]) > radius for other in places):
                 places.append([x, y])
     return places, standing
 
 
-def _body(urdf: UrdfFile, description: Description, ahead: float, rest: List[str], rigid: List[str]) -> None:
+def _stands(box: Box, axle: float, radius: float) -> bool:
+    """Tell whether it is on the ground, and neither the mark of a frame nor a body that hangs low."""
+    return bool(box[0, 2] <= axle - 0.85 * radius and 0.005 < np.max((box[1] - box[0])[:3]) < 4 * radius)
+
+
+def _body(
+    urdf: UrdfFile, description: Description, ahead: float, rest: List[str], rigid: List[str], carrying: Set[str]
+) -> None:
     """Box around the body, whether it is round, and its mass. What reaches a bit below the ground ends there.
 
     ahead: x of the wheels' middle [m]. rest: all but the wheels. rigid: what of it is fixed.
+    carrying: links that have casters among their shapes; the others of these shapes are the body's.
     """
     base = description.values["base"]
     radius, track = base.get("wheel_radius", 0.0), base.get("track", 0.0)
     ground = base["axle_height"] - radius if radius else -inf
     body, kinds = description.values["body"], ("collisions", "visuals")
-    ends = {kind: around(boxes) for kind in kinds for boxes in [urdf.boxes(rigid, kind, AXES)] if boxes}
+    ends = {}
+    for kind in kinds:
+        own = urdf.boxes(carrying, kind, AXES)
+        boxes = [*urdf.boxes(rigid, kind, AXES), *(box for box in own if not _stands(box, base["axle_height"], radius))]
+        if boxes:
+            ends[kind] = around(boxes)
     for kind, (low, high) in list(ends.items()):
         beside = max(low[0] - ahead, ahead - high[0]) > radius > 0.0
         if beside or high[1] - low[1] < track / 2:
