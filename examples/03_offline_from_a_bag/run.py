@@ -51,6 +51,7 @@ def main() -> None:
         record(options.bags[0], courses=3, decisions=20)
     dataset, run = str(Path(options.out) / "dataset"), str(Path(options.out) / "run")
     convert = ["applr_ros1.training.bags_to_dataset", *map(str, options.bags), "--recipe", "offline", "--out", dataset]
+    convert += ["--finish", "5.925"]  # where a course of the built-in worlds ends
     train = ["applr_ros1.training.train", "--recipe", "offline", "--dataset", dataset, "--out", run, "--seeds", "1"]
     train += ["--init-from", "dwa", "--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch]
     for command in (convert, train):
