@@ -59,18 +59,17 @@ class RandomParameters(Method):
         return {"parameters": "uniform in the ranges, drawn every step"}
 
 
-class Exploration(FixedParameters):
+class Exploration(Method):
     """Sets around one, drawn normally at each decision: for drives that a policy learns from.
 
     Args:
         around: The set.
     """
 
-    static = False
     period = 1.0
 
     def __init__(self, around: FixedParameters) -> None:
-        super().__init__(around.values, around.space, around.per_cell)
+        self.around, self.space, self.per_cell = around, around.space, around.per_cell
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -79,9 +78,9 @@ class Exploration(FixedParameters):
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """Return a new draw."""
-        action = self.space.to_action(self.values) + EXPLORED * self._draws.normal(size=len(self.space))
+        action = self.space.to_action(self.around.values) + EXPLORED * self._draws.normal(size=len(self.space))
         return self.space.to_theta(np.clip(action, -1.0, 1.0))
 
     def describe(self) -> Dict[str, Any]:
         """Return the set by name, and how far draws are from it."""
-        return {**super().describe(), "explored": EXPLORED}
+        return {**self.around.describe(), "explored": EXPLORED}

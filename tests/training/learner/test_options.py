@@ -5,6 +5,7 @@ import json
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from tests.support.refusals import refused
 from tests.support.toy_training import main, one_line, toy
 from training import train
 from training.learner.config import TrainConfig, parse
@@ -77,6 +78,8 @@ def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
     assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start.action) == 8
     assert len(parse(["--init-from", "dwa", "--out", str(tmp_path)]).start.action) == 8
+    for changing in ("random", "explore"):
+        refused(lambda: parse(["--init-from", changing, "--out", str(tmp_path)]).start, "give static, dwa, a JSON")  # noqa: B023
     form = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
     assert len(parse(form).start.action) == 12
     assert parse(form).start.base == {"min_in_place_vel_theta": 0.7, "footprint_padding": 0.1}
