@@ -89,6 +89,11 @@ def of_setup(robot: Robot, with_map: bool = False, found: Iterable[Finding] = ()
     return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
 
 
+def place_of(robot: Robot, path: str) -> Tuple[str, str]:
+    """Return file and key where a parameter of the set-up without a map stands, such as DWAPlannerROS/max_vel_x."""
+    return _Setup(robot, False).place(path)
+
+
 def _stops(finding: Finding) -> bool:
     return finding.severity == "error"
 
@@ -157,7 +162,6 @@ def contradictions(robot: Robot) -> List[Finding]:
     m.ground = base.axle_height - base.wheel_radius
     m.back, m.front, m.right, m.left = geometry.bounding_box(robot)
     m.laser_off = max(m.back - x, x - m.front, m.right - y, y - m.left)
-    m.laser_depth = min(size / 2 - abs(at - middle) for at, middle, size in zip((x, y), body.centre, body.size))
     stands = (base.wheelbase if skids else base.casters) and np.isfinite(geometry.supports(base)).all()
     mass, _, loads = geometry.balance(robot) if stands else (0.0, (), np.zeros(1))
     m.on_axle = not skids and bool(base.casters) and max(abs(x) for x, _ in base.casters) < rules.ON_AXLE
@@ -313,9 +317,7 @@ def _rules(setup: _Setup) -> Iterator[Finding]:
 
 
 def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
-    """Return what DWAPlannerROS can reach from rest within its window, and what its critics weigh."""
-    from applr_ros1.planner.costmap.grid import INSCRIBED  # needs numba
-
+    """Return what DWAPlannerROS can reach from rest within its window."""
     v = SimpleNamespace(**values)
     period = 1.0 / (v.controller_frequency or 20.0)
     seconds = period if v.use_dwa else v.sim_time
@@ -326,8 +328,6 @@ def _dwa_measures(values: Dict[str, Any]) -> Dict[str, float]:
         "enough": v.min_vel_theta / seconds if seconds else 0.0,
         "change": v.acc_lim_x * period,
         "braking": 2.0 * v.min_vel_trans / period,
-        "progress": 2.0 * v.goal_distance_bias * v.max_vel_trans * v.sim_time,  # goal and nose to goal
-        "obstacle": v.occdist_scale * INSCRIBED,
     }
 
 

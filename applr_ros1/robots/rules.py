@@ -23,7 +23,6 @@ BLIND = "blind source"  # why a source does not show what the laser sees
 LIMITED = ((of_kind("speed"), "max_speed", "m/s"), (of_kind("turn"), "max_yaw_rate", "rad/s"))  # by a field of base
 UNITS = 10.0  # ratio of lengths from which on one is in centimetres or millimetres
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
-INSIDE = 0.3  # share of the body's width; lasers in a slit are nearer to its side
 ON_AXLE = 0.01  # m from the axle within which a caster holds nothing up
 UNLIKE = 0.05, 4.0  # times that of a full box: less has a mass in one point, more one in the corners of the box
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
@@ -146,10 +145,6 @@ RULES: Tuple[Rule, ...] = (
         "axles' height above the base frame"),
     Rule(ROBOT, "laser.height", lambda v, m: v.laser.height < m.ground <= v.body.bottom,
         "that is below the ground at {m.ground:.3g} m, give metres"),
-    Rule(ROBOT, "laser.height",
-        lambda v, m: v.body.bottom < v.laser.height < v.body.top and m.laser_depth > INSIDE * v.body.size[1],
-        "the laser is then deep inside the body, up to {v.body.top:.3g} m; compare laser.pose, laser.height and body",
-        "remark"),
     Rule(ROBOT, "laser.pose", lambda v, m: m.laser_off > max(m.front - m.back, m.left - m.right),
         "body and wheels end at {m.front:.3g} m ahead and {m.left:.3g} m to the left, give metres"),
     Rule(ROBOT, "body.com", lambda v, m: m.tips,
@@ -175,9 +170,6 @@ RULES: Tuple[Rule, ...] = (
         "is {v.change:.3g} m/s, and speeds below min_vel_trans {v.min_vel_trans:g} are refused: give acc_lim_x "
         "{v.braking:.3g}", "remark"),
     _at_most(DWA, "max_vel_x", "max_vel_trans", "remark", lambda v, m: v.max_vel_x > v.max_vel_trans + SLACK),
-    Rule(DWA, "occdist_scale", lambda v, m: v.obstacle > v.progress,
-        "before a narrow gap the robot turns or stands, for an obstacle beside it costs {v.obstacle:.2f}, all progress "
-        "of a trajectory counts {v.progress:.2f} (goal_distance_bias)", "remark"),
 
     Rule(COSTMAP, "footprint", lambda v, m: m.missing, "{m.fill}", "warning",
         "is missing, which means a circle of {v.robot_radius:g} m"),

@@ -8,7 +8,7 @@ import sim_bridge
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
 from applr_ros1.robots.folder import _read
-from training import check_robot
+from training import check_robot, open_floor
 from training.open_floor import Floor, changes, courses, with_change
 
 BURGER = load("turtlebot3_burger")
@@ -70,14 +70,43 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     assert space_of(BURGER).theta0[0] == pytest.approx(0.22)
 
 
-def test_a_check_ends_with_why_a_robot_does_not_drive_and_what_to_change(capsys):
+def test_a_planner_that_stands_before_a_door_alone_is_a_remark_with_what_to_enter(capsys):
     """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
-    assert check_robot.main(["husky"]) == 1
+    assert check_robot.main(["husky"]) == 0
+    *_, can, remark = capsys.readouterr().out.splitlines()
+    assert can.startswith("On open floor husky can, with its own parameters, drive straight on (")
+    assert "door" not in can
+    assert remark.startswith("remark: with its own parameters it turns or stands before a door of 0.98 m, as the C++ ")
+    wider = float(remark.partition("and can drive through a door of ")[2].split()[0])
+    assert wider in [pytest.approx(0.68 + margin) for margin in (0.8, 1.0, 1.5)]
+    said = remark.partition("to drive through it, ")[2]
+    assert said.startswith("enter DWAPlannerROS/occdist_scale: 0.005 instead of 0.01 in ")
+    assert said.endswith("husky/planner.yaml")
+
+
+def test_a_robot_that_drives_through_no_door_is_set_up_wrong(tmp_path, capsys):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / PLANNER).read_text()
+    (folder / PLANNER).write_text(text.replace("occdist_scale: 0.02", "occdist_scale: 5.0"))
+    assert check_robot.main([str(folder)]) == 1
     *_, why, can, remedy, last = capsys.readouterr().out.splitlines()
-    assert why.startswith("The set-up of husky is wrong. On open floor, with its own parameters, it cannot drive t")
-    assert can.startswith("It can drive straight on (")
-    assert remedy == "Give occdist_scale 0.005 instead of 0.01: all four drives arrive with it."
+    assert why.startswith("The set-up of burger is wrong. On open floor, with its own parameters, it cannot drive ")
+    assert can.startswith("On open floor burger can, with its own parameters, drive straight on (")
+    enter = f"enter DWAPlannerROS/occdist_scale: 0.05 instead of 5 in {folder / PLANNER}"
+    assert remedy == f"All four drives arrive if you {enter}."
     assert last.startswith("What courses said")
+
+
+def test_a_monitor_that_stops_it_before_a_door_is_a_wrong_set_up_though_it_passes_a_wider_one(tmp_path, monkeypatch):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
+    robot = load(str(folder), list)
+    assert not Floor(robot).drive(courses(robot, 1.0)[-1])
+    monkeypatch.setattr(open_floor, "changes", lambda robot: ())
+    drives, (why, _, remedy, _) = open_floor.check(robot)
+    assert (drives, "door of 0.53 m: the collision monitor holds it" in why) == (False, True), why
+    assert remedy.startswith("No single parameter of the planner mends it")
 
 
 def test_a_check_of_a_robot_that_drives_ends_with_how_long_each_drive_took(capsys):
