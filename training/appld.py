@@ -15,14 +15,13 @@ from typing import Any, Dict, List, Sequence
 
 import numpy as np
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.common.command_line import Seed, parsed
+from training.common.command_line import Seed, parsed, words
 from training.common.folders import make_folder
 from training.common.options import argument, option
 
@@ -144,7 +143,7 @@ def _plain(word: str) -> str:
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when there is no file."""
-    return run_main(lambda: run(without_remappings(arguments)), "appld.py")
+    return run_main(lambda: run(words(arguments)), "appld.py")
 
 
 def run(arguments: List[str]) -> None:

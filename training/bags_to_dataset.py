@@ -11,12 +11,11 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Literal, Optional
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS
-from training.common.command_line import Parser
+from training.common.command_line import Parser, words
 from training.common.folders import make_folder
 from training.common.options import add_options, argument, checked, option
 from training.env.reward import Reward, RewardOptions
@@ -64,7 +63,7 @@ def parse(arguments=None) -> DatasetOptions:
     recipe = "Recipe whose robot, observation and reward are used, as `train.py --recipe` of the same has them."
     parser.add_argument("--recipe", default="", help=recipe)
     add_options(parser, DatasetOptions)
-    given = vars(parser.parse_args(without_remappings(arguments)))
+    given = vars(parser.parse_args(words(arguments)))
     if name := given.pop("recipe"):
         from training.learner import config  # with torch
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 from contextlib import contextmanager
-from typing import Annotated, Any, Iterator, Literal, NoReturn, Optional, Sequence, Type
+from typing import Annotated, Any, Iterator, List, Literal, NoReturn, Optional, Sequence, Type
 
 from pydantic import BeforeValidator, Field, InstanceOf
 
@@ -56,6 +56,22 @@ class Parser(argparse.ArgumentParser):
         raise ApplrError(f"{message}; --help lists all options")
 
 
+def words(arguments: Optional[Sequence[str]] = None) -> List[str]:
+    """Return a command line (None: this process's) without ROS's remapping arguments.
+
+    Raises ApplrError for an empty value: what a shell makes of a variable that is not set is nobody's choice. And for
+    bytes that are no text, which can be neither printed nor written into a file of settings.
+    """
+    found = without_remappings(arguments)
+    for before, word in zip(["", *found], found):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            place = (word or before).rstrip("=") if (word or before).startswith("--") else "an argument"
+            raise ApplrError(f"{place} is empty: give a value, or leave it out")
+        if word.encode(errors="replace") != word.encode(errors="surrogateescape"):
+            raise ApplrError(f"{ascii(word)} is not in UTF-8: give another name")
+    return found
+
+
 def parsed(
     model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None, epilog: str = ""
 ) -> O:
@@ -70,7 +86,7 @@ def parsed(
     """
     parser = Parser(program, about or "", epilog)
     add_options(parser, model)
-    return checked(model, vars(parser.parse_args(without_remappings(arguments))))
+    return checked(model, vars(parser.parse_args(words(arguments))))
 
 
 def end_at_sigterm() -> None:

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Dict, List, Literal, NamedTuple, Optional, Se
 
 from pydantic import ConfigDict, Field, model_validator
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.common.yaml_files import read_yaml
@@ -22,7 +21,7 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import NAMES, load, tell
-from training.common.command_line import Monitor, Movers, Parser, Planner, Seed, SimulatorName
+from training.common.command_line import Monitor, Movers, Parser, Planner, Seed, SimulatorName, words
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import settings
 from training.env.reward import RewardOptions
@@ -357,10 +356,13 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     Raises:
         ApplrError: with one line.
     """
-    given = vars(parser().parse_args(without_remappings(arguments)))
+    given = vars(parser().parse_args(words(arguments)))
     of_recipe = recipe(given.pop("recipe"))
     if not given.get("resume"):
-        return checked(TrainConfig, {**of_recipe, **given})
+        config = checked(TrainConfig, {**of_recipe, **given})
+        if "gradient_steps" in config.model_fields_set and not config.dataset:  # else it drove for days
+            raise ApplrError("--gradient-steps, or a recipe with them, learns offline: give a --dataset")
+        return config
     out = given.get("out", RunOptions().out)  # a resumed run keeps its options, whatever the recipe says
     path = Path(out) / "config.json"
     if not path.exists():

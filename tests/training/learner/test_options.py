@@ -23,6 +23,10 @@ from training.learner.config import TrainConfig, parse
         (["--simulator", "gazebo"], "--simulator is 'gazebo'"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
+        (["--dataset", ""], "--dataset is empty: give a value, or leave it out"),
+        (["--recipe="], "--recipe is empty"),
+        (["--worlds", "caf\udce9.world"], "'caf.udce9.world' is not in UTF-8"),
+        (["--recipe", "offline"], "learns offline: give a --dataset"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
     ],
 )
@@ -57,7 +61,8 @@ def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
 
 @pytest.mark.parametrize("name", ["paper", "jackal", "offline"])
 def test_a_recipe_is_what_the_command_line_takes(name):
-    assert parse(["--recipe", name, "--seed", "7"]).seed == 7
+    dataset = ["--dataset", "drives"] if name == "offline" else []
+    assert parse(["--recipe", name, *dataset, "--seed", "7"]).seed == 7
 
 
 def test_noise_is_the_papers():
