@@ -11,6 +11,7 @@ base. docs/tutorials/your_robot.md goes on from here.
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from math import ceil
@@ -21,6 +22,7 @@ import numpy as np
 import yaml
 
 from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.files import write_bytes
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, without
@@ -119,7 +121,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
             (options.out / name).write_text(yaml.safe_dump(parameters.changed[path]))
         else:
             shutil.copyfile(path, options.out / name)
-    file.write_text(text, encoding="utf-8")
+    write_bytes(file, text.encode())  # the last one: a part of it would be in the way of the next try
     lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
     lines += ["remark: " + line for line in found.notes + parameters.notes + problems]
     if missing:
@@ -156,7 +158,7 @@ def _copies(parameters: Parameters) -> Dict[str, str]:
     """Return the name in the robot's folder of each parameter file, with its folder's where two have the same."""
     paths = list(dict.fromkeys(path for path, _ in parameters.files))
     names = [Path(path).name for path in paths]
-    folders = [Path(path).resolve().parent.name for path in paths]
+    folders = [Path(os.path.realpath(path)).parent.name for path in paths]
     return {p: n if names.count(n) == 1 else f"{f}/{n}" for p, n, f in zip(paths, names, folders)}
 
 

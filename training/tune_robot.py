@@ -274,13 +274,7 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     if not found.agrees and not options.anyway:
         raise ApplrError(f"{found.sentence}; give --anyway to go on all the same")
     place = out / options.robot.name
-    inside = {out.resolve(), *out.resolve().parents}  # where the robot's folder holds what is written here
-    shutil.copytree(
-        options.robot.folder,
-        place,
-        ignore=lambda at, names: [name for name in names if Path(at, name).resolve() in inside],
-        dirs_exist_ok=True,
-    )
+    shutil.copytree(options.robot.folder, place, ignore=partial(not_copied, out), dirs_exist_ok=True)
     said = write_measured(place, found.new)
     robot = load(str(place))
     bag.keep(out / BAGS, [key, bag.key(options.bag, robot, options.seed)], found)
@@ -289,6 +283,17 @@ def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str,
     others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
     both = [[*half, *other[: len(half)]] for half, other in zip(found.halves, others)]
     return robot, ",".join(both[0]), ",".join(both[1])
+
+
+def not_copied(out: Path, at: str, names: List[str]) -> List[str]:
+    """Return those of the names in a robot's folder that are not copied to `out`.
+
+    They are what holds `out` or the folder itself, which would have no end, and what is neither file nor folder.
+    """
+    places = [Path(os.path.realpath(place)) for place in (out, at)]
+    above = {folder for place in places for folder in (place, *place.parents)}
+    real = {name: Path(os.path.realpath(os.path.join(at, name))) for name in names}
+    return [name for name, file in real.items() if file in above or not (file.is_file() or file.is_dir())]
 
 
 def looked_at(options: TuneOptions, out: Path) -> bag.Found:

@@ -1,5 +1,6 @@
 """A robot's folder, written from its URDF or xacro file and its parameter files."""
 
+import errno
 import os
 import re
 import time
@@ -711,6 +712,26 @@ def test_a_robot_that_is_there_is_not_overwritten(make):
     status, said, _ = make(TWO)
     assert (status, said.count("\n")) == (1, 1)
     assert "robot.yaml is there already" in said
+
+
+def test_a_full_disk_leaves_no_robot_in_the_way_of_the_next_try(make, monkeypatch):
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        status, said, file = make(TWO)
+    assert (status, said.count("\n"), file.exists()) == (1, 1, False), said
+    assert make(TWO)[0] == 0
+
+
+def test_a_link_in_a_circle_and_a_folder_are_one_line(tmp_path, make, capsys):
+    make(TWO)
+    (tmp_path / "circle").symlink_to("circle")
+    words = ["--out", str(tmp_path / "out"), "--parameters"]
+    for urdf, file in (("circle", "dwa.yaml"), ("/", "dwa.yaml"), ("crate.urdf", "circle")):
+        assert new_robot.main([str(tmp_path / urdf), *words, str(tmp_path / file)]) == 1
+        assert capsys.readouterr().err.count("\n") == 1
 
 
 CROSSING = '<collision><origin xyz="-.05 0 .06"/><geometry><box size=".2 .3 .1"/></geometry></collision>'

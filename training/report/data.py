@@ -55,7 +55,7 @@ class Results:
         self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
         folders, frames = [self.folder, *map(Path, joined)], []
         for n, path in enumerate(folders):
-            if path.resolve() in [other.resolve() for other in folders[:n]]:
+            if os.path.realpath(path) in map(os.path.realpath, folders[:n]):
                 raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
             frames.append(read_trials(path / TRIALS))
             for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):

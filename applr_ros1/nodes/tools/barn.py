@@ -98,7 +98,7 @@ class Overlay:
     """The package jackal_helper of a checkout, made anew in `folder`, with its own controller if that is None."""
 
     def __init__(self, checkout: Path, folder: Path, controller: Optional[Path]):
-        self.checkout = checkout.resolve()
+        self.checkout = Path(os.path.realpath(checkout))
         self.runner = self.checkout / "run.py"
         self.package = folder / HELPER
         helper = self.checkout / HELPER
@@ -188,7 +188,7 @@ class Evaluation:
             raise ApplrError(f"--trials {options.trials} --jobs {options.jobs}: give 1 or more of each")
         if not 0.0 < options.real_time_factor < 1000.0:
             raise ApplrError(f"--real-time-factor {options.real_time_factor:g}: give a number above 0")
-        self.out = options.out.resolve()
+        self.out = Path(os.path.realpath(options.out))
         (self.out / "logs").mkdir(parents=True, exist_ok=True)
         self.method = methods.absolute(os.environ[METHOD]) if os.environ.get(METHOD) else None
         self.overlay = Overlay(options.checkout, self.out / "overlay", options.controller)

@@ -34,7 +34,8 @@ class Packages:
     """Folders of ROS packages by name: those around a file, then those in ROS_PACKAGE_PATH."""
 
     def __init__(self, path: Path):
-        above = path.resolve().parents
+        folder = Path(os.path.realpath(path)).parent  # resolve() raises for links in a circle
+        above = [folder, *folder.parents]
         own = next((folder for folder in above if any((folder / name).is_file() for name in MANIFESTS)), above[0])
         roots = [own, own.parent, own.parent.parent]
         roots += [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]

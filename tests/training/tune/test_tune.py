@@ -360,11 +360,15 @@ def test_killed_before_a_file_has_its_name_a_run_goes_on_and_drives_nothing_twic
 def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
     monkeypatch.chdir(jackal)
     recorded(monkeypatch, *range(50, 60))
+    for name, there in (("circle", "circle"), ("above", ".."), ("nowhere", "nothing"), ("linked", "odom_nav_params")):
+        (jackal / name).symlink_to(there)
     words = [".", "--bag", "a.bag", "--minutes", "12", "--runner", f"{__name__}:toy", *FEW]
     for _ in range(2):
         assert tune_robot.main(words) == 0, capsys.readouterr()
         made = jackal / "tune" / "jackal" / "jackal"
-        assert {path.name for path in made.iterdir()} >= {"robot.yaml", "odom_nav_params"}
+        names = {path.name for path in made.iterdir()}
+        assert names >= {"robot.yaml", "odom_nav_params", "linked"}
+        assert not names & {"circle", "above", "nowhere"}
         assert not (made / "tune").exists()
 
 
