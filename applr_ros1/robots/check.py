@@ -12,7 +12,7 @@ import os
 import re
 from contextlib import suppress
 from itertools import chain
-from math import isnan, pi
+from math import ceil, inf, isnan, pi
 from types import SimpleNamespace
 from typing import Any, Dict, Iterable, Iterator, List, Tuple, get_args
 
@@ -342,9 +342,12 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[Finding]:
     missing = not {"footprint", "robot_radius"} & {*branch(setup.tree, costmap), *setup.tree}
     corners = [(back, right), (back, left), (front, left), (front, right)]
     box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in corners)
+    fixed, goal = not (setup.with_map or own["rolling_window"]), rules.GOAL_AHEAD_M * setup.robot.world_scale
+    ahead = own["width"] + own["origin_x"] if fixed else own["width"] / 2 if own["rolling_window"] else inf
     measures = {
         "local": local,
-        "fixed": not (setup.with_map or own["rolling_window"]),
+        "fixed": fixed,
+        **{"ahead": ahead, "goal": goal, "wide": own["width"] + (2 - fixed) * ceil(max(0.0, goal - ahead) + 0.5)},
         **{"centred_x": -own["width"] / 2, "centred_y": -own["height"] / 2, "reach": reach, "missing": missing},
         "fill": "give that of body and wheels" if isnan(setup.width) else f"body and wheels fill [{box}], give that",
         "wrong_units": "",

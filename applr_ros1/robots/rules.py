@@ -25,6 +25,7 @@ UNITS = 10.0  # ratio of lengths from which on one is in centimetres or millimet
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
 ON_AXLE = 0.01  # m from the axle within which a caster holds nothing up
 UNLIKE = 0.05, 4.0  # times that of a full box: less has a mass in one point, more one in the corners of the box
+GOAL_AHEAD_M = 10.45  # of the courses in built-in worlds, at the Jackal's scale
 OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
 
 
@@ -182,6 +183,9 @@ RULES: Tuple[Rule, ...] = (
         "the costmap is never updated, give that of the scans"),
     Rule(COSTMAP, "origin_x", lambda v, m: m.fixed and not -v.width < v.origin_x < 0.0, _START.format("width", "x")),
     Rule(COSTMAP, "origin_y", lambda v, m: m.fixed and not -v.height < v.origin_y < 0.0, _START.format("height", "y")),
+    Rule(COSTMAP, "width", lambda v, m: not m.local and m.ahead < m.goal,
+        "goals more than {m.ahead:g} m ahead are off this map and have no plan, those of demo and tune are "
+        "{m.goal:.1f} m ahead: give {m.wide:g} for those", "warning"),
     Rule(INFLATION, "inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.width, _WIDE, "warning"),
     Rule(STATIC, "plugins", lambda v, m: not m.with_map,
         "there is no map here, leave it out in without_map", value="has {v.plugins}"),

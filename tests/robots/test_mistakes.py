@@ -144,10 +144,10 @@ def test_the_demo_and_the_node_stop_at_the_same_line(tmp_path):
 
 
 def test_remarks_are_printed_once(tmp_path, capsys):
-    folder = changed(tmp_path / "mine", "jackal", "robot.yaml", "world_scale: 1.0", "world_scale: 2.0")
+    folder = changed(tmp_path / "mine", "jackal", "robot.yaml", "world_scale: 1.0", "world_scale: 1.5")
     assert load(folder, tell) is load(folder, tell)
     (printed,) = capsys.readouterr().err.splitlines()
-    assert printed.startswith(f"remark: {folder}/robot.yaml: world_scale is 2: ")
+    assert printed.startswith(f"remark: {folder}/robot.yaml: world_scale is 1.5: ")
 
 
 def test_warnings_come_again_at_the_end_of_the_process(tmp_path, capsys, monkeypatch):
