@@ -26,6 +26,7 @@ from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
+from applr_ros1.common.progress import announced
 from applr_ros1.drives import drawing
 from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
@@ -61,13 +62,15 @@ def main():
     result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     record = None
-    try:
-        with private_stack(passed) as stack:
-            record = _drive(stack, values, robot, world, result)
-    except ApplrError as problem:
-        say(result.setdefault("reason", str(problem)))
-    if record is not None and values["picture"] != "none":
-        _leave(os.path.abspath(values["picture"]), record, robot, world, result)
+    with contextlib.ExitStack() as ending:
+        try:
+            with private_stack(passed) as stack:
+                record = _drive(stack, values, robot, world, result)
+                ending.enter_context(announced("ending the nodes, drawing the drive", say))
+        except ApplrError as problem:
+            say(result.setdefault("reason", str(problem)))
+        if record is not None and values["picture"] != "none":
+            _leave(os.path.abspath(values["picture"]), record, robot, world, result)
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
