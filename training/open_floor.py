@@ -150,7 +150,7 @@ def check(robot: Robot) -> Tuple[bool, List[str]]:
         passed = next((world.name for world in wider if not floor.drive(world)), None)
     if passed:
         limit = f"with its own parameters it turns or stands before {door.partition('through ')[2]}"
-        more = f"; to drive through it, {found.entered(robot)}" if found else ""
+        more = f"; to drive through both, {found.entered(robot)}" if found else ""
         return True, [*lines, f"remark: {limit}, as the C++ planner would, and can {passed}{more}"]
     failed = "; ".join(f"it cannot {', '.join(what)}: {why}" for why, what in cannot.items())
     remedy = "No single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml."

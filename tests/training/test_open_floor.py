@@ -79,7 +79,7 @@ def test_a_planner_that_stands_before_a_door_alone_is_a_remark_with_what_to_ente
     assert remark.startswith("remark: with its own parameters it turns or stands before a door of 0.98 m, as the C++ ")
     wider = float(remark.partition("and can drive through a door of ")[2].split()[0])
     assert wider in [pytest.approx(0.68 + margin) for margin in (0.8, 1.0, 1.5)]
-    said = remark.partition("to drive through it, ")[2]
+    said = remark.partition("to drive through both, ")[2]
     assert said.startswith("enter DWAPlannerROS/occdist_scale: 0.005 instead of 0.01 in ")
     assert said.endswith("husky/planner.yaml")
 
