@@ -9,7 +9,7 @@ import pytest
 from applr_ros1.common.angles import compose
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Verdict
-from applr_ros1.monitor.scanner import FROZEN_SCANS
+from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, penetration, safe_scale
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -186,6 +186,17 @@ def test_what_is_hidden_by_something_a_little_nearer_is_kept():
     assert (np.sum(away > 0.95), np.sum(away < 0.95)) == (360, 180)
 
 
+@pytest.mark.parametrize(("beside", "left"), [(-1, 1), (1, 1), (2, 0)])
+def test_a_point_is_gone_only_where_the_beams_beside_it_pass_too(beside, left):
+    memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
+    post, nearer = np.full((2, 360), 1.4, np.float32)
+    post[180], nearer[180 + beside] = 1.0, 0.5
+    for stamp, ranges in ((0.0, post), (0.1, nearer)):
+        memory.update(scan_of([], pose, stamp, ranges=ranges, **TURN))
+    away = np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1])
+    assert np.sum(np.abs(away - 1.0) < 0.01) == left
+
+
 def test_a_full_memory_forgets_the_oldest(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory, newest = ObstacleMemory(), ObstacleMemory()
@@ -227,6 +238,37 @@ def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
     assert "frozen" in faults[-1]
     standing = CollisionMonitor()
     assert not any(standing.see(scan_of([], (0, 0, 0), 0.05 * k, ranges=image)) for k in range(50))
+
+
+@pytest.mark.parametrize(
+    ("pose", "repeats"),
+    [
+        ((0.006, 0, 0), True),
+        ((0, -0.006, 0), True),
+        ((0, 0, 0.006), True),
+        ((0, 0, -0.006), True),
+        ((0, 0, 0.004), False),
+    ],
+)
+def test_an_image_repeats_where_it_is_the_same_though_the_robot_moved_or_turned(pose, repeats):
+    check, scan = ScannerCheck(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
+    assert not check.fault(scan)
+    assert not check.repeats
+    assert not check.fault(replace(scan, sensor_pose=(scan.sensor_pose[0] + pose[0], *pose[1:])))
+    assert check.repeats == repeats
+
+
+def test_a_sector_is_believed_again_once_its_beams_return():
+    check, scan = ScannerCheck(), scan_of([], (0.0, 0.0, 0.0), ranges=np.full(BEAMS, 1.5, np.float32))
+    failed = scan.ranges.copy()
+    failed[200:400] = np.inf
+    for ranges, doubted in ((scan.ranges, 0), (failed, 200), (scan.ranges - np.float32(0.01), 0), (failed, 200)):
+        now = replace(scan, ranges=ranges)
+        check.fault(now)
+        assert np.isnan(check.believed(now).ranges).sum() == doubted
+    failed[200:300] = 1.5
+    check.fault(replace(scan, ranges=failed))
+    assert np.flatnonzero(np.isnan(check.believed(replace(scan, ranges=failed)).ranges)).tolist() == [*range(300, 400)]
 
 
 def test_no_scan_old_scan_and_nonsense_commands_stop():

@@ -112,3 +112,50 @@ def test_a_part_of_a_mover_gets_no_track_of_its_own(moves, begun):
     assert tracks.begin(known, rows, 3, np.array([False, True, False]), 1.0, 7) == 7 + len(begun)
     new = known[known[:, tracks.ID] >= 7.0]
     assert [tuple(place) for place in new[:, [tracks.TX, tracks.TY]].tolist()] == begun
+
+
+def test_a_track_is_carried_on_as_one_of_constant_velocity_with_white_acceleration():
+    """Place and velocity by F = [[1, dt], [0, 1]], their covariance by F P F' and the integrated acceleration."""
+    rows, dt, q = np.zeros((2, tracks.COLUMNS)), 0.3, tracks.ACCELERATION
+    rows[0, [tracks.ID, tracks.TX, tracks.TY, tracks.VX, tracks.VY]] = 1.0, 2.0, -1.0, 0.5, -0.4
+    rows[0, [tracks.PP, tracks.PV, tracks.VV]] = 0.02, 0.03, 0.5
+    tracks.predict(rows, dt)
+    step, before = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[0.02, 0.03], [0.03, 0.5]])
+    after = step @ before @ step.T + q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    assert rows[0, [tracks.PP, tracks.PV, tracks.VV]] == pytest.approx([after[0, 0], after[0, 1], after[1, 1]])
+    assert rows[0, [tracks.TX, tracks.TY]] == pytest.approx([2.15, -1.12])
+    assert not rows[1].any(), "an empty row"
+
+
+def disc(x, radius=0.3, sigma=0.02):
+    """A cluster of a disc on the x axis for a laser at the origin, seen whole."""
+    row, half = np.zeros(clusters.COLUMNS), math.asin(radius / x)
+    row[[clusters.CX, clusters.RADIUS, clusters.NEAR, clusters.SIGMA]] = x, radius, x - radius, sigma
+    row[[clusters.FROM, clusters.TO]] = -half, half
+    return row
+
+
+@pytest.mark.parametrize(("deviations", "larger", "found"), [
+    (2.95, 0.0, 0), (-2.95, 0.0, 0), (3.05, 0.0, -1), (-3.05, 0.0, -1), (2.0, 2.2, 0), (2.0, 2.3, -1),
+])  # fmt: skip
+def test_a_cluster_within_three_deviations_of_place_and_size_is_a_tracks(deviations, larger, found):
+    rows, dt = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS)), 0.05
+    rows[0, [tracks.ID, tracks.TX, tracks.TR, tracks.PP]] = 1.0, 3.0, 0.3, 0.1**2
+    deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * dt) ** 2)
+    cluster = disc(3.0 + deviations * deviation)
+    cluster[clusters.RADIUS] += larger * tracks.RESIZED_M
+    given, numbers = np.zeros((clusters.MAX_CLUSTERS, clusters.COLUMNS)), np.empty(tracks.MAX_TRACKS, np.int64)
+    given[0] = cluster
+    taken = tracks.associate(rows, given, 1, (0.0, 0.0, 0.0), dt, numbers)
+    assert (numbers[0], taken[0], numbers[1:].max()) == (found, found == 0, -1)
+
+
+@pytest.mark.parametrize(
+    ("hits", "dt", "share"), [(0, 0.05, 1 / 2), (3, 0.05, 1 / 5), (200, 0.05, 0.1), (200, 5.0, 0.5)]
+)
+def test_the_mean_place_of_what_stands_is_that_of_its_clusters_and_later_of_half_a_second(hits, dt, share):
+    row = np.zeros(tracks.COLUMNS)
+    row[[tracks.ID, tracks.TX, tracks.TR, tracks.PP, tracks.HITS]] = 1.0, 3.0, 0.3, 0.01, hits
+    row[[tracks.MX, tracks.MY]] = 3.0, 1.0
+    tracks.correct(row, disc(3.4), (0.0, 0.0, 0.0), dt)
+    assert row[[tracks.MX, tracks.MY]] == pytest.approx([3.0 + 0.4 * share, 1.0 - share])

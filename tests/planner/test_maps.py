@@ -218,6 +218,19 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     assert router.silent(now) is None
 
 
+def test_an_observation_older_than_the_last_of_its_topic_is_left_out():
+    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True))
+    layer.buffers = [ObservationBuffer(Source(topic=topic, observation_persistence=9.0)) for topic in ("scan", "other")]
+    costmap = SimpleNamespace(obstacle_layers=[layer])
+    router = ObservationRouter(costmap, SimpleNamespace(obstacle_layers=[]), 0.5)
+    scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
+    older = replace(scan, stamp=99.9)
+    for sensed in ({"scan": scan}, {"scan": older, "other": older}, {"scan": replace(scan, stamp=100.1)}):
+        router.take(sensed, 100.1, None)
+    assert [[cloud.stamp for cloud in buffer.clouds] for buffer in layer.buffers] == [[100.1, 100.0], [99.9]]
+    assert router.silent(100.41) == ("other", 0.5)
+
+
 def test_sensors_that_are_tilted_and_frames_that_move():
     ranges = np.array([1.0, 2.0, math.inf], np.float32)
     level = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.3), 0.4)

@@ -60,3 +60,13 @@ def test_whole_numbers_as_parameters_compile_nothing_new():
         made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
         known.append(len(obstacle_layer._observe.signatures))
     assert known[0] == known[1]
+
+
+@pytest.mark.parametrize(("x", "marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)])
+def test_a_point_as_far_as_obstacle_range_marks_no_more(x, marked):
+    """obstacle_layer.cpp leaves out points whose squared distance is at least that of the range."""
+    given = 100, 100, 0.05, (-2.0, -2.5), False, 0, obstacle_layer.ObstacleParameters(), (Source(obstacle_range=2.5),)
+    made = obstacle_layer.ObstacleLayer(*given)
+    made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))
+    made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
+    assert made.cells.any() == marked
