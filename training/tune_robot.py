@@ -370,9 +370,12 @@ def find(
         theta = space.clip([float(f"{value:.4g}") for value in best.theta])
         turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
         some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]
-        theta, worth = without_idle(
-            space, fine, theta, lambda: clock.until(turns.pop(0), some), cost, seed + 1, aim.asked()
-        )
+
+        def next_turn() -> Iterator[Block]:
+            say(f"putting back at the robot's own value, one by one: {len(turns)} parameters are left")
+            return clock.until(turns.pop(0), some)
+
+        theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1, aim.asked())
         return whole.fill(theta), worth
 
 

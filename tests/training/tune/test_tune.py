@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +99,8 @@ def tune(folder, runner, *more):
 def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert tune(jackal, "toy") == 0
     printed = capsys.readouterr().out
+    left = re.findall(r"^putting back .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
+    assert left == [str(number) for number in range(len(left), 0, -1)] != []
     sentences = [line for line in printed.splitlines() if line.startswith(("Of 12 courses", "The tuned", "Load"))]
     assert sentences[0].count("finished 12 (100 %, 76 to 100 %) in ") == 1
     assert "touched something in 0 (0 %, 0 to 24 %) with the tuned parameters" in sentences[0]
