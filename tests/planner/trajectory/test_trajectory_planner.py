@@ -203,6 +203,15 @@ def test_parameters_that_are_missing_or_not_finite_are_named():
     refused(lambda: planner().reconfigure({"max_vel_x": math.nan}), "max_vel_x = nan is not a finite number")
 
 
+@pytest.mark.parametrize("heading_scoring", [False, True])
+def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
+    costmap = open_map()
+    free = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
+    costmap.cells[100, 100] = 100
+    held = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
+    assert held.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
+
+
 def test_a_map_of_another_size_is_taken_up():
     made = planner()
     first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
