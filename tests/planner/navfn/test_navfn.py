@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.navfn import Navfn
+from applr_ros1.planner.navfn.navfn import Navfn, _target
 from tests.support import map_scenes
 from tests.support.plain_navfn import plain_plan
 from tests.support.seeds import examples
@@ -212,3 +212,10 @@ def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
             costmap.paint(cells)
         np.testing.assert_array_equal(fenced.potential, full.potential)
     assert stat["fenced"] > 200
+
+
+def test_of_points_equally_near_the_goal_the_first_is_taken():
+    """navfn_ros.cpp:262 looks row by row from the lowest x and y."""
+    potential = np.zeros((6, 6), np.float32)
+    potential[3, 3] = 1e10
+    assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (2 * 6 + 3, 1.75, 1.25)

@@ -4,7 +4,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ from training import bags_to_dataset
 from training.bags import SECOND
 from training.bags import bag as bags
 from training.bags.bag import BagError, bags_in, read
-from training.bags.episodes import BagReport, decision_period, transitions
+from training.bags.episodes import BagReport, Skipped, _check_motion, decision_period, transitions
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.learner.config import parse as config_of
@@ -513,6 +513,18 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reaso
     assert [len(t) for t in found] == lengths, report
     assert any(reason in text for text in report.skipped), report
     assert [t.terminated for t in found] == [False, True][: len(found)]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "moved", "jumps"), [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)]
+)
+def test_odometry_jumps_where_it_goes_farther_than_thirty_centimetres_and_five_metres_a_second(seconds, moved, jumps):
+    stamps = np.array([0, int(seconds * SECOND)])
+    odometry = SimpleNamespace(stamp=stamps, pose=np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]]))
+    bag = SimpleNamespace(odometry=odometry, scans=SimpleNamespace(at=stamps, stamp=stamps))
+    goal = SimpleNamespace(start=0, end=stamps[-1])
+    with pytest.raises(Skipped, match="the odometry jumped") if jumps else nullcontext():
+        _check_motion(bag, goal)
 
 
 @pytest.mark.parametrize(
