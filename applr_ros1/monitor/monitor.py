@@ -311,7 +311,8 @@ class CollisionMonitor:
         for name, laser in self._lasers.items():
             if laser.fault:
                 return f"{name}: {laser.fault}" if name else laser.fault
-        for what, age in zip(("scan", "pose", "odometry"), self.ages):
+        oldest = min(self._lasers, key=lambda name: self._lasers[name].stamp)
+        for what, age in zip((f"scan on {oldest}" if oldest else "scan", "pose", "odometry"), self.ages):
             if age > self.settings.scan_timeout:
                 return f"the newest {what} is {age:.2f} s old; the limit is {self.settings.scan_timeout:g} s"
             if not age >= -AHEAD_OF_CLOCK_S:

@@ -1,6 +1,7 @@
 """The collision monitor as a ROS node before a fake Jackal: it stops at a wall and for blind scanners."""
 
 import os
+import re
 import signal
 import time
 import xmlrpc.client
@@ -139,6 +140,10 @@ def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(st
     rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
     relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
     wait_for(lambda: says("pass"), "a command that passes")
-    for one in (relay, rear, subscriber, commands):
+    relay.unregister()
+    wait_for(lambda: says("stop: the newest scan on rear/scan is"), "a stop that names it")
+    stamped, ago = re.search(r"stamped ([\d.]+), ([\d.]+) s ago", actions[-1]).groups()
+    assert float(ago) > 0.4, "of the silent one, not of the other"
+    for one in (rear, subscriber, commands):
         one.unregister()
     child.end()

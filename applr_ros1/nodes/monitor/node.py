@@ -10,6 +10,7 @@ of further lasers; the robot's own), and the fields of monitor/settings.py.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 import traceback
@@ -69,7 +70,7 @@ class CollisionMonitorNode:
         self._stood = False  # whether the base has stood since the last command
         self._report_jump = Throttled(rospy.logwarn)
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
-        self._scan = topics.scan
+        self._scan, self._more_scans = topics.scan, more_scans
         self._frames: Dict[str, str] = {}  # of the first laser on each topic
         self.sensors = Sensors(
             (fixed, fixed, base),
@@ -187,7 +188,9 @@ class CollisionMonitorNode:
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
         self._ages.add(known)
         if verdict.action == STOP and "scan" in verdict.reason:
-            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.newest(self._scan)})")
+            named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
+            topic = next(named, self._scan)
+            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.newest(topic)})")
         return verdict
 
     def _report(self) -> None:
