@@ -6,6 +6,7 @@ import signal
 import time
 import xmlrpc.client
 
+import psutil
 import pytest
 import rosgraph
 import rospy
@@ -97,6 +98,41 @@ def test_a_monitor_that_does_not_live_stops_the_base_and_is_started_anew(stack, 
     measured("zero after", took, "s")
     assert took < 0.5 + kept.waiting()
     drive(stack, 0.3)  # once it lives again
+
+
+@pytest.mark.fault("14a")
+def test_a_monitor_that_dies_again_while_it_starts_is_started_once_more_and_the_base_stands(stack):
+    jackal, _, _ = stack
+    drive(stack, 0.5)
+    guard = psutil.Process(node_pid("/collision_monitor_guard"))
+    lived = guard.children()
+    began, killed = time.time(), []
+
+    def kill_each_that_starts():
+        for child in guard.children():
+            if child.pid not in killed:
+                killed.append(child.pid)
+                child.kill()
+        return len(killed) == 3
+
+    wait_for(kill_each_that_starts, "three that are killed")
+    assert killed[0] == lived[0].pid
+    assert time.time() - began > 1.0, "it does not start one after the other without a pause"
+    wait_for(lambda: {child.pid for child in guard.children()} - set(killed), "the next one, of the same guard")
+    assert len([at for at, v, _ in jackal.commands if at > began + 0.5 and v == 0.0]) > 15, "zeros all the while"
+    assert not [v for at, v, _ in jackal.commands if at > began + 0.5 and v != 0.0]
+    drive(stack, 0.3)
+
+
+def test_a_guard_begins_with_a_zero_before_any_node_lives():
+    """The one before it may have died with its node, and the base have no time-out."""
+    ros, told = session(), []
+    subscriber = rospy.Subscriber("/orphan/cmd_vel", Twist, lambda m: told.append((m.linear.x, m.angular.z)))
+    child = ros.node("collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere")
+    wait_for(lambda: not child.alive(), "the end: of a robot that is not there no node lives")
+    assert told == [(0.0, 0.0)]
+    assert child.process.poll() == 1, child.text
+    subscriber.unregister()
 
 
 def node_pid(name):

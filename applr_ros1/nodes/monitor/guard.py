@@ -3,8 +3,9 @@
 A base without a time-out of its own drives on with its last command when the monitor is killed, or frozen by a debugger
 or by a machine that swaps. The node therefore writes a heartbeat to a pipe. Where none comes for SILENCE_S, this
 process, which has nothing else to do, publishes zeros on cmd_vel until it comes again; a node that has ended is started
-anew, and one that stays silent is ended first. Where this process is killed, the node stops the base and ends. The node
-has its ROS name, and this process the same with `_guard` behind it.
+anew, after AGAIN_S where it ended before its first heartbeat, and one that stays silent is ended first. Where this
+process is killed, the node stops the base and ends; where both are, the next guard begins with a zero. The node has its
+ROS name, and this process the same with `_guard` behind it.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from .other_publishers import GUARD_SUFFIX
 PIPE_VARIABLE = "APPLR_HEARTBEAT"  # environment variable with the descriptor to which the node writes
 SILENCE_S = 0.35  # s without a heartbeat after which zeros are published ...
 ZEROS_S = 0.05  # ... so many seconds apart
+AGAIN_S = 1.0  # s before the next try where a node has ended before it lived
 FROZEN_S = 5.0  # s of silence after which the node is ended
 ENDS_S = 3.0  # s that the node has to end when this process is asked to
 
@@ -54,14 +56,15 @@ class Guard:
     """Watches one node process after the other."""
 
     def __init__(self) -> None:
-        self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1, latch=True)
+        self._out.publish(Twist())  # the base may still follow a monitor that died with its guard
         self._node: Optional[subprocess.Popen] = None
         self._pipe = -1
         self._alive = False  # whether the present node has ever given a sign
         self._heard = 0.0  # time.monotonic() of the last one of any node
 
     def watch(self) -> int:
-        """Until shutdown, or until a node ends that never lived; returns the exit status."""
+        """Until shutdown, or until a node ends and none has lived yet; returns the exit status."""
         status = 0
         while not rospy.is_shutdown() and status == 0:
             if self._node is None:
@@ -76,10 +79,12 @@ class Guard:
                 self._node.kill()
                 self._node.wait()
             if self._node.poll() is not None:
-                status = 0 if self._alive else self._node.returncode or 1
-                if self._alive and not rospy.is_shutdown():
+                status = 0 if self._heard else self._node.returncode or 1
+                if self._heard and not rospy.is_shutdown():
                     rospy.logerr("collision monitor: its process has ended; it is started anew, and the base stands")
                 os.close(self._pipe)
+                if not self._alive and status == 0:
+                    self._stand(AGAIN_S)
                 self._node = None
         self._end()
         return status
@@ -90,6 +95,12 @@ class Guard:
         command = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
         self._node = subprocess.Popen(command, pass_fds=[theirs], env={**os.environ, PIPE_VARIABLE: str(theirs)})
         os.close(theirs)
+
+    def _stand(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while time.monotonic() < until and not rospy.is_shutdown():
+            self._out.publish(Twist())
+            time.sleep(ZEROS_S)
 
     def _listen(self, patience: float) -> None:
         if select.select([self._pipe], [], [], patience)[0]:
