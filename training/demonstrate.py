@@ -6,7 +6,6 @@ The demonstrator is training/baselines/appld/scripted_driver.py, and the bag say
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import sim_bridge
 import worlds
@@ -46,22 +45,18 @@ def demonstrate(options: DemonstrateOptions) -> None:
     with BagWriter(options.bag, TopicNames.of(robot), robot) as writer:
         writer.demonstrator(1.0, **source, demonstrator=NAME, world=world.name, seed=options.seed)
         writer.goal(1.0, simulator.to_odom(world.course.goal))
-        try:
-            while not world.course.arrived(*state.pose[:2]):
-                if state.time > LIMIT or state.flipped:
-                    raise ApplrError(f"{world.name}: not through after {state.time:.0f} s; give another --world")
-                now = 1.0 + state.time
-                writer.odometry(now, state.odom_pose, state.odom_twist)
-                if state.time + 1e-6 >= scan_due:
-                    ranges, scan_due = simulator.scan(), scan_due + robot.laser.period_in(CONTROL_PERIOD)
-                    writer.scan(now, ranges)
-                v, w = driver.command(state.pose, ranges)
-                writer.command(now, v, w)
-                simulator.command(v, w)
-                state = simulator.advance(CONTROL_PERIOD)
-        except BaseException:
-            Path(options.bag).unlink()
-            raise
+        while not world.course.arrived(*state.pose[:2]):
+            if state.time > LIMIT or state.flipped:
+                raise ApplrError(f"{world.name}: not through after {state.time:.0f} s; give another --world")
+            now = 1.0 + state.time
+            writer.odometry(now, state.odom_pose, state.odom_twist)
+            if state.time + 1e-6 >= scan_due:
+                ranges, scan_due = simulator.scan(), scan_due + robot.laser.period_in(CONTROL_PERIOD)
+                writer.scan(now, ranges)
+            v, w = driver.command(state.pose, ranges)
+            writer.command(now, v, w)
+            simulator.command(v, w)
+            state = simulator.advance(CONTROL_PERIOD)
     print(f"{options.bag}: {world.name} demonstrated by a script in {state.time:.1f} s")
 
 

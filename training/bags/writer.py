@@ -22,6 +22,8 @@ from training.bags.topics import TopicNames
 class BagWriter:
     """A ROS 1 bag with the topics of a robot's stack; times in seconds from 0; a context manager.
 
+    Where what is done with it raises, or the end of the file cannot be written, no file is left.
+
     Args:
         path: Of the bag, which must not exist.
         topics: Names of the topics.
@@ -47,12 +49,22 @@ class BagWriter:
     def __enter__(self):
         return self
 
-    def __exit__(self, *exc):
-        self.close()
+    def __exit__(self, failed, *exc):
+        try:
+            self.close()
+        except StorageError:
+            failed = True
+            raise
+        finally:
+            if failed:
+                self.path.unlink()
 
     def close(self) -> None:
         """Finish the file."""
-        self._writer.close()
+        try:
+            self._writer.close()
+        except OSError as error:
+            raise StorageError(f"{self.path}: cannot be written ({reason(error)})") from None
 
     # -- the topics --------------------------------------------------------------------------------
     def scan(self, time: float, ranges) -> None:

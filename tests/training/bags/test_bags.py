@@ -1,5 +1,6 @@
 """Bags to transitions: what the node saw and chose, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
 
+import errno
 import shutil
 import sqlite3
 import subprocess
@@ -780,4 +781,18 @@ def test_writing_where_nothing_can_be_written(tmp_path):
             StackWriter(path)
     with pytest.raises(BagError):
         read(tmp_path / "nowhere.bag")
+    with pytest.raises(StorageError, match="full.bag: cannot be written .No space left"):
+        record(tmp_path / "full.bag", Full)
     assert bags_in([tmp_path]) == [Path(tmp_path / "a.bag")]
+
+
+class Full(Drive):
+    """The disk is full when the end of the file, which has its index, is written."""
+
+    def __init__(self, writer, **options):
+        super().__init__(writer, **options)
+
+        def close():
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        writer._writer.close = close
