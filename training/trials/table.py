@@ -52,7 +52,9 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
             found.insert(found.shape[1] - 1, "mean_clearance_m", np.nan)
         if list(found.columns) != list(COLUMNS) or found["total_reward"].isna().any():
             raise ValueError("other columns, or a row without some of them")
-    except ValueError as error:
+        if not found["time_s"].dropna().between(0.0, np.inf, inclusive="left").all():
+            raise ValueError("a time that cannot be")
+    except (ValueError, OverflowError) as error:
         raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
     found = found.round(4).drop_duplicates(ignore_index=True)  # whatever the parser made of the last bit
     for world, method, trial, seed in found.loc[found.duplicated([*KEY]), [*KEY]].itertuples(index=False):

@@ -220,7 +220,8 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     refuse("another seed", {"seed": 1})
     whole = (tmp_path / "trials.csv").read_text()
     wrong = "a,b\n1,2\n", "\0\n", whole.rpartition(",")[0] + "\n", whole + "w,m\n", whole.replace("False", "no")
-    for text in (*wrong, whole.replace("1.0", ""), whole + whole.splitlines()[1] + ",1\n"):
+    odd = [whole.replace("1.0", time) for time in ("", "-1.0", "inf")] + [whole.replace("m,1", "m,1" + 20 * "0")]
+    for text in (*wrong, *odd, whole + whole.splitlines()[1] + ",1\n"):
         (tmp_path / "trials.csv").write_text(text)
         refuse("expected world,method")
     pd.read_csv(io.StringIO(whole)).drop(columns="mean_clearance_m").to_csv(tmp_path / "trials.csv", index=False)
