@@ -26,7 +26,7 @@ from training.common.options import Options, option
 
 LIMITS = {"CPU": 60, "AS": 2**32, "FSIZE": 2**32, "NPROC": 0}  # s, bytes, bytes of a file that is written, processes
 SECONDS_PER_GB = 200.0  # of a bag, beside LIMITS
-METADATA = "metadata.yaml"  # of a ROS 2 bag
+METADATA, STORAGES = "metadata.yaml", (".mcap", ".db3")  # of a ROS 2 bag
 
 
 class BagError(ApplrError):
@@ -164,7 +164,7 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
         BagError: It cannot be read, or reading it takes too much.
     """
     place = Path(path)
-    if place.suffix in (".mcap", ".db3") and (place.parent / METADATA).exists():
+    if (place.suffix in STORAGES or place.name == METADATA) and (place.parent / METADATA).exists():
         place = place.parent
     size = sum(file.stat().st_size for file in (place.iterdir() if place.is_dir() else [place]) if file.exists())
     limits = {**LIMITS, "CPU": int(LIMITS["CPU"] + SECONDS_PER_GB * size / 1e9)}
@@ -237,7 +237,7 @@ def refused(path) -> Iterator[None]:
 
 
 def bags_in(paths) -> List[Path]:
-    """Return the bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted.
+    """Return the bags among files and folders: .bag files, ROS 2 folders, and lone .mcap or .db3 files, sorted.
 
     Raises:
         BagError: A path does not exist, or there are no bags.
@@ -245,15 +245,19 @@ def bags_in(paths) -> List[Path]:
     found = []
     for path in map(Path, paths):
         if not path.exists():
-            raise BagError(f"{path}: there is no such file or folder; give .bag or .mcap files or ROS 2 bag folders")
+            raise BagError(
+                f"{path}: there is no such file or folder; give .bag, .mcap or .db3 files or ROS 2 bag folders"
+            )
         holds_bags = path.is_dir() and not (path / METADATA).exists()
         found += [inside for inside in sorted(path.rglob("*")) if _is_bag(inside)] if holds_bags else [path]
     if not found:
-        raise BagError(f"{', '.join(map(str, paths))}: no bags there; give .bag or .mcap files or ROS 2 bag folders")
+        raise BagError(
+            f"{', '.join(map(str, paths))}: no bags there; give .bag, .mcap or .db3 files or ROS 2 bag folders"
+        )
     return found
 
 
 def _is_bag(path: Path) -> bool:
-    if path.suffix == ".mcap":
+    if path.suffix in STORAGES:
         return not (path.parent / METADATA).exists()
     return path.name.endswith((".bag", ".bag.active")) or (path / METADATA).exists()
