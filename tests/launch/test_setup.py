@@ -203,7 +203,7 @@ def test_without_network_apt_says_so(clone):
 def test_set_up_says_what_it_installs_and_how_far_it_is(clone, tmp_path):
     """The packages are those that apt would install, and a list of them stays; a silence gets what the log says."""
     script = tmp_path / "applr"
-    script.write_text(script.read_text().replace("read -rt 15", "read -rt .2"))
+    script.write_text(script.read_text().replace("read -rt 10", "read -rt .2"))
     apt = """
     case $1 in
       -s) printf 'Inst liba (1.0)\nInst libb [0.9] (1.0)\nConf liba\n' ;;
