@@ -122,7 +122,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         else:
             shutil.copyfile(path, options.out / name)
     write_bytes(file, text.encode())  # the last one: a part of it would be in the way of the next try
-    lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
+    lines = [f"{file} is made from {options.urdf} and {len(options.parameters)} parameter files"]
     lines += ["remark: " + line for line in found.notes + parameters.notes + problems]
     if missing:
         lines.append(f'the files leave out {len(missing)} values; give each in its line of {file}, without the "# ":')

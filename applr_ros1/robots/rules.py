@@ -184,7 +184,7 @@ RULES: Tuple[Rule, ...] = (
     Rule(COSTMAP, "origin_x", lambda v, m: m.fixed and not -v.width < v.origin_x < 0.0, _START.format("width", "x")),
     Rule(COSTMAP, "origin_y", lambda v, m: m.fixed and not -v.height < v.origin_y < 0.0, _START.format("height", "y")),
     Rule(COSTMAP, "width", lambda v, m: not m.local and m.ahead < m.goal,
-        "goals more than {m.ahead:g} m ahead are off this map and have no plan, those of demo and tune are "
+        "goals more than {m.ahead:g} m ahead are off the global costmap and have no plan, those of demo and tune are "
         "{m.goal:.1f} m ahead: give {m.wide:g} for those", "warning"),
     Rule(INFLATION, "inflation_radius", lambda v, m: v.inflation_radius > 2 * UNITS * m.width, _WIDE, "warning"),
     Rule(STATIC, "plugins", lambda v, m: not m.with_map,

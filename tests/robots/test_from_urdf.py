@@ -234,6 +234,7 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
         **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link"), "control.yaml": deeper},
     )
     assert status == 0, said
+    assert "crate.urdf and 4 parameter files\n" in said  # the controller's, too
     assert "leave out 1 values" in said
     assert "base.max_yaw_rate" in said
     fill(file)
