@@ -159,7 +159,7 @@ class CollisionMonitor:
         self.seen.update(scan)
         return laser.fault
 
-    def filter(self, now, pose, twist, command, ages=(0.0, 0.0)):
+    def filter(self, now, pose, twist, command, ages=(0.0, 0.0), creeps=True):
         """Return the part of a command that the base may be given.
 
         Args:
@@ -168,6 +168,7 @@ class CollisionMonitor:
             twist: its newest measured (v, w) [m/s, rad/s].
             command: (v, w) asked for.
             ages: of pose and twist [s].
+            creeps: whether it may creep into space that no scan has shown.
 
         Returns:
             A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within
@@ -189,7 +190,7 @@ class CollisionMonitor:
         if self._is_impossible(moved):
             problem = f"the poses say {moved[0]:g} m/s and {moved[1]:g} rad/s, which cannot be"
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
-        verdict = self._judge(pose, self._twists(twist), command)
+        verdict = self._judge(pose, self._twists(twist), command, creeps)
         # wheels that slip say too little; the base is where it is going by the faster of both
         measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
         return replace(verdict, command=self.braked(now, measured, verdict.command, twist[1]))
@@ -232,7 +233,7 @@ class CollisionMonitor:
         soon = min(max(w, turning - change), turning + change)
         return soon if soon * w > 0.0 else 0.0
 
-    def _judge(self, pose, twists, command):
+    def _judge(self, pose, twists, command, creeps=True):
         """Return the Verdict on a command; it must be safe from each of the velocities (v, w, slide)."""
         v, w = command
         self.seen.stand(self._planes, self._radius, pose)
@@ -254,7 +255,7 @@ class CollisionMonitor:
         seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose
         scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
         creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
-        if scale < creep:  # into what has not been seen it may creep, if nothing is known to stand there
+        if creeps and scale < creep:  # into what has not been seen it may creep, if nothing is known to stand there
             known, free = self._scale(points, twists, (v, w), (since, reaction), EVERYTHING)
             if known > scale:
                 scale = min(known, creep)

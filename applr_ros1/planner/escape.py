@@ -4,7 +4,7 @@ C++ knows no monitor. Its local planner backs out whenever it finds no legal tra
 samples no forward velocity before it has come out; with a monitor before the base the robot would stand there for
 ever. And where the monitor stops the robot nearer to an obstacle than the planner's footprint allows, the planner finds
 no command at all. The state machine asks an Escape in each control cycle; without a monitor that reports, and with
-planner "cpp-like", it never does anything.
+planner "cpp-like", it never does anything. Beside a C++ move_base the monitor asks one (monitor/stalled_planner.py).
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ class Escape:
         self._motion: Optional[Tuple[float, float]] = None  # under way
         self._began = 0.0
         self._tries = 0
+
+    def give_way(self) -> None:
+        """End the motion under way: the planner, which had no command, has one."""
+        self._motion = self._since = None
 
     def report(self, held: bool) -> None:
         """Note if next to nothing of the last command came through."""

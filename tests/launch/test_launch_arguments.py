@@ -151,6 +151,13 @@ def test_one_argument_switches_the_prediction_off():
         assert found.parameters.get("/move_base/applr/movers") is on
 
 
+def test_the_monitor_makes_motions_of_escape_beside_a_cpp_move_base_alone():
+    for words, on in (((), False), (("escape:=true",), False), (("move_base:=cpp",), True)):
+        assert loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is on
+    off = loaded("jackal_applr.launch", "move_base:=cpp", "escape:=false").parameters
+    assert off["/collision_monitor/escape"] is False
+
+
 def test_launch_files_clear_what_an_earlier_launch_left():
     for name, words in (
         ("jackal_applr.launch", ("rviz:=true",)),

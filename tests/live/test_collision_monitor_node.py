@@ -56,6 +56,8 @@ def test_drives_to_the_wall_and_stands_before_it(stack):
     jackal, _, actions = stack
     wait_for(lambda: jackal.commands, "a stop before the first command: it may have begun after one that died")
     assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
+    _, subscribed, _ = rosgraph.Master("/test").getSystemState()
+    assert "/move_base/status" not in dict(subscribed), "no motions of its own, unless ~escape is set"
     drive(stack, 1.0)
     assert max(v for _, v, _ in jackal.commands) == 1.0
     wall = 1.5 - 0.075 - 0.229

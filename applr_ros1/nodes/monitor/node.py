@@ -3,9 +3,10 @@
 Started by guard.py beside it. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
 them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
 zeros until one comes. Where anything in it raises, whatever message came, the base is stopped and /diagnostics says so.
+With ~escape it drives small motions of its own while move_base stands or is held back, though its goal is active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
-of further lasers; the robot's own), and the fields of monitor/settings.py.
+of further lasers; the robot's own), ~escape (false), and the fields of monitor/settings.py.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import threading
 import time
 import traceback
 from dataclasses import fields, replace
-from typing import Dict, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -35,12 +36,14 @@ from applr_ros1.robots import JACKAL, Robot, load
 
 from .guard import Heartbeat
 from .other_publishers import OtherPublishers
+from .stalled_move_base import StalledMoveBase
 
 LOOK_S = 0.01  # s of wall time between looks for a new scan
 REPORT_S = 1.0  # s of wall time between diagnostics
 IDLE_AFTER_S = 2.0  # s of wall time without a command after which it counts as idle
 ZEROS_S = 0.05  # s of wall time between the commands of the node's own while none comes
 STALLED_S = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
+ESCAPE = "escape"  # as an action: a motion of the monitor's own
 STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
 
 
@@ -53,22 +56,31 @@ class CollisionMonitorNode:
         prefix: of the names of its frames.
         tolerance: age [s] up to which the pose of its base in the odometry's frame is used.
         more_scans: topics of further lasers.
+        escape: whether it drives small motions for a move_base that makes none itself.
     """
 
     def __init__(
-        self, settings: MonitorSettings, robot: Robot, prefix: str, tolerance: float, more_scans: Sequence[str] = ()
+        self,
+        settings: MonitorSettings,
+        robot: Robot,
+        prefix: str,
+        tolerance: float,
+        more_scans: Sequence[str] = (),
+        escape: bool = False,
     ):
         self.monitor = CollisionMonitor(settings, more_scans)
         self._tolerance = tolerance
         self._lock = threading.Lock()
         self._now, self._moved = rospy.get_rostime(), time.monotonic()  # ROS time at the last look; when it last moved
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
-        self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
         self._ages = Ages()
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
         self._stood = False  # whether the base has stood since the last command
         self._report_jump = Throttled(rospy.logwarn)
+        near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
+        self._stalls = StalledMoveBase(near) if escape else None
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
         self._scan, self._more_scans = topics.scan, more_scans
         self._frames: Dict[str, str] = {}  # of the first laser on each topic
@@ -121,6 +133,8 @@ class CollisionMonitorNode:
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)
+            if self._stalls is not None:
+                self._stalls.forget()
         if now != self._now:
             self._now, self._moved = now, time.monotonic()
         for topic, scan in self.sensors.observations().items():
@@ -142,6 +156,10 @@ class CollisionMonitorNode:
         self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
         if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
             self._zero_due = time.monotonic() + ZEROS_S
+            motion = self._escape((0.0, 0.0))
+            if motion is not None:
+                self._drive(motion, False)
+                return
             self._out.publish(conversions.twist(*self._braked()))
             self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
 
@@ -159,13 +177,29 @@ class CollisionMonitorNode:
             try:
                 self._take_scans()
                 self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
-                verdict = self._judge(message)
-                self._out.publish(conversions.twist(*verdict.command))
-                self._counts[verdict.action] += 1
-                self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
-                self._say(verdict)
+                command = message.linear.x, message.angular.z
+                motion = self._escape(command)
+                self._drive(motion or command, motion is None)
             except Exception as problem:
                 self._fail(problem)
+
+    def _escape(self, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
+        """Return the motion (v, w) of the monitor's own that takes the place of a command; None for the command."""
+        alone = not self._others.names and not self._stalled
+        return None if self._stalls is None else self._stalls.instead(self._now, command, alone)
+
+    def _drive(self, command: Tuple[float, float], planned: bool) -> None:
+        """Give the base what may be given of the planner's command, or of a motion of the monitor's own."""
+        verdict = self._judge(command, planned)
+        if not planned:
+            reason = "move_base does not get on with its goal" + f"; {verdict.reason}" * bool(verdict.reason)
+            verdict = replace(verdict, action=ESCAPE, reason=reason)
+        if self._stalls is not None:
+            self._stalls.report_held(verdict.held)
+        self._out.publish(conversions.twist(*verdict.command))
+        self._counts[verdict.action] += 1
+        self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
+        self._say(verdict)
 
     def _fail(self, problem: Exception) -> None:
         """Stop the base: something in the monitor has raised, and nothing that it knows can be relied on."""
@@ -176,16 +210,16 @@ class CollisionMonitorNode:
         self.monitor.reset()
         self._say(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
 
-    def _judge(self, message: Twist) -> Verdict:
+    def _judge(self, command: Tuple[float, float], creeps: bool) -> Verdict:
         now = rospy.get_rostime()
         pose = self.sensors.pose(now, self._tolerance)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
             return Verdict(self._braked(), STOP, 0.0, trouble)
-        command, known = (message.linear.x, message.angular.z), self.sensors.ages(now)
+        known = self.sensors.ages(now)
         ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
-        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
+        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages, creeps)
         self._ages.add(known)
         if verdict.action == STOP and "scan" in verdict.reason:
             named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
@@ -218,7 +252,7 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
         ApplrError: with one line, for an unknown parameter or a value that cannot be used.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    others = {"robot", "map", "tf_prefix", "transform_tolerance", "more_scans"}
+    others = {"robot", "map", "tf_prefix", "transform_tolerance", "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
@@ -240,7 +274,8 @@ def main() -> int:
         raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic; leave it out")
-    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance, more)
+    settings, escape = settings_from(parameters, robot), bool(parameters.get("escape", False))
+    node = CollisionMonitorNode(settings, robot, prefix, tolerance, more, escape)
     with until_shutdown():
         node.spin()
     return 0

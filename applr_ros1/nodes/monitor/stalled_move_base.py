@@ -1,0 +1,81 @@
+"""Asks a StalledPlanner for the collision monitor's node, with what the topics of move_base say.
+
+From its status comes the goal under way, from its global plan how far the robot is from there.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Optional, Tuple
+
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Path
+
+from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
+
+STATUS_AGE_S = 1.0  # s after which a status counts no more: move_base repeats it five times a second
+POSE_BYTES = 56  # seven float64
+NEVER = rospy.Time(0)
+
+
+class PlanEnds(Path):
+    """A nav_msgs/Path of which only the ends are read; a thousand poses would take 6 ms, twenty times a second.
+
+    Attributes:
+        straight: way [m] from the first pose to the last one; None where there are none.
+    """
+
+    straight: Optional[float] = None
+
+    def deserialize(self, buff: bytes) -> PlanEnds:
+        """Read the message, as rospy asks for it: seq, stamp and frame, and so again before each pose."""
+        poses = 16 + struct.unpack_from("<I", buff, 12)[0]
+        if struct.unpack_from("<I", buff, poses)[0]:
+            first = poses + 20 + struct.unpack_from("<I", buff, poses + 16)[0]
+            (x, y), (end_x, end_y) = (struct.unpack_from("<2d", buff, at) for at in (first, len(buff) - POSE_BYTES))
+            self.straight = math.hypot(end_x - x, end_y - y)
+        return self
+
+
+class StalledMoveBase:
+    """Watch on a move_base that makes no motions of escape itself. Callbacks only keep the latest message.
+
+    Args:
+        tolerance: of its goals [m].
+    """
+
+    def __init__(self, tolerance: float):
+        self._planner = StalledPlanner(tolerance)
+        self.forget()
+        rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
+        rospy.Subscriber("move_base/NavfnROS/plan", PlanEnds, self._take_plan, queue_size=1, buff_size=2**24)
+        self.report_held = self._planner.report_held
+
+    def forget(self) -> None:
+        """Forget what was heard: the clock jumped back."""
+        self._goal: Tuple[rospy.Time, Optional[str]] = NEVER, None
+        self._left: Tuple[rospy.Time, Optional[float]] = NEVER, None
+
+    def instead(self, now: rospy.Time, command: Tuple[float, float], alone: bool) -> Optional[Tuple[float, float]]:
+        """Return the motion (v [m/s], w [rad/s]) to be driven instead of a command; None for the command.
+
+        alone: whether nobody else drives the base. A first motion is logged.
+        """
+        (status_came, goal), (plan_came, left), had_stalled = self._goal, self._left, self._planner.has_stalled
+        if not alone or (now - status_came).to_sec() > STATUS_AGE_S:
+            goal = None
+        if (now - plan_came).to_sec() > FRESH_S:
+            left = None
+        motion = self._planner.instead(now.to_sec(), command, goal, left)
+        if self._planner.has_stalled and not had_stalled:
+            rospy.logwarn("collision monitor: move_base does not get on with its goal; small motions are tried")
+        return motion
+
+    def _take_status(self, message: GoalStatusArray) -> None:
+        active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
+        self._goal = rospy.get_rostime(), active[-1] if active else None  # none where it is being cancelled
+
+    def _take_plan(self, message: PlanEnds) -> None:
+        self._left = rospy.get_rostime(), message.straight

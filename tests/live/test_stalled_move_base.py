@@ -1,0 +1,204 @@
+"""The collision monitor beside a move_base that has no motions of escape, as the C++ one: it moves in its place.
+
+That move_base is a made-up one, and then this package's, which hears of no monitor: it makes no such motions either.
+"""
+
+import io
+import time
+from types import SimpleNamespace
+
+import actionlib
+import numpy as np
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist
+from move_base_msgs.msg import MoveBaseAction
+from nav_msgs.msg import Path
+from std_msgs.msg import String
+
+from applr_ros1.nodes.conversions import path, twist
+from applr_ros1.nodes.monitor.stalled_move_base import PlanEnds
+from tests.support.fake_jackal import FakeJackal
+from tests.support.jackal import tree
+from tests.support.move_base_stack import finish, goal
+from tests.support.ros_harness import LONGEST, Kept, session, wait_for
+
+pytestmark = pytest.mark.ros
+INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
+POST = (1.0, 0.0, 0.06)
+ACTIVE, CANCELLED = GoalStatus.ACTIVE, GoalStatus.PREEMPTING
+
+
+class MoveBase:
+    """The topics of a move_base whose goal is 5 m away: status, plan, and commands if any."""
+
+    def __init__(self):
+        self.command, self.status, self.goal, self.left = (0.0, 0.0), None, "a", 5.0
+        self._commands = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
+        self._statuses = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
+        self._plans = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
+        self._timer = rospy.Timer(rospy.Duration(0.05), self._tick)
+
+    def ready(self):
+        return all(p.get_num_connections() for p in (self._commands, self._statuses, self._plans))
+
+    def _tick(self, _):
+        if self.status is not None:
+            goals = [GoalStatus(GoalID(id="of before"), GoalStatus.SUCCEEDED, "")]
+            goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
+            self._statuses.publish(GoalStatusArray(status_list=goals))
+        ends = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)] if self.left else []
+        message = Path()
+        message.deserialize(packed(ends))
+        self._plans.publish(message)
+        if self.command is not None:
+            self._commands.publish(twist(*self.command))
+
+    def end(self):
+        self._timer.shutdown()
+        for publisher in (self._commands, self._statuses, self._plans):
+            publisher.unregister()
+
+
+def packed(points):
+    buffer = io.BytesIO()
+    path(np.array(points).reshape(-1, 2), "map", rospy.Time(3)).serialize(buffer)
+    return buffer.getvalue()
+
+
+def monitor(escape):
+    """The node of the monitor; its diagnostics and what it says come into lists."""
+    names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
+    child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
+    actions, statuses = [], []
+    ears = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    eyes = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0]))
+    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=(ears, eyes))
+
+
+def end(*things):
+    for thing in things:
+        for subscriber in thing.subscribers:
+            subscriber.unregister()
+        thing.node.end()
+
+
+@pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
+def test_a_robot_too_near_a_post_for_its_planner_gets_on(escape):
+    """DWAPlannerROS finds no trajectory where the padded outline touches; the monitor had stopped the robot there."""
+    ros = session()
+    jackal, watched = FakeJackal([POST]), monitor(escape)
+    teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
+    watched.node.until(lambda: teleop.get_num_connections())
+    wait_for(lambda: teleop.publish(twist(0.3, 0.0)) or time.sleep(0.05) or jackal.robot.pose[0] > 0.65, "the post")
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
+    teleop.unregister()
+    parameters = tree(recovery_behavior_enabled=False, controller_patience=60.0)
+    rospy.set_param("/move_base", parameters)
+    deaf = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
+    node = ros.node("move_base", "odom:=odometry/filtered", *deaf)
+    node.until("ready")
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(LONGEST))
+    client.send_goal(goal(2.0))
+    if escape:
+        assert finish(client)[1] == "Goal reached.", (node.text, watched.actions)
+    else:
+        time.sleep(1.0)
+        stood = jackal.robot.pose
+        time.sleep(4.0)
+        assert jackal.robot.pose == pytest.approx(stood, abs=0.01)
+        client.cancel_goal()
+    node.end()
+    jackal.close()
+    end(watched)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    session()
+    jackal, planner, watched = FakeJackal(), MoveBase(), monitor(True)
+    watched.node.until(planner.ready)
+    yield jackal, planner, watched
+    planner.end()
+    jackal.close()
+    end(watched)
+
+
+@pytest.fixture
+def stack(whole):
+    """A robot that has driven half a metre, so that it knows what is behind it, and stands; no goal."""
+    jackal, planner, watched = whole
+    planner.status, planner.left, planner.goal = None, 5.0, str(time.time())
+    planner.command, x = (0.3, 0.0), jackal.robot.pose[0]
+    wait_for(lambda: jackal.robot.pose[0] > x + 0.5, "half a metre")
+    planner.command = (0.0, 0.0)
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
+    watched.actions.clear()
+    watched.statuses.clear()
+    return whole
+
+
+def moved(jackal, since):
+    return [(at, v, w) for at, v, w in jackal.commands if at > since and (v, w) != (0.0, 0.0)]
+
+
+def test_the_plan_is_read_from_end_to_end():
+    assert PlanEnds().deserialize(packed([(1.0, 2.0), (0.0, 9.0), (4.0, 6.0)])).straight == 5.0
+    assert PlanEnds().deserialize(packed([])).straight is None
+
+
+def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_way(stack):
+    jackal, planner, watched = stack
+    began = time.time()
+    planner.status = ACTIVE
+    wait_for(lambda: moved(jackal, began), "a motion")
+    (at, v, w), *_ = moved(jackal, began)
+    assert at - began > 1.9
+    assert abs(v) <= 0.1
+    assert abs(w) <= 0.4
+    wait_for(lambda: any("does not get on" in s.message for s in watched.statuses), "diagnostics")
+    said = next(s for s in watched.statuses if "does not get on" in s.message)
+    assert said.level == DiagnosticStatus.WARN
+    assert any(action.startswith("escape: move_base does not get on") for action in watched.actions)
+    planner.command, kept = (0.3, 0.0), Kept()
+    now = time.time()
+    wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
+    others = [c for c in moved(jackal, now) if c[1] != 0.3]
+    assert len(others) <= 2 + kept.waiting() / 0.05, "it has a command: that counts at once"
+    assert watched.node.text.count("small motions are tried") == 1
+
+
+def test_beside_others_that_drive_the_base_it_does_not(stack):
+    jackal, planner, watched = stack
+    other = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    wait_for(lambda: any("unchecked" in s.message for s in watched.statuses), "the warning")
+    began, planner.status = time.time(), ACTIVE
+    time.sleep(3.0)
+    assert not moved(jackal, began)
+    other.unregister()
+    wait_for(lambda: moved(jackal, began), "a motion")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "each other"}],
+    ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
+)
+def test_what_ends_a_motion(stack, change):
+    """Also where no commands come at all, as while a planner plans."""
+    jackal, planner, watched = stack
+    planner.status, planner.command = ACTIVE, None
+    began = time.time()
+    wait_for(lambda: moved(jackal, began), "a motion, of a planner that is silent")
+    vars(planner).update(change)
+    told, kept = time.time(), Kept()
+    while time.time() < told + 4.0:
+        time.sleep(0.3)
+        planner.goal = str(time.time()) if "goal" in change else planner.goal
+    last = max((at for at, *_ in moved(jackal, told)), default=told)
+    assert last - told < 1.5 + kept.waiting(), "with a status of a second ago it may go on; otherwise again after 2.5"
+    assert jackal.commands[-1][1:] == (0.0, 0.0)
+    assert not any("failed" in action for action in watched.actions), watched.node.text

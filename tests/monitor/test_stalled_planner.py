@@ -1,0 +1,107 @@
+"""A planner beside the monitor that stands, or is held back: when the monitor moves in its place, and when never."""
+
+import math
+
+import pytest
+
+from applr_ros1.monitor.monitor import PASS, CollisionMonitor
+from applr_ros1.monitor.stalled_planner import StalledPlanner
+from applr_ros1.planner.escape import MOTIONS, TRIES
+from tests.monitor.test_collision_monitor import scan_of, wall
+
+STOP, GO = (0.0, 0.0), (0.5, 0.1)
+HERE = (0.0, 0.0, 0.0)
+TOLERANCE = 0.3
+
+
+class Drive:
+    """Twenty commands a second; what is driven instead, of which `held` says whether the monitor holds it back."""
+
+    def __init__(self, held=lambda driven: False):
+        self.planner, self.time, self._held = StalledPlanner(TOLERANCE), 0.0, held
+
+    def __call__(self, seconds, command=STOP, goal="a", left=5.0):
+        motions = []
+        for _ in range(round(seconds / 0.05)):
+            motions.append(self.planner.instead(self.time, command, goal, left))
+            self.planner.report_held(self._held(motions[-1] or command))
+            self.time += 0.05
+        return motions
+
+
+def test_a_planner_that_stands_for_two_seconds_is_moved_until_it_moves_by_itself():
+    drive = Drive()
+    assert set(drive(1.95)) == {None}
+    assert not drive.planner.has_stalled
+    motions = drive(0.3)
+    assert motions[-1] == MOTIONS[0]
+    assert drive.planner.has_stalled
+    assert drive(0.05, GO) == [None], "it has a command: it drives, at once"
+    assert set(drive(1.9)) == {None}, "and is given its time again"
+    assert drive(0.3)[-1] == MOTIONS[1]
+    assert set(drive(1.2, GO)) == {None}
+    assert not drive.planner.has_stalled
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"goal": None},  # none, one that is cancelled, or a move_base that is gone
+        {"left": None},  # it plans, or recovers
+        {"left": TOLERANCE},  # it has arrived
+        {"command": (math.nan, 0.0)},
+    ],
+    ids=["no goal", "no plan", "arrived", "absurd"],
+)
+def test_a_planner_that_need_not_drive_is_left_alone_and_a_motion_under_way_ends_at_once(state):
+    assert set(Drive(held=lambda driven: driven != STOP)(9.0, **state)) == {None}
+    drive = Drive()
+    assert drive(2.2)[-1] is not None
+    assert set(drive(9.0, **state)) == {None}
+    assert set(drive(1.9)) == {None}, "it begins anew"
+    assert drive(0.3)[-1] is not None
+
+
+def test_a_silent_planner_of_which_nothing_was_ever_driven_is_moved():
+    planner = StalledPlanner(TOLERANCE)
+    assert [planner.instead(t, STOP, "a", 5.0) for t in (0.0, 2.1)] == [None, MOTIONS[0]]
+
+
+def test_another_goal_begins_anew():
+    drive = Drive()
+    assert drive(2.2)[-1] is not None
+    assert set(drive(1.9, goal="b")) == {None}
+    assert drive(0.3, goal="b")[-1] == MOTIONS[0]
+
+
+def test_what_is_held_back_is_tried_otherwise_after_half_a_second():
+    drive = Drive(held=lambda driven: driven != MOTIONS[2])
+    motions = drive(3.0, GO)
+    assert set(motions[:10]) == {None}
+    assert [motion for i, motion in enumerate(motions) if i and motion != motions[i - 1]][:3] == list(MOTIONS[:3])
+    assert 10 <= motions.count(MOTIONS[2]) <= 11, "for half a second"
+    after = len(motions) - motions[::-1].index(MOTIONS[2])
+    assert set(motions[after : after + 9]) == {None}, "then the planner chooses again"
+
+
+def test_it_gives_up_after_so_many_motions_until_the_planner_drives_by_itself():
+    drive = Drive(held=lambda driven: driven != STOP)
+    drive(TRIES * 0.2 + 1.0, GO)
+    assert set(drive(60.0, GO)) == {None}
+    drive._held = lambda driven: False
+    drive(2.0, GO)
+    drive._held = lambda driven: driven != STOP
+    assert drive(1.0, GO)[-1] is not None
+
+
+def test_a_motion_of_the_monitors_own_never_creeps_into_what_no_scan_has_shown():
+    """A laser that looks ahead: back is unseen, ahead is free."""
+    monitor = CollisionMonitor()
+    monitor.see(scan_of(wall(3.0), HERE))
+    back = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0))
+    assert back.command == (-0.1, 0.0)
+    assert not back.held
+    own = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0), creeps=False)
+    assert abs(own.command[0]) < 0.02
+    assert own.held
+    assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.1, 0.0), creeps=False).action == PASS
