@@ -17,10 +17,12 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
@@ -130,6 +132,8 @@ class Episode:
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._tolerance = self.move_base.goal_tolerance
+        self._stalled = StalledPlanner(self._tolerance) if self.move_base.variant == CPP_LIKE else None
+        self._planned = -math.inf  # when the newest plan was made [s]
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state
@@ -219,13 +223,24 @@ class Episode:
         if self.monitor is not None:
             if scan is not None:
                 self.monitor.see(scan)
+            self._planned = state.time if cycle.new_plan else self._planned
             if command is not None:
-                verdict = self.verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
+                motion = self._escape(state, command)
+                given = state.time, state.odom_pose, state.odom_twist, motion or command
+                verdict = self.verdict = self.monitor.filter(*given, creeps=motion is None)
                 command = verdict.command
-                self.move_base.report_held(verdict.held)
+                (self._stalled or self.move_base).report_held(verdict.held)
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)
+
+    def _escape(self, state, command):
+        """Return the motion that the monitor drives in place of a C++-like planner's command; None for the command."""
+        if self._stalled is None:
+            return None
+        (x, y, _), (end_x, end_y, _) = self.move_base.global_plan[[0, -1]]
+        left = math.hypot(end_x - x, end_y - y) if state.time - self._planned <= FRESH_S else None
+        return self._stalled.instead(state.time, command, self.move_base.goal, left)
 
     def _scan(self, state) -> LaserScan:
         """A new scan of the simulated laser."""

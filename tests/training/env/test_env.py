@@ -25,10 +25,12 @@ from worlds import Course, Mover, World
 class FakeMoveBase:
     """Drives straight ahead at v, and after `end` cycles says `result`."""
 
-    def __init__(self, v=1.0, end=None, result=None, w=0.0):
+    goal = None
+
+    def __init__(self, v=1.0, end=None, result=None, w=0.0, variant="ours"):
         self.v, self.w, self.end, self.result = v, w, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
-        self.parameters, self.goal_tolerance = {"applr": {"movers": False}}, 0.25
+        self.parameters, self.goal_tolerance, self.variant = {"applr": {"movers": False}}, 0.25, variant
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):
@@ -36,6 +38,7 @@ class FakeMoveBase:
 
     def set_goal(self, goal, now):
         self.goals.append((goal, now))
+        self.goal = goal
 
     def make_plan(self, start, goal, tolerance=0.0):
         return self.global_plan
@@ -56,7 +59,7 @@ class FakeMoveBase:
         over = self.end is not None and len(self.steps) > self.end
         command = (0.0 if over else self.v, self.w) if self.goals else None
         result = self.result if over and len(self.steps) == self.end + 1 else None
-        return SimpleNamespace(command=command, result=result)
+        return SimpleNamespace(command=command, result=result, new_plan=len(self.steps) % 10 == 1)
 
 
 def straight(obstacle=None):
@@ -67,8 +70,8 @@ def straight(obstacle=None):
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
-def trial(obstacle=None, v=1.0, end=None, result=None, world=None, **options):
-    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v, end, result)
+def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", **options):
+    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v, end, result, variant=variant)
     episode = Episode(simulator, planner, period=2.0, record=True, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
@@ -239,6 +242,19 @@ def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
     before_wall = trial(WALL, monitor=True, limit=3)
     assert not drive(before_wall)[-1].collided
     assert before_wall.move_base.held[-1]
+
+
+@pytest.mark.parametrize(("variant", "moves"), [("cpp-like", True), ("ours", False)])
+def test_beside_a_cpp_like_planner_that_finds_no_command_the_monitor_moves_the_robot(variant, moves):
+    """Ours makes such motions itself."""
+    episode = trial(v=0.0, monitor=True, limit=2, variant=variant)
+    given, judge = [], episode.monitor.filter
+    episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
+    drive(episode)
+    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), "the planner may creep, the monitor not"
+    driven = {twist for twist in episode.trace.twist if twist != (0.0, 0.0)}
+    assert bool(driven) == moves
+    assert {episode.trace.twist[i] for i in range(39)} == {(0.0, 0.0)}, "two seconds are the planner's"
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():
