@@ -49,7 +49,8 @@ def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
     monitor.see(scan(name, 0.0), name)
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).action == PASS
     monitor.see(scan(other, 0.6), other)
-    assert "scan is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    named = "scan on rear" if name else "scan"
+    assert f"newest {named} is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
     monitor.see(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
     verdict = monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0))
     assert verdict.action == STOP
@@ -81,7 +82,7 @@ def test_a_laser_that_comes_along_later_counts_from_then_on():
     monitor.see(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
     assert "obstacle" in monitor.filter(0.0, HERE, (0.0, 0.0), BACK).reason
     monitor.see(scan_of(wall(3.0), HERE, 0.6))
-    assert "scan is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    assert "scan on scan of rear is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
 
 
 def test_a_scan_whose_range_has_no_end_is_one():
