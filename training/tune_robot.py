@@ -41,7 +41,7 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import sha256
+from applr_ros1.common.files import StorageError, sha256
 from applr_ros1.common.progress import announced
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
@@ -359,7 +359,8 @@ def find(
         every = blocks_of(len(worlds), seed)
         (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
         cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
-        begun = last_race(coarse, whole.pick(warm_starts(robot)), every[:2], cost, seed)
+        first = noted_starts(robot, table, f"starts_{options.for_}")
+        begun = last_race(coarse, whole.pick(first), every[:2], cost, seed)
         tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
         starts = [one.theta for one in begun]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
@@ -377,6 +378,23 @@ def find(
 
         theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1, aim.asked())
         return whole.fill(theta), worth
+
+
+def noted_starts(robot: Robot, table: Trials, name: str) -> np.ndarray:
+    """Return the warm starts (k, n) that a table has under a name; it gets today's where it has none.
+
+    What a run writes into the robot's folder does not change where it goes on from.
+
+    Raises:
+        StorageError: the table has something else there.
+    """
+    if name not in table.notes:
+        table.note(**{name: warm_starts(robot).tolist()})
+    with suppress(TypeError, ValueError):
+        noted = np.array(table.notes[name], dtype=np.float64)
+        if noted.size and noted.ndim == 2 and noted.shape[1] == len(space_of(robot)) and np.isfinite(noted).all():
+            return noted
+    raise StorageError(f"{table.folder}: {name} in it is no list of sets; give another --out")
 
 
 def warm_starts(robot: Robot) -> np.ndarray:

@@ -16,11 +16,13 @@ import yaml
 
 import worlds
 from applr_ros1 import robots
+from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.measured import Value
-from tests.support.kills import Killed
+from tests.support.kills import Killed, left_at_each_write
+from tests.support.seeds import part
 from training import tune_robot
 from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
@@ -227,6 +229,30 @@ def test_an_interrupted_run_goes_on_to_the_result_that_it_would_have_had(jackal,
     assert driven == DRIVEN
 
 
+def test_killed_at_any_of_its_writes_it_goes_on_to_the_same_set(jackal, tmp_path, capsys, monkeypatch):
+    """On a bag's courses too, of which what was found is kept; each kill leaves the folders as they are then."""
+    given, whole = tmp_path / "given", tmp_path / "whole"
+    given.mkdir()
+    shutil.move(jackal, given / "rover")
+    shutil.copytree(given, whole)
+    words = ["--bag", "a.bag", "--out", "out", "--minutes", "2"]
+
+    def found(folder):
+        monkeypatch.chdir(folder)
+        status = tune(Path("rover"), "toy", *words)
+        return status, *(Path("rover", name).read_text() for name in ("robot.yaml", "tuned.yaml", "static.json"))
+
+    monkeypatch.setattr("training.report.page.write", lambda out, **_: out)  # the slowest part
+    monkeypatch.chdir(whole)
+    recorded(monkeypatch, *range(50, 60))
+    tune_robot.read(None, None, None).new = {("laser", "noise"): NOISE}
+    wanted = []
+    writes = left_at_each_write(lambda: wanted.append(found(whole)), whole, tmp_path, monkeypatch)
+    assert wanted[0][0] == 0
+    for number in np.linspace(len(writes) - 1, 0, part(12)).astype(int):
+        assert found(tmp_path / str(number)) == wanted[0], f"killed at write {number}, {writes[number]}"
+
+
 def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jackal, tmp_path, capsys, monkeypatch):
     names = ["hall", "hall-wall", *(f"hall-{n}" for n in range(1, 9))]
     said = SimpleNamespace(
@@ -413,6 +439,13 @@ def test_a_progress_file_of_another_form_is_one_line(jackal, tmp_path, capsys, n
     assert tune(jackal, "toy") == 1
     said = capsys.readouterr().err
     assert (said.count("\n"), f"{progress}: {name} is " in said) == (1, True), said
+
+
+@pytest.mark.parametrize("value", ["abc", [], [[1.0]], [[None] * 8], {"a": 1}])
+def test_noted_starts_of_another_form_are_one_line(tmp_path, value):
+    table = SimpleNamespace(notes={"starts": value}, folder=tmp_path)
+    with pytest.raises(StorageError, match="starts in it is no list of sets"):
+        tune_robot.noted_starts(robots.JACKAL, table, "starts")
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
