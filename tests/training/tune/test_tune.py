@@ -21,8 +21,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.measured import Value
-from tests.support.kills import Killed, left_at_each_write
-from tests.support.seeds import part
+from tests.support.kills import Killed
 from training import tune_robot
 from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
@@ -229,28 +228,16 @@ def test_an_interrupted_run_goes_on_to_the_result_that_it_would_have_had(jackal,
     assert driven == DRIVEN
 
 
-def test_killed_at_any_of_its_writes_it_goes_on_to_the_same_set(jackal, tmp_path, capsys, monkeypatch):
-    """On a bag's courses too, of which what was found is kept; each kill leaves the folders as they are then."""
-    given, whole = tmp_path / "given", tmp_path / "whole"
-    given.mkdir()
-    shutil.move(jackal, given / "rover")
-    shutil.copytree(given, whole)
-    words = ["--bag", "a.bag", "--out", "out", "--minutes", "2"]
-
-    def found(folder):
-        monkeypatch.chdir(folder)
-        status = tune(Path("rover"), "toy", *words)
-        return status, *(Path("rover", name).read_text() for name in ("robot.yaml", "tuned.yaml", "static.json"))
-
-    monkeypatch.setattr("training.report.page.write", lambda out, **_: out)  # the slowest part
-    monkeypatch.chdir(whole)
-    recorded(monkeypatch, *range(50, 60))
-    tune_robot.read(None, None, None).new = {("laser", "noise"): NOISE}
-    wanted = []
-    writes = left_at_each_write(lambda: wanted.append(found(whole)), whole, tmp_path, monkeypatch)
-    assert wanted[0][0] == 0
-    for number in np.linspace(len(writes) - 1, 0, part(12)).astype(int):
-        assert found(tmp_path / str(number)) == wanted[0], f"killed at write {number}, {writes[number]}"
+def test_a_finished_run_goes_on_from_the_sets_it_began_with(jackal, capsys):
+    """Its own result, which the robot's folder has now, is none of them: it drives nothing anew, and then further."""
+    found = []
+    for minutes in ("2", "2", "4"):
+        assert tune(jackal, "toy", "--minutes", minutes) == 0
+        begun = re.search(r"best of \d+ sets to begin with: .*", capsys.readouterr().out)
+        found.append((begun[0], (jackal / "tuned.yaml").read_text(), DRIVEN[:]))
+    assert found[0] == found[1]
+    assert found[2][0] == found[0][0]
+    assert len(found[2][2]) > len(found[1][2])
 
 
 def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jackal, tmp_path, capsys, monkeypatch):
