@@ -85,6 +85,7 @@ def end(*things):
         thing.node.end()
 
 
+@pytest.mark.fault("17c")
 @pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
 def test_a_robot_too_near_a_post_for_its_planner_gets_on(escape):
     """DWAPlannerROS finds no trajectory where the padded outline touches; the monitor had stopped the robot there."""
