@@ -444,6 +444,7 @@ def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved])
         target = space.targets[name][0]
         declared = next(p for p in known[target.server].parameters if p.name in target.names)
         unit, ((gain, low, high), median) = f" {declared.unit}".rstrip(), worth[name]
+        gain, low, high, median = (round(seconds, 1) + 0.0 for seconds in (gain, low, high, median))  # -0.0 is 0.0
         rows.append(
             {
                 "parameter": name,

@@ -32,7 +32,7 @@ table{border-collapse:collapse;font-size:13px;margin:.6em 0}
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}
 th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
 .wide{overflow-x:auto}h1,h2,p{overflow-wrap:anywhere}
-#methods+.wide td,#methods+.wide th{text-align:left;white-space:normal}
+#methods+.wide :is(td,th),#changes+.wide :is(td,th):last-child{text-align:left;white-space:normal}
 .verdict{font-size:17px;max-width:900px}.drives{display:inline-block}.drives img{display:block;max-height:320px}
 .note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""

@@ -178,6 +178,13 @@ def test_where_other_programs_take_the_processor_the_clock_counts_what_is_left_a
     assert clock.spent() == pytest.approx(0.4 * 25.0 / 34.0 + 0.18), "nothing was driven"
 
 
+def test_what_a_parameter_saves_has_no_sign_where_it_is_nothing():
+    row = tune_robot.changes(
+        robots.load("jackal"), {"sim_time": 1.5}, {"sim_time": ((-0.04, -0.3, -0.01), -0.02)}
+    ).rows[0]
+    assert row[3:5] == ["0.0 (-0.3 to 0.0)", "0.0"]
+
+
 def test_a_run_on_a_busy_machine_drives_as_much_as_on_an_idle_one(tmp_path, monkeypatch, jackal, capsys):
     counts = []
     for share in (1.0, 0.4):
