@@ -44,9 +44,11 @@ def given_arguments(words, known):
     Paths get their folder, because the nodes run in another one.
     """
     for word in words:
-        name, separator, _ = word.partition(":=")
+        name, separator, value = word.partition(":=")
         if not separator or name not in known and not name.startswith("_"):
             raise ApplrError(f"{word} is no argument: give ARG:=VALUE; there are {', '.join(known)}")
+        if not value:  # which load_mappings leaves out: another robot drove than was meant
+            raise ApplrError(f"{name} is empty: give a value, or leave it out")
     given = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
