@@ -213,6 +213,7 @@ THERE = r"is there already; give another name"  # no bag is written over, and no
             ["wrold:=generated:7"],
             "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, ",
         ),
+        (demo, ["seed:=x"], "seed is .x.: give a number from 0 to"),
         (demo, ["robot:="], "robot is empty: give a value, or leave it out"),
         (demo, ["world:=generated:300"], "generated:300"),
         (demo, ["method:=faster"], "method 'faster' is not known"),

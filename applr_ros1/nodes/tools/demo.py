@@ -59,7 +59,7 @@ def main():
     """Exit status: 0 goal reached, 1 not reached, or a wrong argument (one line), 130 interrupted."""
     values, passed, robot, world = prepare(sys.argv[1:])
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
-    result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
+    result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     record = None
     with contextlib.ExitStack() as ending:
@@ -83,9 +83,10 @@ def prepare(words):
     if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
-    with contextlib.suppress(ValueError):
-        values["limit"] = float(values["limit"])
-    number_within("limit", values["limit"], 1.0, 3600.0)
+    for name, kind, low, high in (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1)):
+        with contextlib.suppress(ValueError):
+            values[name] = kind(values[name])
+        number_within(name, values[name], low, high)
     picture = values["picture"]
     writable = os.access(os.path.dirname(os.path.abspath(picture)), os.W_OK)
     if picture != "none" and not (picture.endswith(".png") and writable):
