@@ -55,8 +55,13 @@ def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
 
 
 def misspelt(name: str, known: Iterable[str]) -> str:
-    """Return the known name that differs from this one by a letter or two; "" where there is none."""
+    """Return the known name that differs from this one by a letter or two; "" where there is none.
+
+    A minimum's name is not that of a maximum misspelt.
+    """
     for other in difflib.get_close_matches(name, list(known), 3, 0.7):
+        if name.replace("max_", "min_") == other.replace("max_", "min_"):
+            continue
         changes = difflib.SequenceMatcher(None, name, other, autojunk=False).get_opcodes()
         if sum(max(a - b, c - d) for what, b, a, d, c in changes if what != "equal") <= 2:
             return other

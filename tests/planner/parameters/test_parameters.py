@@ -185,7 +185,10 @@ def test_check_says_what_where_and_what_to_do(path, value, words):
     assert all("\n" not in line for line in found)
 
 
-@pytest.mark.parametrize(("name", "meant"), [("max_vel_xx", "max_vel_x"), ("sim_tiem", "sim_time"), ("sims", "")])
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("max_vel_xx", "max_vel_x"), ("sim_tiem", "sim_time"), ("sims", ""), ("max_in_place_vel_theta", "")],
+)
 def test_a_name_that_is_a_letter_or_two_from_one_that_counts_is_a_warning(name, meant):
     (finding,) = warnings(changed(f"{PLANNER}/{name}", 1.0))
     assert (finding.severity, finding.advice) == (("warning", f"did you mean {meant}?") if meant else ("remark", ""))
