@@ -57,6 +57,7 @@ class Episode:
     record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
     monitor         whether the robot's collision monitor stands between the planner and the base
+    escapes         whether that monitor makes the motions of escape that a C++-like planner lacks
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
     until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
@@ -74,6 +75,7 @@ class Episode:
         record: bool = False,
         monitor: bool = False,
         end_on_stall: bool = False,
+        escapes: bool = True,
     ):
         self.simulator, self.move_base = simulator, move_base
         self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
@@ -81,7 +83,7 @@ class Episode:
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
-        self.end_on_collision, self.record = end_on_collision, record
+        self.end_on_collision, self.record, self.escapes = end_on_collision, record, escapes
         self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
@@ -132,7 +134,8 @@ class Episode:
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._tolerance = self.move_base.goal_tolerance
-        self._stalled = StalledPlanner(self._tolerance) if self.move_base.variant == CPP_LIKE else None
+        lacks = self.escapes and self.move_base.variant == CPP_LIKE
+        self._stalled = StalledPlanner(self._tolerance) if lacks else None
         self._planned = -math.inf  # when the newest plan was made [s]
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)

@@ -75,7 +75,7 @@ class TrialSettings(Options):
         "Global plans per second instead of the robot's; fewer make the simulation faster.")
     loaded: bool = Field(False, description=
         "Whether move_base starts with the set of a static method, as with a parameter file, instead of getting it by "
-        "reconfigure.")
+        "reconfigure; the monitor makes no motions of escape then, which a C++ move_base lacks.")
     time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")
     # fmt: on
 

@@ -156,6 +156,7 @@ class TrialRunner:
             end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
             record=True,
             monitor=self.settings.monitor,
+            escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot
         )
         episode.time_limit = self.settings.time_limit
         return episode

@@ -244,10 +244,12 @@ def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
     assert before_wall.move_base.held[-1]
 
 
-@pytest.mark.parametrize(("variant", "moves"), [("cpp-like", True), ("ours", False)])
-def test_beside_a_cpp_like_planner_that_finds_no_command_the_monitor_moves_the_robot(variant, moves):
+@pytest.mark.parametrize(
+    ("variant", "escapes", "moves"), [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)]
+)
+def test_beside_a_cpp_like_planner_that_finds_no_command_the_monitor_moves_the_robot(variant, escapes, moves):
     """Ours makes such motions itself."""
-    episode = trial(v=0.0, monitor=True, limit=2, variant=variant)
+    episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
     given, judge = [], episode.monitor.filter
     episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
     drive(episode)

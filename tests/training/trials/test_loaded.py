@@ -35,6 +35,7 @@ def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the
     wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
     assert SPACE.as_dict(drives.trace.theta[-1]) == wanted
     assert bool(called) != loaded
+    assert drives.episode("cpp-like", 1.0).escapes != loaded
     sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
     assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
