@@ -325,7 +325,11 @@ def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSe
 def find(
     options: TuneOptions, settings: TrialSettings, worlds: Sequence[Tuple[str, str, World]], table: Trials, clock: Clock
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
-    """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s]."""
+    """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s].
+
+    Raises:
+        ApplrError: no set arrives anywhere.
+    """
     robot, seed = settings.load_robot(), options.seed
     whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
     space = whole.chosen
@@ -368,6 +372,9 @@ def find(
             tell(f"generation {len(means)}, {driven[-1]}: {winner}")
         best = last_race(fine, finalists(space, starts, means), clock.until(RACE_SHARE, every), cost, seed)[0]
         tell(f"best of the last race: {best}")
+        if not any(result.success for result in best.results):
+            demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
+            raise ApplrError(f"no set arrives in any course, so that there is nothing to compare: {demo} shows why")
         theta = space.clip([float(f"{value:.4g}") for value in best.theta])
         turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
         some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]

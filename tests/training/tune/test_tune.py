@@ -67,6 +67,11 @@ def only_in_search(settings, task):
     return toy(settings, task, 12.0 if task.theta else 0.0)
 
 
+def none_arrives(settings, task):
+    result, trace = toy(settings, task)
+    return replace(result, success=False, timeout=True), trace
+
+
 def processor(monkeypatch, share):
     """Each drive takes a second and has this share of a processor in it."""
     clock = SimpleNamespace(monotonic=lambda: float(len(DRIVEN)), process_time=lambda: len(DRIVEN) * share)
@@ -202,6 +207,14 @@ def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal
     assert tune(jackal, runner) == 1
     assert "Keep your own parameters" in capsys.readouterr().out
     assert sorted(jackal.iterdir()) == before
+
+
+def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
+    assert tune(jackal, "none_arrives") == 1
+    demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
+    said = capsys.readouterr()
+    assert f"no set arrives in any course, so that there is nothing to compare: {demo}" in said.err
+    assert "Keep your own" not in said.out
 
 
 def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
