@@ -278,12 +278,14 @@ class Episode:
         self._judge(now, cycle, state)
 
     def _called_within(self, cycle, state) -> Optional[float]:
-        """Return the planner's tolerance [m] where it takes the goal's place for reached, else None.
+        """Return the planner's tolerance [m] where it takes the goal's place for reached, or says so, else None.
 
-        It goes by odometry, and has still to stop and to turn there; the time of a recorded drive ends here, too.
+        It goes by odometry, and has still to stop and to turn there; the time of a recorded drive ends here, too. Where
+        its plan ends beside an occupied goal, as default_tolerance lets it, it has only its word.
         """
         left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
-        return self._tolerance if left <= self._tolerance else None
+        said = cycle.result is not None and cycle.result[0] == "succeeded"
+        return self._tolerance if said or left <= self._tolerance else None
 
     def _judge(self, now: Outcome, cycle, state) -> None:
         """Note whether the course has ended, by its rule (Course.arrived)."""

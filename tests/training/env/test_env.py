@@ -185,6 +185,22 @@ def test_where_a_course_has_no_finish_the_planner_calls_it_done_by_odometry(plan
         assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), "as soon as it is within its tolerance"
 
 
+@pytest.mark.parametrize(
+    ("left", "result", "reason"),
+    [
+        (0.6, ("succeeded", "Goal reached."), "finished"),
+        (0.9, ("succeeded", "Goal reached."), "planner succeeded: Goal reached."),
+        (0.6, ("aborted", "why"), "planner aborted: why"),
+    ],
+)
+def test_where_a_course_has_no_finish_the_planners_word_counts_beside_the_goal_too(left, result, reason):
+    """Its plan may end beside the goal: so many metres before it here, of which .25 are its tolerance."""
+    course = replace(straight().course, goal=(1.0, 6.0, math.pi / 2), finish_y=None, goal_tolerance=0.25)
+    world = replace(straight(), course=replace(course, planner_ends=True))
+    last = drive(trial(v=0.5, limit=6, world=world, end=round((4.0 - left) / 0.5 / 0.05), result=result))[-1]
+    assert (last.success, last.reason) == (reason == "finished", reason)
+
+
 def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
     robot = robots.load("turtlebot3_burger")
     planner = FakeMoveBase(0.1)
