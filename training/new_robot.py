@@ -105,6 +105,12 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     changes = without_map(parameters, odom, ceil(COURSE * scale))
     if changes:
         move_base["with_map"] = {}
+    if "width" in changes.get("global_costmap", {}) and parameters.tree["global_costmap"].get("rolling_window"):
+        problems.append(
+            f"without a map, as on courses, the global costmap does not move along with the robot: it is "
+            f"{changes['global_costmap']['width']} m wide, for whole courses; before yours drives so, set "
+            "rolling_window, width, height, origin_x and origin_y in move_base.without_map as you want them"
+        )
     costmaps = used(merged(parameters.tree, changes))
     scan_alone, others = one_scan(costmaps, names["scan"]) if names["scan"] else ({}, set())
     if changes or others:

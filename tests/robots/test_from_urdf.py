@@ -597,6 +597,17 @@ def test_both_costmaps_may_be_in_one_frame_of_any_name(make, capsys, frame):
     assert check_robot.main([str(file.parent)]) == 0, capsys.readouterr()
 
 
+@pytest.mark.parametrize("rolls", [True, False])
+def test_a_rolling_global_costmap_that_stands_on_courses_is_said_to(make, rolls):
+    world = f"{{global_frame: map, rolling_window: {str(rolls).lower()}, width: 10, height: 10}}\n"
+    status, said, file = make(PLAIN, **{"costmap_global.yaml": world})
+    assert status == 0, said
+    costmap = yaml.safe_load(file.read_text())["move_base"]["without_map"]["parameters"]["global_costmap"]
+    assert costmap["rolling_window"] is False
+    line = "remark: without a map, as on courses, the global costmap does not move along with the robot"
+    assert (f"{line}: it is {costmap['width']} m wide" in said) == rolls, said
+
+
 def test_one_file_may_hold_all_parameters_of_a_robot(make):
     tree = {"robot_description": "<robot/>" * 30_000, "move_base": yaml.safe_load(PLANNER)}
     status, said, file = make(PLAIN, **{"dwa.yaml": yaml.safe_dump({**tree, **yaml.safe_load(CONTROLLER)})})
