@@ -188,6 +188,14 @@ def test_work_that_an_error_ended_is_not_called_done():
     assert lines == ["compiling"]
 
 
+def test_of_work_within_announced_work_the_outer_alone_is_announced():
+    lines = []
+    for _ in range(2):
+        with announced("compiling", lines.append, first=0.02), announced("driving", lines.append, first=0.01):
+            time.sleep(0.1)
+    assert lines == 2 * ["compiling", "done compiling: took 0 s"]
+
+
 def test_long_work_is_announced_and_never_silent_for_long():
     lines, third = [], threading.Event()
 
