@@ -30,7 +30,8 @@ class ObservationRouter:
         local_costmap: the costmap on which the robot drives; its sources stop the robot when they fall silent.
         global_costmap: the other one.
         timeout: age [s] of the newest message at which a source counts as silent; 0 switches that off. It counts for
-            laser scans and for what clears, but for predictions: other sources may have nothing to say.
+            laser scans and for what clears, but for predictions: these are forgotten then, and else C++ would mark
+            them for ever. Other sources may have nothing to say.
 
     Attributes:
         data_types: {topic: data type} of all sources, those of the local costmap first.
@@ -71,6 +72,10 @@ class ObservationRouter:
                 continue
             self._stamps[topic] = observation.stamp
             self._hand_on(topic, observation, now, local_origin, placed)
+        if 0.0 < self._timeout < now - self._stamps.get(PREDICTED, now):  # of what moved once nobody says more
+            del self._stamps[PREDICTED]
+            for listener in self._listeners[PREDICTED]:
+                listener.buffer.forget()
 
     def _hand_on(self, topic, observation, now, local_origin, placed):
         clouds: dict = {}  # one projection serves all sources with the same frame and the same view of +inf

@@ -1,6 +1,7 @@
 """Which points are marked where moving obstacles will be, that they go again, and that without any nothing changes."""
 
 import copy
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,26 @@ def test_marks_go_when_they_are_no_longer_said(told, walls):
         points = prediction.see(replace(robot.scan(), stamp=robot.time + seconds)).points
         assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), "where nothing is marked"
         assert (len(points) > 0) == clears
+
+
+def test_the_last_marks_go_where_nothing_says_more(told):
+    """The node that says them has died, while they stand all around the robot."""
+    prediction, tracker = told
+    with_marks, without = MoveBase(quick(applr={"movers": True})), MoveBase(quick())
+    robot = ToyRobot(circles=WALL)
+    around = [(1.2 * math.cos(a), 1.2 * math.sin(a)) for a in np.linspace(-1.8, 1.8, 8)]
+    tracker.rows = [(x, y, 0.01, 0.0, 0.3) for x, y in around]
+    lethal = []
+    for k in range(40):
+        scan = robot.scan()
+        said = {"front/scan": scan, **({PREDICTED: prediction.see(scan)} if k < 5 else {})}
+        for made, sensed in ((with_marks, said), (without, scan)):
+            made.step(robot.time, robot.pose, robot.twist, sensed)
+        robot.time += 0.05
+        lethal.append([(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)])
+    assert lethal[4][0] > lethal[4][1] + 20
+    assert lethal[20][0] > lethal[20][1] + 20, "not before the time after which a source counts as silent"
+    assert lethal[-1][0] == lethal[-1][1]
 
 
 def test_where_nothing_moves_planners_are_equal_bit_for_bit(told):
