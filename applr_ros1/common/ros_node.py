@@ -12,6 +12,7 @@ in callbacks, services and threads, rospy or Python would print a traceback, whi
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import logging
 import signal
@@ -25,7 +26,7 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE_S = 3.0  # s for the master's answer, for which rospy itself would wait for ever
+PATIENCE_S = 3.0  # s for the master's answer at start and end, for which rospy itself would wait for ever
 STANDS_S = 0.5  # s that the main thread stands where it is interrupted, before it lets go of its locks
 SHUTDOWN_S = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
@@ -71,6 +72,25 @@ def init_node(name: str, **options: Any) -> None:
 
     threading.excepthook = print_while_running
     rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(SHUTDOWN_S, exit=True))
+    rospy.on_shutdown(_end_without_master)
+
+
+def _end_without_master() -> None:
+    """Give calls of the master a time-out from now on: a frozen one would hold up the end of the node."""
+    transport = rospy.get_master().target("transport")
+    request = transport.request
+
+    def request_in_time(host: Any, *arguments: Any, **options: Any) -> Any:
+        connection = transport.make_connection(host)  # or the one that is open
+        connection.timeout = PATIENCE_S
+        if connection.sock is not None:
+            connection.sock.settimeout(PATIENCE_S)
+        try:
+            return request(host, *arguments, **options)
+        except socket.timeout:  # rospy takes an error with a number for a master that is gone
+            raise TimeoutError(errno.ETIMEDOUT, "the ROS master does not answer") from None
+
+    transport.request = request_in_time
 
 
 def private_parameters() -> Dict[str, Any]:

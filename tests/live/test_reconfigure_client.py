@@ -2,7 +2,6 @@
 move_base.
 """
 
-import threading
 import time
 from collections import Counter
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ import rospy
 from dynamic_reconfigure.msg import Config
 
 from applr_ros1.nodes.applr import reconfigure_client
-from applr_ros1.nodes.applr.reconfigure_client import ApplyReport, ReconfigureClient
+from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.ros_harness import LONGEST, Kept, session, wait_for
 
@@ -234,21 +233,6 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
             assert values[name] == sign * THETA_0[i], (role, name)
     rospy.delete_param("/fake/" + fault)
     assert applied(client, SPACE.high)
-
-
-def test_the_end_of_a_node_does_not_wait_for_a_frozen_master(client, monkeypatch):
-    thawed, attempts, written = threading.Event(), [], []
-    monkeypatch.setattr(reconfigure_client, "PATIENCE_S", 0.1)
-    monkeypatch.setattr(rospy, "set_param", lambda name, value: thawed.wait() and written.append(name))
-    monkeypatch.setattr(client, "apply", lambda *_, **__: attempts.append(0) or ApplyReport("does not answer"))
-    ending = threading.Thread(target=client.leave, args=(THETA_0,))
-    ending.start()
-    ending.join(LONGEST / 10)
-    held_up = ending.is_alive()
-    thawed.set()
-    assert not held_up
-    assert len(attempts) >= 2
-    wait_for(lambda: PLANNER + "/max_vel_x" in written, "the values")
 
 
 def test_a_node_without_servers_is_a_move_base_that_starts(connected):

@@ -21,7 +21,6 @@ from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
 
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.common.ros_node import PATIENCE_S
 from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
 from applr_ros1.robots.robot import Setting
 
@@ -362,19 +361,14 @@ class ReconfigureClient:
         """
         until, report = Deadline(START_S), self.apply(theta, all_or_none=False)
         while not report.ok and self.connected:
-            writing = threading.Thread(target=self._write, args=(theta,), daemon=True)
-            writing.start()
-            writing.join(PATIENCE_S)  # a frozen master would hold the end of the node up
+            with suppress(OSError):  # of a master that is gone, and its parameters with it, or frozen (init_node)
+                for server, request in self._requests(self.space.clip(theta)).items():
+                    for name, value in request.items():
+                        rospy.set_param(f"{server.name}/{name}", value)
             report = self.apply(theta, all_or_none=False)
             if until.is_over:
                 break
             time.sleep(RETRY_S)
-
-    def _write(self, theta: np.ndarray) -> None:
-        with suppress(OSError):  # of a master that is gone, and its parameters with it
-            for server, request in self._requests(self.space.clip(theta)).items():
-                for name, value in request.items():
-                    rospy.set_param(f"{server.name}/{name}", value)
 
     def start(self) -> None:
         """Begin to apply requests; those made before are kept."""
