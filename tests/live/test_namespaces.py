@@ -30,7 +30,7 @@ LAUNCH = """<launch>
     <include file="{file}">
       <arg name="tf_prefix" value="robot1"/>
       <arg name="simulator" value="kinematic"/>
-      <arg name="goal" value="1.5 2.6 1.57"/>
+      <arg name="goal" value="0 3 1.57"/> <!-- away from robot2, or no plan leads there once it is seen -->
       <arg name="record" value="{bag}"/>
     </include>
     <param name="sim_bridge/start" value="{start}"/>
