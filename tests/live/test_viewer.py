@@ -194,8 +194,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
         slider, at = viewer.panel.sliders["inflation_radius"], viewer.pilot.space.names.index("inflation_radius")
-        wait_for(lambda: state(viewer) and viewer.pilot.theta() is not None, "the parameters")
-        assert slider.value == 0.3
+        wait_for(lambda: state(viewer) and viewer.pilot.theta() is not None and slider.value == 0.3, "the parameters")
         by_hand(slider, 0.45)
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
         wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
