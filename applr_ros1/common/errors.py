@@ -96,9 +96,8 @@ def _with_file(error: BaseException) -> str:
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """Runs a command and returns its exit status.
 
-    ApplrError and OSError become one line "PROGRAM: ..." on stderr and the error's exit status, Ctrl-C becomes 130
-    (with the text of the KeyboardInterrupt, if it has one), a package of an extra that is missing becomes one line too.
-    Other exceptions are defects and pass through.
+    Every error becomes one line "PROGRAM: ..." on stderr, with exit status 1 or that of the ApplrError. Ctrl-C becomes
+    130, with the text of the KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the stack.
 
     Args:
         main: the command; returns an exit status, or None for 0.
@@ -108,14 +107,13 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         return main() or 0
     except KeyboardInterrupt as stopped:
         status, text = 128 + signal.SIGINT, str(stopped) or "stopped"
-    except ApplrError as error:
-        status, text = error.exit_status, "\\n".join(str(error).splitlines())  # a path may hold newlines
-    except OSError as error:
-        status, text = 1, _with_file(error)
-    except ModuleNotFoundError as error:
-        status, text = 1, absent(error.name)
-        if not text:
-            raise
+    except Exception as error:
+        status = error.exit_status if isinstance(error, ApplrError) else 1
+        text = absent(error.name) if isinstance(error, ModuleNotFoundError) else ""
+        text = text or (_with_file(error) if isinstance(error, OSError) else one_line(error))
+        text = "\\n".join(text.splitlines())  # a path may hold newlines
+        if os.environ.get("APPLR_DEBUG"):
+            traceback.print_exc()
     print(f"{program}: {text}", file=sys.stderr)
     return status
 

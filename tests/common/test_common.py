@@ -49,9 +49,13 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, end, status, line):
     assert capsys.readouterr().err == line
 
 
-def test_a_defect_is_not_dressed_up_as_a_users_mistake():
-    with pytest.raises(ZeroDivisionError):
-        run_main(lambda: 1 // 0, "p")
+def test_any_other_error_is_one_line_too_and_has_its_stack_for_who_asks(capsys, monkeypatch):
+    line = r"p: ZeroDivisionError: .* \(test_common.py, line \d+\)\n"
+    assert run_main(lambda: 1 // 0, "p") == 1
+    assert re.fullmatch(line, capsys.readouterr().err)
+    monkeypatch.setenv("APPLR_DEBUG", "1")
+    assert run_main(lambda: 1 // 0, "p") == 1
+    assert re.match(r"Traceback[^$]*" + line, capsys.readouterr().err)
 
 
 def test_every_exception_of_the_project_has_the_one_base():
