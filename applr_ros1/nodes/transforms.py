@@ -51,7 +51,8 @@ class Transforms:
 
     def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
         """Return whether `at` would give the transform now."""
-        return _is_possible(stamp, source) and self.buffer.can_transform_core(target, source.lstrip("/"), stamp)[0]
+        names = target.lstrip("/"), source.lstrip("/")
+        return _is_possible(stamp, *names) and self.buffer.can_transform_core(*names, stamp)[0]
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
         """Return the newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
@@ -138,5 +139,4 @@ class LaserMount:
             transform = self._transforms.newest(base, laser)
         except ObservationError:
             return
-        self._transforms.rest()
         self._known[base, laser] = yaw_of(transform.rotation), cos_tilt(transform)

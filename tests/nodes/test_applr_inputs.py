@@ -31,7 +31,7 @@ def packed(message):
 
 
 class Beside:
-    """RobotInputs at a time [s], and what it hears: a scan and odometry all the time, plans and goals as told."""
+    """RobotInputs at a time [s], with scans, odometry far from where tf has the robot, plans and goals."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
@@ -41,6 +41,7 @@ class Beside:
         monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
         monkeypatch.setattr(module, "_Listener", lambda *_: "listens")
         self.inputs = RobotInputs()
+        self.place("odom", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
         self.inputs._mount = SimpleNamespace(beams=lambda scan, base: (scan.ranges, scan.angle_min, 0.01))
 
     @property
@@ -55,6 +56,11 @@ class Beside:
         status.goal_id.id = name
         self.inputs._on_status(GoalStatusArray(status_list=[status]))
 
+    def place(self, parent, child, pose, stamp):
+        buffer = self.inputs._transforms.buffer
+        placed = transform(parent, child, pose, stamp)
+        (buffer.set_transform_static if stamp.is_zero() else buffer.set_transform)(placed, "test")
+
     def plan(self, end, frame="odom"):
         message = stamped(Path(), self.time, frame)
         for x in np.linspace(0.0, end, 5):
@@ -65,7 +71,9 @@ class Beside:
     def snapshot(self, scanned=None):
         scan = LaserScan(angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 501)
         self.inputs._on_scan(packed(stamped(scan, self.time if scanned is None else scanned, "front_laser")))
-        self.inputs._on_odometry(stamped(Odometry(child_frame_id="base_link"), self.time, "odom"))
+        odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
+        odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
+        self.inputs._on_odometry(odometry)
         return self.inputs.snapshot(self.time)
 
 
@@ -91,11 +99,23 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     assert beside.snapshot().plan[-1, 0] == pytest.approx(-2.8)
 
 
+def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(beside):
+    beside.goal("one", 5.0)
+    for x in (1.0, 2.0):
+        beside.place("world", "odom", (x, 0.0, 0.25), beside.time)
+        beside.now += 0.2
+    for frame in ("world", "/world"):
+        beside.plan(5.0, frame)
+        for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
+            snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - ago))
+            assert snapshot.pose == pytest.approx((x, 0.0, 0.25))
+            assert snapshot.twist == (0.5, 0.0)
+
+
 def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0, "map")
-    placed = transform("map", "base_link", (0.0, 0.5, 0.0), beside.time)
-    beside.inputs._transforms.buffer.set_transform(placed, "test")
+    beside.place("map", "odom", (0.0, 0.5, 0.0), beside.time)
     beside.now += 0.9
     assert beside.snapshot().pose == (0.0, 0.5, 0.0)
     beside.now += 0.2
@@ -103,17 +123,15 @@ def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside
 
 
 def test_a_static_transform_has_no_age(beside):
-    transforms = beside.inputs._transforms
-    transforms.buffer.set_transform_static(transform("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0)), "test")
-    assert transforms.newest("map", "base_link", 1.0).rotation.w == 1.0
+    beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
+    assert beside.inputs._transforms.newest("map", "base_link", 1.0).rotation.w == 1.0
 
 
 def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
     """The odometry's frame lies a quarter of a turn to the left in the map, half a metre along y."""
     beside.goal("one", 5.0)
     for child, parent in (("odom", "map"), ("base_link", "odom")):
-        placed = transform(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
-        beside.inputs._transforms.buffer.set_transform_static(placed, "test")
+        beside.place(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
     told = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
     beside.inputs._on_movers(stamped(told, beside.time, "odom"))
     for frame, moving in (

@@ -188,9 +188,6 @@ class Tf:
             raise ObservationError("no transform")
         return self.transform
 
-    def rest(self):
-        self.transform = None
-
 
 def turned(roll, yaw):
     """A geometry_msgs/Transform turned by roll, then by yaw [rad]."""

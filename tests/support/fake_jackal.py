@@ -123,7 +123,7 @@ class Standing(FakeJackal):
         self.reset()
         self.ticking = False  # until its publishers are there
         super().__init__(pose=self.pose)
-        self.robot.twist, self.transforms = self.twist, False
+        self.robot.twist = self.twist
         self._plan = self._publisher("/move_base/NavfnROS/plan", Path)
         self._status = self._publisher("/move_base/status", GoalStatusArray)
         for topic, kind, callback in (

@@ -1,4 +1,6 @@
-"""The applr node's inputs: scan, odometry, global plan, goal and what moves. Callbacks only keep the latest message.
+"""The applr node's inputs: scan, pose, twist, global plan, goal and what moves.
+
+As in move_base, the pose comes from tf and only the twist from the odometry. Callbacks only keep the latest message.
 
 Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
 cost a sixth of a core.
@@ -7,7 +9,6 @@ cost a sixth of a core.
 import math
 import struct
 import threading
-from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,17 +58,19 @@ class Snapshot:
 
 
 class RobotInputs:
-    """Subscriptions to a robot's scan and odometry and to move_base's plan and status.
+    """Subscriptions to tf, to a robot's scan and odometry, and to move_base's plan and status.
 
     Args:
-        robot: Its description; where tf does not say how the laser is turned, that does.
+        robot: Description of the robot; its laser's yaw counts until tf has the laser's frame.
         move_base: Namespace of move_base, whose status says which goal is pursued.
+        prefix: Prefix of the names of the robot's frames.
     """
 
-    def __init__(self, robot=JACKAL, move_base="/move_base"):
-        self._transforms = Transforms()
+    def __init__(self, robot=JACKAL, move_base="/move_base", prefix=""):
+        self._transforms, self._base = Transforms(), prefix + robot.frames.base
+        self._transforms.listen()
         laser = robot.laser
-        self._mount = LaserMount(Transforms(), laser.pose[2], laser.no_return)  # its own tf, which rests once it knows
+        self._mount = LaserMount(self._transforms, laser.pose[2], laser.no_return)
         names = {"scan": robot.topics.scan, "odometry": robot.topics.odometry, "plan": move_base + "/NavfnROS/plan"}
         self._names = {what: rospy.resolve_name(name) for what, name in names.items()}
         self._lock = threading.Lock()
@@ -75,16 +78,16 @@ class RobotInputs:
         big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
         rospy.Subscriber(names["scan"], rospy.AnyMsg, self._on_scan, **big)
         rospy.Subscriber(names["plan"], rospy.AnyMsg, self._on_plan, **big)
-        rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
+        rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=1, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self):
         """Forget everything: the clock jumped back."""
+        self._transforms.buffer.clear()
         with self._lock:
-            self._scan = self._plan = self._movers = None
-            self._odometry = deque(maxlen=100)
+            self._scan = self._plan = self._movers = self._odometry = None
             self._goal, self._goal_heard, self._goal_since = None, None, None
             self._current_goal = self._former_goal = None  # as move_base stated them
 
@@ -107,44 +110,41 @@ class RobotInputs:
         """
         with self._lock:
             packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
-            former, movers = self._former_goal, self._movers
-            odometry = list(self._odometry)
+            former, movers, odometry = self._former_goal, self._movers, self._odometry
         if packed_scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
         scan = _unpack(packed_scan[0], LaserScan)
         scan.header.stamp = scan.header.stamp or packed_scan[1]  # 0: the driver gives none
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
-        if not odometry:
+        if odometry is None:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
-        nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
-        _check_age("odometry", self._names["odometry"], now, nearest.header.stamp)
-        beams = self._mount.beams(scan, _base_of(nearest))
+        _check_age("odometry", self._names["odometry"], now, odometry.header.stamp)
+        beams = self._mount.beams(scan, self._base)
         plan = None if packed_plan is None else _unpack(packed_plan[0], Path)
         early = 0.0 if plan is None or since is None else (since - packed_plan[1]).to_sec()
         if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
             raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
-        pose = self._pose(nearest, frame, scan.header.stamp)
-        moving = nearest.twist.twist
+        twist = odometry.twist.twist
         return Snapshot(
             beams,
-            pose,
+            self._pose(frame, scan.header.stamp),
             points,
             frame,
             scan.header.stamp,
-            nearest.header.stamp,
+            odometry.header.stamp,
             plan.header.stamp,
-            (moving.linear.x, moving.angular.z),
+            (twist.linear.x, twist.angular.z),
             conversions.pose_of(plan.poses[-1].pose if goal is None else goal),
             *self._moving(movers, frame, now),
         )
 
-    def _pose(self, odometry, frame, stamp):
-        """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
-        if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
-            return conversions.pose_of(odometry.pose.pose)
-        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry), MAX_AGE_S))
+    def _pose(self, frame, stamp):
+        """Return the robot's (x, y, yaw) in `frame` at a time, or its latest pose if tf does not reach that time."""
+        if self._transforms.has(frame, self._base, stamp):
+            return conversions.pose_of(self._transforms.at(frame, self._base, stamp).transform)
+        return conversions.pose_of(self._transforms.newest(frame, self._base, MAX_AGE_S))
 
     def _moving(self, msg, frame, now):
         """(k, 4) x, y, vx, vy in `frame` of what moves, and the message's stamp; () where there is none of now."""
@@ -167,7 +167,7 @@ class RobotInputs:
 
     def _on_odometry(self, msg):
         with self._lock:
-            self._odometry.append(msg)
+            self._odometry = msg
 
     def _on_plan(self, msg):
         if _is_type(msg, Path) and _poses(msg._buff):  # a failed plan is published empty: the old one stands
@@ -193,11 +193,6 @@ def _nearer(pose, former, goal):
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
     return away[0] < away[1]
-
-
-def _base_of(odometry):
-    """Return the robot's frame."""
-    return odometry.child_frame_id or "base_link"
 
 
 def _is_type(msg, message_class):

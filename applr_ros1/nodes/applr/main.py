@@ -2,8 +2,9 @@
 
 Started as `rosrun applr_ros1 applr.py`. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal;
 name or folder of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring
-(auto, true or false: see meter_scoring.py) and ~move_base (its name). Topic: ~set_parameters (applr_ros1/Parameters).
-Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod); docs/reference/topics.md
+(auto, true or false: see meter_scoring.py), ~tf_prefix and ~move_base (its name). Topic: ~set_parameters
+(applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod);
+docs/reference/topics.md
 """
 
 import gc
@@ -14,7 +15,7 @@ import sys
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
-from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.msg import Parameters
@@ -105,7 +106,7 @@ def main():
     method, trouble = make_method(spec, robot, given)
     node = ApplrNode(
         method,
-        RobotInputs(robot, namespace),
+        RobotInputs(robot, namespace, frame_prefix(str(rospy.get_param("~tf_prefix", "")))),
         ApplrTopics(robot),
         float(period) or None,
         namespace,
