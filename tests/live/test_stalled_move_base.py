@@ -172,17 +172,6 @@ def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_
     assert watched.node.text.count("small motions are tried") == 1
 
 
-def test_beside_others_that_drive_the_base_it_does_not(stack):
-    jackal, planner, watched = stack
-    other = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-    wait_for(lambda: any("unchecked" in s.message for s in watched.statuses), "the warning")
-    began, planner.status = time.time(), ACTIVE
-    time.sleep(3.0)
-    assert not moved(jackal, began)
-    other.unregister()
-    wait_for(lambda: moved(jackal, began), "a motion")
-
-
 @pytest.mark.parametrize(
     "change",
     [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "each other"}],

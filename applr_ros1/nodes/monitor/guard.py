@@ -22,8 +22,7 @@ from geometry_msgs.msg import Twist
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
 
-from .other_publishers import GUARD_SUFFIX
-
+GUARD_SUFFIX = "_guard"  # end of this process's ROS name, which begins with the node's
 PIPE_VARIABLE = "APPLR_HEARTBEAT"  # environment variable with the descriptor to which the node writes
 SILENCE_S = 0.35  # s without a heartbeat after which zeros are published ...
 ZEROS_S = 0.05  # ... so many seconds apart

@@ -2,8 +2,9 @@
 
 Started by guard.py beside it. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
 them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
-zeros until one comes. Where anything in it raises, whatever message came, the base is stopped and /diagnostics says so.
-With ~escape it drives small motions of its own while move_base stands or is held back, though its goal is active.
+zeros until the base has stood for a second. Where anything in it raises, whatever message came, the base is stopped and
+/diagnostics says so. With ~escape it drives small motions of its own while move_base stands or is held back, though its
+goal is active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
 of further lasers; the robot's own), ~escape (false), and the fields of monitor/settings.py.
@@ -35,13 +36,13 @@ from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.robots import JACKAL, Robot, load
 
 from .guard import Heartbeat
-from .other_publishers import OtherPublishers
 from .stalled_move_base import StalledMoveBase
 
 LOOK_S = 0.01  # s of wall time between looks for a new scan
 REPORT_S = 1.0  # s of wall time between diagnostics
 IDLE_AFTER_S = 2.0  # s of wall time without a command after which it counts as idle
 ZEROS_S = 0.05  # s of wall time between the commands of the node's own while none comes
+LAST_ZEROS = 20  # number of zeros that a standing base gets before others may drive it
 STALLED_S = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
 ESCAPE = "escape"  # as an action: a motion of the monitor's own
 STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
@@ -77,7 +78,7 @@ class CollisionMonitorNode:
         self._ages = Ages()
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
-        self._stood = False  # whether the base has stood since the last command
+        self._zeros = 0  # number of zeros that the base has got since it stands without a command
         self._report_jump = Throttled(rospy.logwarn)
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
         self._stalls = StalledMoveBase(near) if escape else None
@@ -98,7 +99,6 @@ class CollisionMonitorNode:
         self._out.publish(conversions.twist(0.0, 0.0))  # latched: it began after one that died, with the base in motion
         warm_up(settings)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
-        self._others = OtherPublishers(self._out.resolved_name, self._warn_of_others)
 
     def spin(self) -> None:
         """Until shutdown: takes scans, publishes zeros while no command comes, and diagnostics once a second."""
@@ -117,14 +117,6 @@ class CollisionMonitorNode:
                 due = time.monotonic() + REPORT_S
                 self._report()
             time.sleep(LOOK_S)
-
-    def _warn_of_others(self, names: str) -> None:
-        rospy.logwarn(
-            "collision monitor: %s sends commands to %s directly, which nobody checks: let it publish on %s",
-            names,
-            self._out.resolved_name,
-            self._in.resolved_name,
-        )
 
     def _take_scans(self) -> None:
         now = rospy.get_rostime()
@@ -148,20 +140,23 @@ class CollisionMonitorNode:
         return f"/clock has not moved for {STALLED_S:g} s" if time.monotonic() - self._moved > STALLED_S else ""
 
     def _break_silence(self) -> None:
-        """Brakes to zero while no command comes; beside others that publish there, only until the base stands."""
+        """Brake to zero while no command comes. A base that stands gets LAST_ZEROS more, then others may drive it."""
         silence = self.monitor.silence
         if (self._now - self._commanded).to_sec() <= silence and not self._stalled:
             return
-        stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
-        self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
-        if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
-            self._zero_due = time.monotonic() + ZEROS_S
-            motion = self._escape((0.0, 0.0))
-            if motion is not None:
-                self._drive(motion, False)
-                return
+        if time.monotonic() < self._zero_due:
+            return
+        self._zero_due = time.monotonic() + ZEROS_S
+        motion = self._escape((0.0, 0.0))
+        if motion is not None:
+            self._drive(motion, False)
+            return
+        if self._zeros < LAST_ZEROS:
+            stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
+            stands &= not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
+            self._zeros = self._zeros + 1 if stands else 0
             self._out.publish(conversions.twist(*self._braked()))
-            self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
+        self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
 
     def _braked(self) -> Tuple[float, float]:
         """Return the (v, w) of a stop. On a clock that stands nothing falls with time."""
@@ -176,7 +171,7 @@ class CollisionMonitorNode:
         with self._lock, until_shutdown():
             try:
                 self._take_scans()
-                self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
+                self._commanded, self._heard, self._zeros = self._now, time.monotonic(), 0
                 command = message.linear.x, message.angular.z
                 motion = self._escape(command)
                 self._drive(motion or command, motion is None)
@@ -185,11 +180,13 @@ class CollisionMonitorNode:
 
     def _escape(self, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
         """Return the motion (v, w) of the monitor's own that takes the place of a command; None for the command."""
-        alone = not self._others.names and not self._stalled
-        return None if self._stalls is None else self._stalls.instead(self._now, command, alone)
+        if self._stalls is None or self._stalled:
+            return None
+        return self._stalls.instead(self._now, command)
 
     def _drive(self, command: Tuple[float, float], planned: bool) -> None:
         """Give the base what may be given of the planner's command, or of a motion of the monitor's own."""
+        self._zeros = 0
         verdict = self._judge(command, planned)
         if not planned:
             reason = "move_base does not get on with its goal" + f"; {verdict.reason}" * bool(verdict.reason)
@@ -230,8 +227,7 @@ class CollisionMonitorNode:
     def _report(self) -> None:
         verdict = self._verdict
         idle = time.monotonic() - self._heard > IDLE_AFTER_S
-        others = ", ".join(self._others.names)
-        fine = not others and (idle or verdict.action == PASS)
+        fine = idle or verdict.action == PASS
         message = "idle: no commands" if idle else verdict.reason or "commands pass"
         values = {
             "action": verdict.action,
@@ -241,8 +237,7 @@ class CollisionMonitorNode:
         values.update(self._counts, **self._ages.values())
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
         level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        text = f"{message}; unchecked commands come from {others}" if others else message
-        self._diagnostics.publish(conversions.diagnostics(name, level, text, values, rospy.get_rostime()))
+        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, rospy.get_rostime()))
 
 
 def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:

@@ -58,13 +58,13 @@ class StalledMoveBase:
         self._goal: Tuple[rospy.Time, Optional[str]] = NEVER, None
         self._left: Tuple[rospy.Time, Optional[float]] = NEVER, None
 
-    def instead(self, now: rospy.Time, command: Tuple[float, float], alone: bool) -> Optional[Tuple[float, float]]:
+    def instead(self, now: rospy.Time, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
         """Return the motion (v [m/s], w [rad/s]) to be driven instead of a command; None for the command.
 
-        alone: whether nobody else drives the base. A first motion is logged.
+        Log the first motion.
         """
         (status_came, goal), (plan_came, left), had_stalled = self._goal, self._left, self._planner.has_stalled
-        if not alone or (now - status_came).to_sec() > STATUS_AGE_S:
+        if (now - status_came).to_sec() > STATUS_AGE_S:
             goal = None
         if (now - plan_came).to_sec() > FRESH_S:
             left = None
