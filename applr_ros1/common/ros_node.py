@@ -1,9 +1,9 @@
-"""Begin and end of a ROS node of this package: with one line where there is no master, and within seconds.
+"""Begin and end of a ROS node of this package: with one line where there is no master, and without a deadlock.
 
 rospy runs a shutdown inside its signal handler, in the middle of whatever the main thread was doing. If that was
-publishing or logging, the lock that the shutdown needs may be taken, and the node would stay for ever: roslaunch kills
-it after 17 s. init_node() has a thread do it, for which the main thread waits a little: it stands meanwhile, as with
-rospy, and then lets go of its lock. A node that stays nevertheless is ended earlier, and says where it was.
+publishing or logging, the lock that the shutdown needs may be taken, and the node would stay until roslaunch kills it.
+init_node() has a thread do it, for which the main thread waits a little: it stands meanwhile, as with rospy, and then
+lets go of its lock.
 
 A shutdown of rospy also closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile. It raises
 ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError. For those
@@ -12,8 +12,6 @@ in callbacks, services and threads, rospy or Python would print a traceback, whi
 
 from __future__ import annotations
 
-import errno
-import faulthandler
 import logging
 import signal
 import socket
@@ -26,15 +24,12 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE_S = 3.0  # s for the master's answer at start and end, for which rospy itself would wait for ever
+PATIENCE_S = 3.0  # s for the master's answer at the start, for which rospy itself would wait for ever
 STANDS_S = 0.5  # s that the main thread stands where it is interrupted, before it lets go of its locks
-SHUTDOWN_S = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
 def init_node(name: str, **options: Any) -> None:
-    """As rospy.init_node. A node that still runs SHUTDOWN_S seconds after it was asked to end is ended with status 1.
-
-    What each of its threads was doing is then printed on stderr.
+    """As rospy.init_node, with the shutdown in a thread of its own.
 
     Raises:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
@@ -71,26 +66,6 @@ def init_node(name: str, **options: Any) -> None:
             print_exception(error)
 
     threading.excepthook = print_while_running
-    rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(SHUTDOWN_S, exit=True))
-    rospy.on_shutdown(_end_without_master)
-
-
-def _end_without_master() -> None:
-    """Give calls of the master a time-out from now on: a frozen one would hold up the end of the node."""
-    transport = rospy.get_master().target("transport")
-    request = transport.request
-
-    def request_in_time(host: Any, *arguments: Any, **options: Any) -> Any:
-        connection = transport.make_connection(host)  # or the one that is open
-        connection.timeout = PATIENCE_S
-        if connection.sock is not None:
-            connection.sock.settimeout(PATIENCE_S)
-        try:
-            return request(host, *arguments, **options)
-        except socket.timeout:  # rospy takes an error with a number for a master that is gone
-            raise TimeoutError(errno.ETIMEDOUT, "the ROS master does not answer") from None
-
-    transport.request = request_in_time
 
 
 def private_parameters() -> Dict[str, Any]:

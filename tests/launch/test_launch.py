@@ -65,9 +65,6 @@ def test_a_robot_without_files_for_a_map():
     with pytest.raises(ApplrError, match=r"has no move_base\.with_map: give its files for a map"):
         with_robot({"robot": "jackal", "map": True})
     assert with_robot({"a": 1}) == ({"a": 1}, None)
-    kept = {"s": {"a": [0, 1, 2], "b": [0, 1, 2], "c": [0, 1, 2], "d": 5, "e": [1.0]}, "gone": {"a": [0, 1, 2]}}
-    tree = {"before_applr": kept, "s": {"a": 1, "b": 2, "c": 3, "d": 5, "e": 1.0, "f": 6}}
-    assert with_robot(tree) == ({"s": {"a": 0, "b": 0, "c": 3, "d": 5, "e": 1.0, "f": 6}}, None)
 
 
 def test_recorded_topics_follow_namespace_and_remappings():

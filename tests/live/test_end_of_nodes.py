@@ -8,12 +8,10 @@ import threading
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID
-from applr_ros1.msg import Parameters
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import Float64, String, Time
 
-from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.jackal import JACKAL
 from tests.support.ros_harness import LONGEST, session, wait_for
 
@@ -81,20 +79,3 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     rospy.set_param("/use_sim_time", False)
     assert "Traceback" not in text, text
     assert ended == [0] * len(nodes), text
-
-
-def test_a_node_ends_beside_a_frozen_master():
-    """It has set something, so that it also tries to write the robot's own values there."""
-    ros, heard = session(), []
-    ros.node("tests.support.fake_move_base").until("all up")
-    limit = {"applr_ros1.common.ros_node.SHUTDOWN_S": LONGEST / 2}  # after which it would be ended
-    node = ros.node("applr", "_method:=static", constants=limit)
-    topic = rospy.Subscriber("/applr/parameters", Parameters, heard.append)
-    wait_for(lambda: heard and heard[-1].values[0] != THETA_0[0], "the static set")
-    topic.unregister()
-    ros._master.freeze()
-    try:
-        ended = node.end()
-    finally:
-        ros._master.thaw()
-    assert (ended, "Traceback" in node.text) == (0, False), node.text

@@ -9,7 +9,6 @@ import rospy
 import rosservice
 from dynamic_reconfigure import DynamicReconfigureCallbackException
 from dynamic_reconfigure.client import Client
-from std_msgs.msg import Time
 
 from applr_ros1.nodes.move_base import heartbeat_watchdog
 from applr_ros1.planner.move_base import MoveBase
@@ -107,45 +106,3 @@ def test_watch_over_the_policy():
     capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
     assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.requests(SPACE.theta0)
-
-
-def test_a_node_that_is_started_again_has_the_robots_own_values_and_not_a_policys(master):
-    """It is killed while a policy drives, twice; what a person changed before and between stays."""
-    beat, planner = rospy.Publisher("/applr/heartbeat", Time, queue_size=1), "/again/TrajectoryPlannerROS"
-
-    def up():
-        node = master.node("move_base", "__name:=again", "odom:=odometry/filtered")
-        node.until("ready")
-        client = Client(planner, timeout=LONGEST)
-        return node, client, client.get_configuration(timeout=LONGEST)
-
-    def change(client, **values):
-        client.update_configuration(values)
-        for name, value in values.items():
-            wait_for(lambda name=name, value=value: rospy.get_param(f"{planner}/{name}") == value, name)
-
-    def kill(node, client):
-        client.close()
-        node.kill()
-
-    rospy.set_param("/again", JACKAL)
-    node, client, own = up()
-    change(client, sim_time=own["sim_time"] + 0.25, vtheta_samples=11)  # a person's, before there is a policy
-    kill(node, client)
-    node, client, values = up()
-    assert (values["sim_time"], values["vtheta_samples"]) == (own["sim_time"] + 0.25, 11)
-    wait_for(beat.get_num_connections, "move_base")
-    wait_for(lambda: beat.publish(Time()) or rospy.has_param("/again/before_applr"), "the first heartbeat")
-    change(client, max_vel_x=0.25, vx_samples=9, vtheta_samples=12)
-    change(client, max_vel_x=1.5)
-    kill(node, client)
-    rospy.set_param(planner + "/vx_samples", 15)
-    node, client, values = up()
-    assert [values[name] for name in ("max_vel_x", "vx_samples", "vtheta_samples")] == [own["max_vel_x"], 15, 11]
-    change(client, max_vel_x=1.25)  # of a policy that has gone on, before its next heartbeat
-    kill(node, client)
-    node, client, values = up()
-    assert values["max_vel_x"] == own["max_vel_x"]
-    client.close()
-    beat.unregister()
-    assert node.end() == 0, node.text

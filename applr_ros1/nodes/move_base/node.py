@@ -45,19 +45,16 @@ from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
 from .reconfigure_server import ReconfigureServer, write_parameters
-from .robot_parameters import KEPT, NAMING, with_robot
+from .robot_parameters import NAMING, with_robot
 
 PLANNING_S = 0.015  # s, the room that a plan on request wants before the next cycle
 WENT_BACK = "Aborting because the clock jumped back."
 
 
 class MoveBaseNode:
-    """`tree`: the checked parameters under ~; robot: whose odometry and learned parameters count, if any is named.
+    """`tree`: the checked parameters under ~; robot: whose odometry and learned parameters count, if any is named."""
 
-    again: whether the node has run before with an applr node, which may still be there.
-    """
-
-    def __init__(self, tree, robot=None, again=False):
+    def __init__(self, tree, robot=None):
         odometry = robot.topics.odometry if robot else "odom"
         self._space = space_of(robot) if robot else SPACE
         self.move_base = MoveBase(tree)
@@ -107,9 +104,6 @@ class MoveBaseNode:
         for name in ("conservative_reset", "aggressive_reset"):
             distance = {"reset_distance": static[name]["reset_distance"]}
             mirror.post(partial(write_parameters, f"{rospy.get_name()}/{name}/", distance))
-        self._kept = False
-        if again:
-            self._keep_start_up()
         self._pose = None
         self._report_jump = Throttled(rospy.logwarn)
         rospy.on_shutdown(self._stop)
@@ -121,7 +115,7 @@ class MoveBaseNode:
             ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
             ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
             ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
-            ("applr/heartbeat", TimeMessage, lambda m: self._heartbeat()),
+            ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
         for name in COSTMAPS:
             subscribe.append((f"~{name}/footprint", Polygon, partial(self._take_footprint, name)))
@@ -235,17 +229,6 @@ class MoveBaseNode:
         for (name, place), updated in zip(poses, cycle.updated):
             if updated:
                 self._maps[name].updated(stamp, place)
-
-    def _heartbeat(self) -> None:
-        self.watchdog.heartbeat(rospy.get_time())
-        self._keep_start_up()
-
-    def _keep_start_up(self) -> None:
-        """Keep the start-up values of what an applr node sets for the next start, from its first heartbeat on."""
-        if not self._kept:
-            self._kept = True
-            for server, values in start_up_requests(self.move_base, self._space).items():
-                self.servers[server].keep(values)
 
     def _back_to_start_up(self) -> None:
         """Give the parameters that a lost policy has set their start-up values."""
@@ -414,7 +397,7 @@ def main() -> int:
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
-    node = MoveBaseNode(tree, robot, again=KEPT in given)
+    node = MoveBaseNode(tree, robot)
     sys.setswitchinterval(1e-3)  # s after which a thread that computes gives way to the planner's
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms

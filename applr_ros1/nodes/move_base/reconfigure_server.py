@@ -19,7 +19,6 @@ from applr_ros1.planner.move_base import MoveBase
 
 from .background import BackgroundThread
 from .planner_thread import PlannerThread
-from .robot_parameters import KEPT
 
 
 def write_parameters(namespace: str, values: Dict[str, Any]) -> None:
@@ -52,7 +51,6 @@ class ReconfigureServer:
         for values in (description.max, description.min, description.dflt):  # C++ names the group there, too
             values.groups = [GroupState(group.name, True, group.id, group.parent) for group in description.groups]
         self._published: Dict[str, Any] = {}
-        self._own: Dict[str, Any] = {}
         self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
         self._descriptions.publish(description)
         self._updates = self._publisher("parameter_updates", Config)
@@ -75,20 +73,8 @@ class ReconfigureServer:
         self._publish(in_force)
         return in_force
 
-    def keep(self, own: Dict[str, Any]) -> None:
-        """From now on also write what {name: value} were, so that the node has them when it is started again."""
-        self._own = own
-        self._write_kept(own, {name: self._published[name] for name in own})
-
-    def _write_kept(self, before: Dict[str, Any], changed: Dict[str, Any]) -> None:
-        """Before the values are: whenever the node is killed, one of the two is on the parameter server."""
-        kept = {name: [self._own[name], before[name], changed[name]] for name in set(changed) & set(self._own)}
-        where = f"{rospy.get_name()}/{KEPT}/{self._ns[len(rospy.get_name()) + 1 :]}"
-        self._mirror.post(partial(write_parameters, where, kept))
-
     def _publish(self, values: Dict[str, Any]) -> None:
         changed = {name: value for name, value in values.items() if self._published.get(name) != value}
-        self._write_kept(self._published, changed)
         self._published = dict(values)
         self._mirror.post(partial(write_parameters, self._ns, changed))
         self._updates.publish(self._encode(values))

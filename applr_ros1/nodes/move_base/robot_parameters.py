@@ -13,7 +13,6 @@ from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
-KEPT = "before_applr"  # [own value, former value, value] of what an applr node changes, in a tree as the parameters'
 
 
 def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
@@ -24,16 +23,14 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
             map; `tf_prefix` goes before the names of its frames. All others replace what the files say.
 
     Returns:
-        The nested tree without these three, and the Robot; None where no robot is named. What a policy has set in a
-        former run of the node is not in it.
+        The nested tree without these three, and the Robot; None where no robot is named.
 
     Raises:
         ParameterError: `map` or `tf_prefix` is of no use.
         RobotError: Its folder has errors; a line for each.
         ApplrError: There is no such robot, or it has no files for a map.
     """
-    tree = {name: value for name, value in given.items() if name not in (*NAMING, KEPT)}
-    tree = _without_policy(tree, given.get(KEPT))
+    tree = {name: value for name, value in given.items() if name not in NAMING}
     if not given.get("robot"):
         return tree, None
     with_map, prefix = given.get("map", False), frame_prefix(str(given.get("tf_prefix", "")))
@@ -44,18 +41,6 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
     if prefix:
         _prefix_frames(files, prefix)
     return merged(files, tree), robot
-
-
-def _without_policy(tree: Any, kept: Any) -> Any:
-    """Return the parameters of a node that has run before with the robot's own values instead of a policy's.
-
-    A value that somebody else has written since then stays.
-    """
-    if isinstance(tree, dict) and isinstance(kept, dict):
-        return {name: _without_policy(value, kept.get(name)) for name, value in tree.items()}
-    if isinstance(kept, list) and len(kept) == 3 and tree in kept[1:]:
-        return kept[0]
-    return tree
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
