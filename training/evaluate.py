@@ -104,7 +104,7 @@ def evaluate(
     """
     began = time.monotonic()
     worlds = world_list(options.worlds, options.protocol, options.robot)
-    chosen = methods.parse(options.methods, options.robot)
+    chosen = methods.parse(options.methods)
     names = [world[:2] for world in worlds]
     plan = plan_trials(names, chosen, options.trials, options.seed, options.traces, options.planner)
     if options.ground:

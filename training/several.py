@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Sequence
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_json
@@ -61,13 +61,13 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
 
 def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
     """Keep the best of some policies as best.safetensors in `out`; return lines about it."""
-    named = [f"{path.parent.name}={path}" for path in policies]
-    means = mean_scores(_driven(config, out / "choice", CHOICE, named)).mean()
+    by_run = {path.parent.name: path for path in policies}
+    means = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
     best = out / "best.safetensors"
-    shutil.copyfile({path.parent.name: path for path in policies}[str(means.idxmin())], best)
+    shutil.copyfile(by_run[str(means.idxmin())], best)
     robot = load(config.robot)
     others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
-    trials = _driven(config, out / "verdict", VERDICT, [*others, f"{POLICY}={best}"])
+    trials = _driven(config, out / "verdict", VERDICT, others, {POLICY: best})
     method, (arrivals, judged) = verdict(trials, robot.name)
     more = "record more drives" if config.dataset else "--resume with more --minutes"
     advice = {
@@ -79,9 +79,16 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]
 
 
-def _driven(config: TrainConfig, out: Path, worlds: str, names: Sequence[str]) -> pd.DataFrame:
-    """Return the trials of some methods under the rules of the run's own evaluations, with their scores [s]."""
+def _driven(
+    config: TrainConfig, out: Path, worlds: str, others: Sequence[str], policies: Mapping[str, Path]
+) -> pd.DataFrame:
+    """Evaluate methods and policies {name: file} under the rules of the run's own evaluations; return paired_trials."""
     shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
+    out.mkdir(parents=True)
+    files = {name: out / f"{name}.safetensors" for name in policies}
+    for name, file in files.items():
+        shutil.copyfile(policies[name], file)
+    chosen = ",".join(map(str, [*others, *files.values()]))
     how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
-    how.update(worlds=worlds, methods=",".join(names), trials=1, out=str(out), protocol=config.eval_protocol)
-    return paired_trials(evaluate(EvaluationOptions(**how, workers=config.actors)), names)
+    how.update(worlds=worlds, methods=chosen, trials=1, out=str(out), protocol=config.eval_protocol)
+    return paired_trials(evaluate(EvaluationOptions(**how, workers=config.actors)), [*others, *files])

@@ -426,7 +426,7 @@ def warm_starts(robot: Robot) -> np.ndarray:
 
 def driven_unseen(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
     """Drive the robot's own parameters and the set in `drives` in the worlds `unseen`; return paired_trials of both."""
-    names, workers = f"{BASELINE},{SET}={drives / 'static.json'}", max(1, options.workers)
+    names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
     how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=True, loaded=True, trials=1)
     evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=unseen, methods=names, out=str(drives))

@@ -21,7 +21,7 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy.decision import Context, Method
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS, MOVERS, WITHOUT_MOVERS
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS
 from applr_ros1.policy.form import PAPER, Form, Mirror, PaperForm, check_robot, short, with_mirror_images
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
@@ -238,10 +238,10 @@ def load(
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
-    written, stated = header.get("format"), header.get("sha256")
+    written = header.get("format")
     if written not in (FORMAT, CONTEXTS_FORMAT):
         raise ApplrError(f"{path}: no policy of ours (format {written!r}); give a file that train.py or appld.py wrote")
-    if stated != checksum(weights, header) and (stated or written == FORMAT):  # the first files of contexts had none
+    if header.get("sha256") != checksum(weights, header):
         raise ApplrError(f"{path}: its checksum is wrong; the file was damaged or changed, copy it again")
     metadata = {key: _value(text) for key, text in header.items()}
     kind = CONTEXTS if written == CONTEXTS_FORMAT else DIMENSIONLESS if "observation" in metadata else PAPER
@@ -252,10 +252,6 @@ def load(
         if kind == CONTEXTS:
             found = ContextPolicy.of(weights, metadata, robot)
         else:
-            if metadata.get("observation") == WITHOUT_MOVERS:  # it does not look at them
-                first = weights["0.weight"]
-                blind = np.zeros((*first.shape[:-1], 4 * MOVERS), np.float32)
-                weights = dict(weights, **{"0.weight": np.concatenate([first, blind], -1)})
             found = Policy.of(weights, FORMS[kind].of(metadata, robot), metadata)
     except (KeyError, TypeError, AttributeError) as error:
         raise ApplrError(f"{path}: its metadata are damaged ({error}); copy or make it again") from None

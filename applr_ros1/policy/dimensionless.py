@@ -28,7 +28,6 @@ from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
 
 DIMENSIONLESS = "dimensionless"
 VERSION = "dimensionless-2"  # of this form, in the files of policies
-WITHOUT_MOVERS = "dimensionless-1"  # the form before, whose observations end where those of moving obstacles begin
 JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 JACKAL_SPEED = 2.0  # what its base allows [m/s]
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
@@ -101,7 +100,7 @@ class DimensionlessForm(Form):
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessForm:
         """Make the form of a file, for any robot."""
-        if stated["observation"] not in (VERSION, WITHOUT_MOVERS):
+        if stated["observation"] != VERSION:
             raise ApplrError(f"its observation is {short(stated['observation'])}, {VERSION} is needed")
         if "period_s" not in stated:
             raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")

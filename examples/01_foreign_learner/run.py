@@ -1,7 +1,7 @@
 """TD3 of stable-baselines3 learns in the environment; its policy becomes an actor file.
 
 The environment follows Gymnasium, so any library can learn in it. The file is driven like the included policy:
-`./applr demo method:=applr policy:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
+`./applr demo method:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
 takes some 100,000 steps; this shows the way.
 """
 

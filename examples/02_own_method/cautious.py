@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from applr_ros1.policy.methods import Method
 from applr_ros1.policy.parameter_space import SPACE
 
 
-class Cautious:
+class Cautious(Method):
     """The speed limit follows the smallest range of the scan.
 
     Args:

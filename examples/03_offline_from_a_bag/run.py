@@ -56,7 +56,7 @@ def main() -> None:
     train += ["--init-from", "dwa", "--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch]
     for command in (convert, train):
         subprocess.run([sys.executable, "-m", *command], check=True)
-    print(f"{run}/actor.safetensors: drive it with method:=applr policy:=...")
+    print(f"{run}/actor.safetensors: drive it with method:=FILE")
 
 
 if __name__ == "__main__":

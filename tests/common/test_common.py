@@ -16,11 +16,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from applr_ros1.common import angles, child, files, user_module, yaml_files
+from applr_ros1.common import angles, child, files, yaml_files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
+from applr_ros1.policy.methods.user_method import load_module
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
 
@@ -173,7 +174,7 @@ def test_outside_box():
 def test_an_error_names_the_line_that_raised_it(tmp_path):
     (tmp_path / "theirs.py").write_text("a = {}\nb = a['v']\n")
     with pytest.raises(KeyError) as raised:
-        user_module.load(str(tmp_path / "theirs.py"))
+        load_module(str(tmp_path / "theirs.py"))
     assert one_line(raised.value) == "KeyError: 'v' (theirs.py, line 2)"
     assert one_line(ApplrError("9 is not 8")) == "9 is not 8"
 

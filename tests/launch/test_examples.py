@@ -62,7 +62,7 @@ def test_foreign_learner(tmp_path, run):
 def test_own_method(tmp_path, run):
     lines = run("02_own_method", "--worlds", "generated:7", "--trials", 1, "--out", "out")
     times = {line.split()[0]: float(line.split()[-2]) for line in lines if " trial 0: goal after " in line}
-    assert times["cautious"] < times["dwa"]
+    assert times["Cautious"] < times["dwa"]
     assert (tmp_path / "out" / "report" / "index.html").exists()
 
 

@@ -133,13 +133,13 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
 
 def test_method_policy_and_meter_scoring_reach_their_nodes():
     found = loaded("jackal_applr.launch", "policy:=/a.safetensors", "seed:=3").parameters
-    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("applr:/a.safetensors", "auto")
+    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("/a.safetensors", "auto")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
-    found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")
-    assert found.environment["applr"] == {"APPLR_METHOD": "period:1:/own.py:Own"}
+    found = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
+    assert found.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
     found = found.parameters
-    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
+    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("/own.py:Own", "true")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
     assert loaded("jackal_applr.launch").parameters["/applr/method"] == "auto"
 
@@ -242,9 +242,9 @@ def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, lin
 def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
-    words = ["method:=fixed", "policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
+    words = ["policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
     _, passed, _, _ = demo.prepare(words)
-    assert passed == {"method": f"fixed:{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
+    assert passed == {"method": f"{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
 
 
 def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
@@ -253,9 +253,8 @@ def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
         (tmp_path / name).touch()
     for spec, becomes in (
         ("applr", "applr"),
-        ("mine.safetensors", "applr:{0}/mine.safetensors"),
-        ("fixed:set.json", "fixed:{0}/set.json"),
-        ("period:1:mine.safetensors", "period:1:applr:{0}/mine.safetensors"),
+        ("mine.safetensors", "{0}/mine.safetensors"),
+        ("set.json", "{0}/set.json"),
         ("own.py:Own:weights.txt", "{0}/own.py:Own:{0}/weights.txt"),
         ("own:Own:0.5", "{0}/own.py:Own:0.5"),
         ("json:Own", "json:Own"),

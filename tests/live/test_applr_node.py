@@ -62,7 +62,7 @@ def stack(robot, tmp_path):
         move_base = start_fake(*fake) if fake is not None else None
         if method == "applr":
             save(tmp_path / "actor.safetensors", make_weights(hidden=(16,)) if weights is None else weights)
-            method = "applr:%s" % (policy or tmp_path / "actor.safetensors")
+            method = str(policy or tmp_path / "actor.safetensors")
         parameters = dict({"method": method, "period": PERIOD}, **parameters)
         node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=HURRIED)
         started.append(node)
@@ -305,16 +305,15 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     _, _, client = stack("random", max_speed=1.9)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
-    answer = service("set_method", SetMethod, "fixed:%s" % (tmp_path / "set.json"))
-    assert (answer.success, answer.message) == (True, "method fixed:%s" % (tmp_path / "set.json"))
+    answer = service("set_method", SetMethod, str(tmp_path / "set.json"))
+    assert (answer.success, answer.message) == (True, "method %s" % (tmp_path / "set.json"))
     wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
     (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
     own = str(tmp_path / "own.py") + ":Class"
     for method, words in (
-        ("applr:%s" % (tmp_path / "none.safetensors"), "none.safetensors"),
+        (str(tmp_path / "none.safetensors"), "none.safetensors"),
         ("fast", "method 'fast' is not known"),
         (own, "start the node with _method:="),
-        ("period:1:" + own, "start the node with _method:="),
     ):
         answer = service("set_method", SetMethod, method)
         assert not answer.success
@@ -331,7 +330,7 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
 
 def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
-    node, _, client = stack("fixed:%s" % (tmp_path / "set.json"), max_speed=0.3)
+    node, _, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
     wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
     assert node.end() == 0
     wait_for(lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0, whose speed is .5, capped")
@@ -465,7 +464,8 @@ def test_at_its_end_the_defaults_come_back_beside_a_server_that_is_frozen_in_a_c
 
 def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
     (tmp_path / "teller.py").write_text(
-        "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
+        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Teller(Method):\n"
+        "    def theta(self, context):\n"
         "        told = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
         "        print(json.dumps(told), flush=True)\n"
         "        return context.theta\n"
@@ -489,12 +489,14 @@ def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_pa
 
 
 FAULTY = """\
-class Careless:
+from applr_ros1.policy.methods import Method
+
+class Careless(Method):
     static = True
     def theta(self, context):
         return context.theta
 
-class Restless:
+class Restless(Method):
     def reset(self, seed):
         raise RuntimeError("no map")
     def theta(self, context):
@@ -505,10 +507,10 @@ class Restless:
 def test_methods_of_ones_own_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
     (tmp_path / "faulty.py").write_text(FAULTY)
     node, _, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
-    wait_for(lambda: "gave no parameters: AttributeError" in robot.values["message"], "diagnostics")
+    wait_for(lambda: "AttributeError" in robot.values["message"], "diagnostics")
     assert np.array_equal(client.theta(), THETA_0)
     assert node.end() == 0
     node, _, _ = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
-    assert "cannot begin a course: RuntimeError: no map" in node.text
+    assert "RuntimeError: no map" in node.text

@@ -120,7 +120,7 @@ def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
     options = barn.parser().parse_args([str(checkout), "--out", str(tmp_path / "results"), "--worlds", "2"])
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("APPLR_METHOD", "mine.safetensors")
-    assert barn.Evaluation(options).method == "applr:%s" % (tmp_path / "mine.safetensors")
+    assert barn.Evaluation(options).method == str(tmp_path / "mine.safetensors")
     monkeypatch.setenv("APPLR_METHOD", "dwa")
     refused(lambda: barn.Evaluation(options), "holds runs with APPLR_METHOD .*mine.safetensors, not dwa: give anothe")
 

@@ -108,7 +108,8 @@ def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_
     """Any local user, and a website in a browser, can write on the parameter server."""
     main, robot = importlib.import_module("applr_ros1.nodes.applr.main"), load("jackal")
     spec = f"{tmp_path}/own.py:Own"
-    (tmp_path / "own.py").write_text(f"open('{tmp_path}/ran', 'w')\nclass Own:\n    def theta(self, _): pass\n")
+    text = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
+    (tmp_path / "own.py").write_text(text)
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", "applr")
     method, trouble = main.make_method(spec, robot, main.started_with(spec))

@@ -94,6 +94,6 @@ def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_
     assert not methods.make(str(path)).per_cell
     path.write_text(json.dumps({"meter_scoring": True, "parameters": {}}))
     refused(lambda: methods.make(str(path)), "meter_scoring is True: sets count per cell")
-    learned = {"applr", "static", "appld", "period:2:applr"}
+    learned = {"applr", "static", "appld"}
     names = learned | {"dwa", "random"}
     assert {name for name in names if methods.make(name).per_cell} == learned

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy import actor, methods
-from applr_ros1.policy.actor import Policy, Stall, forward, layers_of, save
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Policy, Stall, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, SIZE, DimensionlessForm
-from applr_ros1.policy.form import Mirror, with_mirror_images
+from applr_ros1.policy.form import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
 from applr_ros1.robots.robot import Setting, SpaceParameter
@@ -94,19 +94,6 @@ def test_the_nearest_movers_are_seen_from_the_robot():
     right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, which is as far as one is seen
     np.testing.assert_allclose(form.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
     np.testing.assert_array_equal(form.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
-
-
-@pytest.mark.parametrize("images", [False, True], ids=["alone", "with its mirror image"])
-def test_a_file_of_before_movers_were_seen_answers_as_it_did(tmp_path, images):
-    rng, path = np.random.default_rng(0), tmp_path / "old.safetensors"
-    weights = network(rng)
-    weights["0.weight"] = weights["0.weight"][:, :519].copy()
-    mirror = Mirror.of(480, 39, 2, (0, 2, 4, 7, 9, 11))
-    kept = with_mirror_images({name: value[None] for name, value in weights.items()}, mirror) if images else weights
-    actor._write(path, kept, actor.FORMAT, {"observation": "dimensionless-1", "period_s": 1.0}, mirror)
-    policy, seen = load_policy(path), DimensionlessForm(JACKAL, 1.0).observe(context(JACKAL, rng))
-    before = np.tanh(forward(layers_of(kept, 519, len(OUTPUTS), "it"), seen[:519]))
-    np.testing.assert_allclose(policy.action(seen), before, atol=1e-6)
 
 
 def test_a_scene_of_twice_the_size_looks_alike():

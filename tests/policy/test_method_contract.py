@@ -1,4 +1,4 @@
-"""Every method of the package repeats itself under a seed, within the ranges; what a person's own class does wrong."""
+"""Every method of the package repeats itself under a seed, within the ranges."""
 
 import json
 
@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import SPACE
-from tests.support.refusals import refused
 
 
 def scenes(method, count=8):
@@ -56,22 +54,3 @@ def test_exploration_draws_around_the_robots_set():
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
     assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # .5, cut at the ends
-
-
-@pytest.mark.parametrize(
-    ("answer", "line"),
-    [
-        (lambda: np.zeros(7), "shape"),
-        (lambda: np.full(len(SPACE), np.nan), "not finite"),
-        (lambda: {}["max\nvel"], "KeyError"),
-        *[(period, "period") for period in (float("nan"), 0.0, 61.0)],
-    ],
-)
-def test_what_a_class_of_ones_own_does_wrong_is_one_line(answer, line):
-    class Mine:
-        period = answer if isinstance(answer, float) else 1.0
-
-        def theta(self, context):
-            return answer()
-
-    refused(lambda: methods.UserMethod(Mine(), "Mine").theta(None), line)

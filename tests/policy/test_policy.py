@@ -85,8 +85,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         (lambda: SPACE.from_dict({"max_vel_x": float("nan")}), "max_vel_x is nan: give 0.2 to 2"),
         (lambda: DRAWN.form.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
         (lambda: methods.make("fast"), "method 'fast' is not known: give dwa, "),
-        (lambda: methods.make("fixed"), "method fixed has no set of parameters: give a JSON file"),
-        (lambda: methods.make("applr:/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
+        (lambda: methods.make("/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
         (
             lambda: methods.make("static", robots.load("turtlebot3_burger")),
             "there is no .*static.json, which `./applr tune",
@@ -302,13 +301,13 @@ def test_methods(tmp_path):
     here = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
     assert methods.make("dwa").static
     assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
-    save(tmp_path / "a", make_weights(), {"period_s": 1.0})
-    applr = methods.make("applr:%s" % (tmp_path / "a"))
+    save(tmp_path / "a.safetensors", make_weights(), {"period_s": 1.0})
+    applr = methods.make(str(tmp_path / "a.safetensors"))
     np.testing.assert_array_equal(applr.theta(here), Policy.of(make_weights()).theta(here))
     np.testing.assert_array_equal(here.observation, obs)
     assert applr.period == 1.0
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
-    fixed = methods.make("fixed:%s" % (tmp_path / "set.json"))
+    fixed = methods.make(str(tmp_path / "set.json"))
     assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
 
 
@@ -319,7 +318,7 @@ BAD_SETS = ("", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": N
 def test_bad_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)
-    refused(lambda: methods.make(f"fixed:{path}"), str(path))
+    refused(lambda: methods.make(str(path)), str(path))
 
 
 def test_mirror_images_are_stored_once(tmp_path):

@@ -1,6 +1,6 @@
 """Evaluation trials that drive nothing: a result from the task alone, after a moment.
 
-Methods named "bad..." fail, "mortal..." end their process the first time. Used by the tests of evaluate.py.
+Methods named "bad..." fail. Used by the tests of evaluate.py.
 """
 
 import os
@@ -23,10 +23,6 @@ def drive(settings, task):
     time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
     if task.method.startswith("bad"):
         raise ValueError("the toy will not; take another")
-    mark = os.environ.get("TOY_MARK", "")
-    if task.method.startswith("mortal") and not os.path.exists(mark):
-        open(mark, "w").close()
-        os._exit(9)
     success = rng.random() < 0.9
     seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
     result = Result(

@@ -93,8 +93,7 @@ def prepare(words):
         raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
     robot = load(values["robot"], tell)
     if values["policy"] != "none":
-        kind = "applr" if values["method"] == "auto" else values["method"]
-        values["method"] = methods.absolute(f"{kind}:{values['policy']}")
+        values["method"] = methods.absolute(values["policy"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)

@@ -1,10 +1,11 @@
 """Methods: what decides over the planner's parameters, the same objects in the nodes and in evaluation.
 
-A person's own is a class of this shape, in any module:
+A person's own is a subclass of Method, in any module:
 
+    from applr_ros1.policy.methods import Method
     from applr_ros1.policy.parameter_space import SPACE
 
-    class Cautious:                              # evaluate.py --methods my_module:Cautious; method:=my_module:Cautious
+    class Cautious(Method):                      # evaluate.py --methods my_module:Cautious; method:=my_module:Cautious
         def reset(self, seed): ...               # optional: a course begins; draw randomness from this seed only
         def theta(self, context):                # at every decision; see Context
             slow = context.ranges.min() < 0.4
@@ -29,7 +30,6 @@ from applr_ros1.policy.methods.registry import (
     parse,
     shipped,
 )
-from applr_ros1.policy.methods.user_method import UserMethod
 
 __all__ = [
     "FORMS",
@@ -41,7 +41,6 @@ __all__ = [
     "FixedParameters",
     "Method",
     "Policy",
-    "UserMethod",
     "RandomParameters",
     "absolute",
     "auto",

@@ -1,6 +1,7 @@
 """train.py --seeds: the runs share the time, the best policy is kept, and other courses judge it."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +16,7 @@ SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7
 
 def fake(options):
     """Drives as fast as SECONDS says."""
-    worlds, names = specs(options.worlds), [text.partition("=")[0] for text in options.methods.split(",")]
+    worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {
         Trial(world, name, 0, 1, world, name, "ours"): Result(success=True, time_s=SECONDS[name] + 0.1 * (i % 3))
@@ -46,7 +47,7 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
     assert (out / "best.safetensors").read_bytes() == (out / "seed_4/actor.safetensors").read_bytes()
     choice, judged = evaluated
     assert choice.worlds != judged.worlds
-    assert judged.methods == f"dwa,static,applr={out}/best.safetensors"
+    assert judged.methods == f"dwa,static,{out}/verdict/applr.safetensors"
     text = capsys.readouterr().out
     assert "seed_3 9.1 s, seed_4 7.1 s" in text
     assert "The policy pays on jackal" in text

@@ -42,13 +42,14 @@ def dynabarn(folder, crossing):
 def test_dynabarn_is_driven(tmp_path):
     """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
     path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
-    given = "--worlds", path, "--methods", "fast_dwa", "--simulator", "kinematic"
+    (tmp_path / "fast.json").write_text('{"max_vel_x": 1.0, "vx_samples": 12}')
+    given = "--worlds", path, "--methods", str(tmp_path / "fast.json"), "--simulator", "kinematic"
     rows = drive(tmp_path / "out", *given, "--no-report")
     assert [r["world"] for r in rows] == ["world_3"]
     assert rows[0]["success"], rows
     assert 18.0 < rows[0]["path_length_m"] < 26.0
     assert rows[0]["time_s"] > 18.0
-    trace = read_trace(tmp_path / "out", "world_3", "fast_dwa", 0)
+    trace = read_trace(tmp_path / "out", "world_3", "fast", 0)
     assert np.allclose(trace["pose"][0], [11.0, 0.0, np.pi], atol=0.1)
     mover = worlds.load(path).movers[0]
     gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(trace["time"], trace["pose"])]
