@@ -17,10 +17,10 @@ from contextlib import contextmanager
 from functools import partial
 
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatusArray
+from actionlib import SimpleActionServer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
-from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Bool
@@ -41,13 +41,13 @@ from applr_ros1.policy.parameter_space import SPACE, space_of
 
 from .background import BackgroundThread
 from .displays import CostmapDisplay, PlanDisplay
-from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
 from .reconfigure_server import ReconfigureServer, write_parameters
 from .robot_parameters import NAMING, with_robot
 
 PLANNING_S = 0.015  # s, the room that a plan on request wants before the next cycle
+STATUS_PERIOD = rospy.Duration(0.2)  # between two messages of goal statuses, as in actionlib
 WENT_BACK = "Aborting because the clock jumped back."
 
 
@@ -88,12 +88,7 @@ class MoveBaseNode:
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
-        self.goals = GoalServer(
-            rospy.get_name(),
-            rospy.Publisher("move_base/status", GoalStatusArray, queue_size=10, latch=True),
-            rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
-            rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
-        )
+        self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
         self._displays = BackgroundThread("displays", "a display was not sent")
         self._plans = PlanDisplay(self.move_base, self._displays)
         self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post, self._displays) for name in COSTMAPS}
@@ -112,8 +107,6 @@ class MoveBaseNode:
         """Take goals and requests until the node is shut down."""
         post = self.thread.post
         subscribe = [
-            ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
-            ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
             ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
             ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
@@ -129,7 +122,10 @@ class MoveBaseNode:
         rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_S))
         rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_S))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
-        self.goals.publish_status(rospy.Time.now())
+        self.goals.start()
+        server = self.goals.action_server
+        server.status_timer.shutdown()  # A timer without `reset` ends when the clock goes back.
+        server.status_timer = rospy.Timer(STATUS_PERIOD, server.publish_status_async, reset=True)
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s",
             rospy.resolve_name("move_base/goal"),
@@ -152,12 +148,11 @@ class MoveBaseNode:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
             rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
-            self.goals.finish(*cycle.result, stamp)
-        if self.goals.active:
+            self._finish(*cycle.result)
+        if self.goals.is_active():
             self._say_why_it_stands(pose, cycle)
             if self._pose is not None:
-                self.goals.feedback(conversions.pose_stamped(self._pose, self.frame, stamp), stamp)
-        self.goals.publish_status(stamp)
+                self.goals.publish_feedback(MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp)))
         self._show(cycle, pose, stamp)
         if self.watchdog.is_lost(now):
             self._back_to_start_up()
@@ -181,9 +176,8 @@ class MoveBaseNode:
         return (pose, frame) if frame is not None else (None, None)
 
     def _take_goals(self, stamp, now) -> None:
-        message = self.goals.take(stamp)
-        if message is not None:
-            goal = message.goal.target_pose
+        if self.goals.is_new_goal_available():
+            goal = self.goals.accept_new_goal().target_pose
             try:
                 if not conversions.is_upright(goal.pose.orientation):
                     raise MessageError(INVALID_GOAL)
@@ -194,8 +188,14 @@ class MoveBaseNode:
                 self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
-        if self.goals.cancel_requested:
+        # a goal that comes in between asks for the end of its predecessor, which accepting it ends
+        if self.goals.is_active() and self.goals.is_preempt_requested() and not self.goals.is_new_goal_available():
             self.move_base.cancel(now)
+
+    def _finish(self, outcome: str, text: str) -> None:
+        """End the current goal, if there is one: "succeeded", "aborted" or "preempted"."""
+        if self.goals.is_active():
+            getattr(self.goals, f"set_{outcome}")(text=text)
 
     def _send(self, v: float, w: float) -> None:
         """Publish a command, slower along the same arc where it is above max_speed, ahead or back."""
@@ -300,7 +300,7 @@ class MoveBaseNode:
             self.move_base.update_map(topic, message.x, message.y, conversions.update_cells(message))
 
     def _make_plan(self, request):
-        if self.goals.active or self.move_base.goal is not None:
+        if self.goals.is_active() or self.move_base.goal is not None:
             raise MessageError("move_base must be in an inactive state to make a plan for an external user")
         if request.start.header.frame_id:
             start = self.sensors.to_global(request.start)
@@ -334,12 +334,12 @@ class MoveBaseNode:
         self._report_jump("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
         self.sensors.forget()
-        self.goals.finish("aborted", WENT_BACK, rospy.Time.now())
-        self.goals.forget_times()
+        self._finish("aborted", WENT_BACK)
+        self.goals.action_server.last_cancel = rospy.Time()
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _clock_stalled(self) -> None:
-        if self.goals.active:
+        if self.goals.is_active():
             rospy.loginfo("standing still: /clock has not moved for a second, simulation is paused or has ended")
             self._send(0.0, 0.0)
 
@@ -350,7 +350,7 @@ class MoveBaseNode:
         self._send(0.0, 0.0)
         rospy.logerr("a cycle failed: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
         text = f"Aborting because of an internal error: {type(error).__name__}: {error}"
-        self.goals.finish("aborted", text.replace("\n", " "), rospy.Time.now())
+        self._finish("aborted", text.replace("\n", " "))
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _stop(self) -> None:
