@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 import time
 from contextlib import ExitStack, suppress
@@ -49,7 +48,6 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
-from applr_ros1.robots.owner.write import write_measured
 from training import open_floor
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import Lock, make_folder
@@ -66,12 +64,10 @@ from training.trials.table import Trials
 from training.trials.trial import BASELINE, Result, Trial
 from training.tune import parameter_file
 from training.workers.pool import Pool
-from worlds import World, sdf_writer
-from worlds.loading import FORMS, specs
+from worlds import World
+from worlds.loading import FORMS
 
 with extra(__name__):
-    from training.bags.courses import read
-    from training.tune import bag
     from training.tune.search import (
         Block,
         Drive,
@@ -99,8 +95,6 @@ PUT_BACK_BLOCKS = 6  # of drives, at most, in which a parameter is put back
 VERDICT_COURSES = 12  # at least
 BUSY = 0.5  # share of a processor below which a machine counts as busy with other work
 LINES_S = 10.0, 15.0  # between the lines about long work: until the first, and further ones
-COPIES = 24  # of each course of a bag, moved; half of them are kept for the verdict
-BAGS = "bags.json"  # what was found in bags
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
 DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
@@ -116,12 +110,8 @@ class TuneOptions(Options):
     # fmt: off
     robot: AnyRobot = Field(
         description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
-    bag: List[Path] = option([],
-        "Bags of drives with move_base, ROS 1 or 2, or folders of them: half of the courses are then theirs and moved "
-        "copies, and the robot has what the bags measure.")
     anyway: bool = option(False,
-        "Go on where the robot's own parameters do not drive it on open floor, or the simulated drive on a bag's "
-        "course takes another time than the recorded one.")
+        "Go on where the robot's own parameters do not drive it on open floor.")
     worlds: str = option(WORLDS,
         f"Courses to search in: {FORMS}; several are separated by commas. {UNSEEN} are for the verdict.")
     minutes: float = option(15.0,
@@ -214,22 +204,19 @@ def run(options: TuneOptions) -> int:
 
 def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
     """Search in courses whose trials are kept in `out`, compare, write the set into a folder, and print; as `run`."""
-    robot, searched, unseen = options.robot, options.worlds, UNSEEN
+    robot = options.robot
     with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
         can, floor = open_floor.check(robot)
     print("\n".join(floor), flush=True)
     if not (can or options.anyway):
         return 1
-    with continuable(), ExitStack() as stack:
-        if options.bag:
-            robot, searched, unseen = recorded(options, out, folder)
-        worlds = world_list(searched, CHALLENGE, robot)
-        settings = drives_of(robot, worlds)
-        asked = {
-            "drives": {"planner": CPP_LIKE, **settings.model_dump(mode="json", exclude={"robot", "simulator"})},
-            **{"robot": content(robot), "seed": options.seed, "worlds": content_of_worlds(worlds)},
-        }
-        table = stack.enter_context(Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked))
+    worlds = world_list(options.worlds, CHALLENGE, robot)
+    settings = drives_of(robot, worlds)
+    asked = {
+        "drives": {"planner": CPP_LIKE, **settings.model_dump(mode="json", exclude={"robot", "simulator"})},
+        **{"robot": content(robot), "seed": options.seed, "worlds": content_of_worlds(worlds)},
+    }
+    with continuable(), Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked) as table:
         clock = Clock(table, f"looks_{options.for_}", 60.0 * options.minutes)
         theta, worth = find(options, settings, worlds, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
@@ -238,7 +225,7 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        trials = driven_unseen(options, robot, unseen, drives, clock)
+        trials = driven_unseen(options, drives, clock)
     better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
     changed = changes(robot, values, worth)
     names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
@@ -254,64 +241,6 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
     found = (folder if better else drives) / "tuned.yaml"
     print("\n".join([*sentences, "What each parameter saves per course:", *lines, f"set: {found}", f"page: {shown}"]))
     return 0 if better else 1
-
-
-def recorded(options: TuneOptions, out: Path, folder: Path) -> Tuple[Robot, str, str]:
-    """Return the robot with the fields that bags measure, and the worlds of the search and of the verdict.
-
-    Half of the worlds are the bags' own: the courses and moved copies of them, others for the verdict. What an earlier
-    run has found in the same bags for the same robot is taken from `out`.
-
-    Raises:
-        ApplrError: the bags hold no course, or the simulator does not agree with them.
-    """
-    key = bag.key(options.bag, options.robot, options.seed)
-    found = bag.kept(out / BAGS, key)
-    if found is None:
-        found = looked_at(options, out)
-        bag.keep(out / BAGS, [key], found)
-    print("\n".join([*found.lines, found.sentence]), flush=True)
-    if not found.agrees and not options.anyway:
-        raise ApplrError(f"{found.sentence}; give --anyway to go on all the same")
-    place = out / options.robot.name
-    shutil.copytree(options.robot.folder, place, ignore=partial(not_copied, out), dirs_exist_ok=True)
-    said = write_measured(place, found.new)
-    robot = load(str(place))
-    bag.keep(out / BAGS, [key, bag.key(options.bag, robot, options.seed)], found)
-    for remark in (*said, *(write_measured(folder, found.new) if folder != out else ())):
-        print(remark, flush=True)
-    others = [spec for part in options.worlds.split(",") for spec in specs(part.strip())], specs(UNSEEN)
-    both = [[*half, *other[: len(half)]] for half, other in zip(found.halves, others)]
-    return robot, ",".join(both[0]), ",".join(both[1])
-
-
-def not_copied(out: Path, at: str, names: List[str]) -> List[str]:
-    """Return those of the names in a robot's folder that are not copied to `out`.
-
-    They are what holds `out` or the folder itself, which would have no end, and what is neither file nor folder.
-    """
-    places = [Path(os.path.realpath(place)) for place in (out, at)]
-    above = {folder for place in places for folder in (place, *place.parents)}
-    real = {name: Path(os.path.realpath(os.path.join(at, name))) for name in names}
-    return [name for name, file in real.items() if file in above or not (file.is_file() or file.is_dir())]
-
-
-def looked_at(options: TuneOptions, out: Path) -> bag.Found:
-    """Read bags, write their worlds below `out`, and drive the check."""
-    (out / BAGS).unlink(missing_ok=True)  # the worlds of which are written anew
-    with announced("reading bags (as long as a small part of the drives took)", say, *LINES_S):
-        found = read(options.bag, options.robot, copies=COPIES)
-    halves: Tuple[List[str], List[str]] = [], []
-    for number, world in enumerate(found.worlds):
-        file = make_folder(out / "worlds") / f"{world.name}.world"
-        sdf_writer.write(world, str(file))
-        halves[number >= 2 * len(found.courses) and number // 2 % 2].append(str(file))
-    check = bag.check(found, seed=options.seed)
-    fields = [
-        f"measured: {section}.{name} {value}" + ", as robot.yaml has it" * ((section, name) not in found.new)
-        for (section, name), value in found.fields.items()
-    ]
-    return bag.Found([*found.remarks, *fields, *check.lines], found.new, halves, check.agrees, check.sentence)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
@@ -424,12 +353,13 @@ def warm_starts(robot: Robot) -> np.ndarray:
     return np.array(found)
 
 
-def driven_unseen(options: TuneOptions, robot: Robot, unseen: str, drives: Path, clock: Clock) -> pd.DataFrame:
-    """Drive the robot's own parameters and the set in `drives` in the worlds `unseen`; return paired_trials of both."""
+def driven_unseen(options: TuneOptions, drives: Path, clock: Clock) -> pd.DataFrame:
+    """Drive the robot's own parameters and the set in `drives` in the worlds UNSEEN; return paired_trials of both."""
+    robot = options.robot
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
     how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=True, loaded=True, trials=1)
-    evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=unseen, methods=names, out=str(drives))
+    evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=UNSEEN, methods=names, out=str(drives))
 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
         """Yield as many courses with both as there are workers, until the time is over."""

@@ -151,8 +151,8 @@ class Course:
         - The finish line: the paper's in BARN's worlds (y = 10); on the physical course, of which the paper says no
           more than that it is driven from end to end, the line and the circle are ours.
         - The circle about the goal: the BARN Challenge's of 1 m, and what a file states.
-        - The planner's word, where the course has neither of its own, as those of bags: the planner calls the goal
-          reached by odometry, and the true place is off by no more than odometry may be.
+        - The planner's word, where the course has neither of its own: the planner calls the goal reached by odometry,
+          and the true place is off by no more than odometry may be.
 
         Args:
             x: [m].

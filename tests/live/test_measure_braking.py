@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rospy
 
-from applr_ros1.robots.measured import Stop, deceleration, reaction
+from applr_ros1.nodes.tools.measure_braking import Stop, deceleration, reaction
 from tests.support.ros_harness import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write

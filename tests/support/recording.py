@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional
+from typing import Any, Optional
 
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
-from applr_ros1.common.angles import quaternion_of
 from applr_ros1.policy.observation import FARTHEST_M, beginning
 from tests.support import ROOT
 from training.bags.writer import BagWriter
@@ -21,7 +20,6 @@ _OTHERS = {
     "move_base_msgs/msg/MoveBaseActionResult": "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
     "move_base_msgs/MoveBaseResult result\n",
     "move_base_msgs/msg/MoveBaseResult": "",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
 }
 
 
@@ -36,26 +34,6 @@ class StackWriter(BagWriter):
     def contact(self, time: float) -> None:
         """Write that the robot touches something."""
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
-
-    def transform(self, time: float, frame: str, child: str, pose, inverted: bool = False) -> None:
-        """Write a transform to /tf: the pose (x, y, yaw) [m, rad] of frame `child` in `frame`, or upside down there."""
-        turn = quaternion_of(pose[2])
-        place = self._make(
-            "geometry_msgs/msg/Transform",
-            self._vector(*pose[:2]),
-            self._make("geometry_msgs/msg/Quaternion", *(turn[::-1] if inverted else turn)),
-        )
-        stamped = self._make("geometry_msgs/msg/TransformStamped", self._header(time, frame), child, place)
-        self._put("/tf", "tf2_msgs/msg/TFMessage", time, [stamped])
-
-    def parameters(self, time: float, server: str, values: dict) -> None:
-        """{name: value} that a server below move_base announces."""
-        lists: Dict[str, list] = {"Bool": [], "Int": [], "Str": [], "Double": []}
-        for name, value in values.items():
-            kind = {bool: "Bool", int: "Int", str: "Str", float: "Double"}[type(value)]
-            lists[kind].append(self._make(f"dynamic_reconfigure/msg/{kind}Parameter", name, value))
-        topic = f"{self.topics.move_base}/{server}/parameter_updates"
-        self._put(topic, "dynamic_reconfigure/msg/Config", time, *lists.values(), [])
 
     def status(self, time: float, goal_id: str, running: bool = True, ended: int = 0) -> None:
         """Write the status topic of the action move_base, with a goal that runs or has ended with this status."""
@@ -114,7 +92,6 @@ class RecordingEpisode(Episode):
         outcome = super().reset(world, seed, start, theta)
         self.courses += 1
         self._goal_id = f"course {self.courses} in {world.name}"
-        self._parameters(-0.5)  # before the goal is sent
         self.writer.goal(self._now, self.goal)
         self._look()
         return outcome
@@ -135,13 +112,6 @@ class RecordingEpisode(Episode):
             self.writer.result(self._now, self._goal_id, status)
             self.writer.status(self._now, self._goal_id, running=False)
         return outcome
-
-    def apply(self, theta) -> np.ndarray:
-        """Set the parameters and write the parameter updates that follow."""
-        result = super().apply(theta)
-        if getattr(self, "_goal_id", ""):
-            self._parameters(1e-3)  # after the decision that it came from
-        return result
 
     @property
     def _now(self) -> float:
@@ -166,7 +136,3 @@ class RecordingEpisode(Episode):
         self.writer.odometry(now, state.odom_pose, state.odom_twist)
         self.writer.scan(now, self._scanned)
         self._written = now
-
-    def _parameters(self, later: float) -> None:
-        for server in self.space.servers:
-            self.writer.parameters(self._now + later, server, self.move_base.configuration(server))

@@ -1,6 +1,6 @@
 """The content of a bag, ROS 1 or ROS 2, as arrays: what a robot with move_base recorded of its drives.
 
-episodes.py makes transitions of it, drive.py the courses that tune drives again, APPLD its demonstrations.
+episodes.py makes transitions of it, APPLD its demonstrations.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Dict, Iterator, List, NamedTuple, Set, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 import numpy as np
 import rosbags  # noqa: F401  (messages.py's process needs it)
@@ -19,7 +19,6 @@ import rosbags  # noqa: F401  (messages.py's process needs it)
 from applr_ros1.common import child
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.decision import Seen
-from applr_ros1.policy.parameter_space import Space
 from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
@@ -58,7 +57,7 @@ class Poses(NamedTuple):
 
 
 class Scans(NamedTuple):
-    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges, frame.
+    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges.
 
     geometry (n, 4): angle of the first range and between ranges [rad], smallest and largest range [m]. ranges: float32
     [m] of all scans, one behind the other, as the laser gave them; scan i begins at starts[i]. Empty where not asked.
@@ -70,7 +69,6 @@ class Scans(NamedTuple):
     geometry: np.ndarray
     starts: np.ndarray
     ranges: np.ndarray
-    frame: str
 
     def of(self, i: int) -> np.ndarray:
         """Return the ranges (m,) of scan i, which share the memory of all."""
@@ -104,13 +102,9 @@ class Bag:
         status: (at, id of the running goal or "").
         results: By id of a goal when it ended, and its actionlib status.
         commands: (n,) times and (n, 2) v [m/s], w [rad/s].
-        updates: By topic (at, {name: value}) of each message with a server's parameters.
         ends: What the applr node saw where courses ended, with what the planner had before.
         source: Who demonstrated, and where.
         collisions: When a contact was reported.
-        transforms: By parent and child (at, (x, y, yaw)); inverted are those whose child hangs upside down.
-        further: Frames of lasers on the topic of the scans whose scans are left out.
-        cut_short: There is no more of it than its first chunks.
         end: Time of the last message.
     """
 
@@ -122,42 +116,19 @@ class Bag:
     goals: List[Tuple[int, str, float, float, float]]
     status: List[Tuple[int, str]]
     results: Dict[str, Tuple[int, int]]
-    updates: Dict[str, List[Tuple[int, Dict[str, Any]]]]
     decisions: List[Decision]
     ends: List[Decision]
-    transforms: Dict[Tuple[str, str], List[Tuple[int, Tuple[float, float, float]]]]
-    inverted: Set[Tuple[str, str]]
     collisions: List[int]
     source: Dict[str, Any]
-    further: List[str]
-    cut_short: bool
     end: int
 
-    def parameters(self, space: Space) -> Dict[str, List[Tuple[int, Dict[str, Any]]]]:
-        """Return {server as a parameter space names it: [(at, {name: value}), ...]}.
 
-        Layers have any name: a server's updates are those in the same place that know the space's parameters.
-        """
-        found: Dict[str, List[Tuple[int, Dict[str, Any]]]] = {}
-        for topic, rows in self.updates.items():
-            server = topic[len(self.topics.move_base) : -len("/parameter_updates")].lstrip("/")
-            place = server.rpartition("/")[0]
-            for wanted in space.servers:
-                names = [target.names for _, target in space.targets_of(wanted)]
-                if wanted.rpartition("/")[0] == place:
-                    known = [row for row in rows if all(any(name in row[1] for name in given) for given in names)]
-                    if known:
-                        found[wanted] = sorted([*found.get(wanted, ()), *known], key=lambda row: row[0])
-        return found
-
-
-def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: bool = True) -> Bag:
+def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
     """Read a bag in a child process with limits of memory and time.
 
     Args:
         path: A .bag file, a ROS 2 folder with metadata.yaml, or a file in it.
         topics: Names of what was recorded.
-        search: Whether topics that are not recorded are looked for under other names (TopicNames.found).
         ranges: Whether the ranges of scans are wanted.
 
     Raises:
@@ -168,7 +139,7 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
         place = place.parent
     size = sum(file.stat().st_size for file in (place.iterdir() if place.is_dir() else [place]) if file.exists())
     limits = {**LIMITS, "CPU": int(LIMITS["CPU"] + SECONDS_PER_GB * size / 1e9)}
-    given = {"path": str(place), "topics": vars(topics), "search": search, "ranges": ranges}
+    given = {"path": str(place), "topics": vars(topics), "ranges": ranges}
     environment = {"OPENBLAS_NUM_THREADS": "1"}
     with TemporaryDirectory() as folder, open(Path(folder) / "answer.npz", "w+b") as answer:
         program, patience_s = str(Path(__file__).with_name("messages.py")), 60.0 + 4.0 * limits["CPU"]
@@ -185,21 +156,17 @@ def read(path, topics: TopicNames = TopicNames(), search: bool = False, ranges: 
     if "error" in about:
         remedy = "; it was not closed: give it the ending .bag" if place.suffix == ".active" else ""
         raise BagError(f"{path}: {about['error']}{remedy}")
-    return _bag(Path(path), about, arrays)
+    return _bag(Path(path), topics, about, arrays)
 
 
-def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Bag:
+def _bag(path: Path, topics: TopicNames, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Bag:
     """Return a Bag of what messages.py answers."""
 
     def table(name: str, *columns: str) -> Dict[str, np.ndarray]:
         return {column: arrays[f"{name}_{column}"] for column in columns}
 
-    frames, pairs = about.pop("frames"), [tuple(pair) for pair in about.pop("pairs")]
     starts = np.concatenate([[0], np.cumsum(arrays["scan_count"])])
     scan = table("scan", "at", "stamp", "nearest", "geometry")
-    transforms: Dict[Any, List[Tuple[int, Any]]] = {pair: [] for pair in pairs}
-    for at, pair, pose in zip(*(values.tolist() for values in table("tf", "at", "pair", "pose").values())):
-        transforms[pairs[pair]].append((at, tuple(pose)))
     for name in ("decisions", "ends"):
         about[name] = [
             Decision._make([*known, dict(zip(*before)), dict(zip(*after)), _seen(arrays["seen"], places)])
@@ -207,12 +174,10 @@ def _bag(path: Path, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Ba
         ]
     return Bag(
         path,
-        TopicNames(**about.pop("topics")),
-        Scans(**scan, starts=starts, ranges=arrays["ranges"], frame=frames["scan"]),
-        Poses(**table("odometry", "at", "stamp", "pose", "twist"), frame=frames["odometry"]),
+        topics,
+        Scans(**scan, starts=starts, ranges=arrays["ranges"]),
+        Poses(**table("odometry", "at", "stamp", "pose", "twist"), frame=about.pop("frame")),
         (arrays["command_at"], arrays["command_command"]),
-        transforms=transforms,
-        inverted={tuple(pair) for pair in about.pop("inverted")},
         **about,
     )
 

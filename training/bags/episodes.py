@@ -134,7 +134,7 @@ def transitions(
 def _check(bag: Bag) -> None:
     """Raise BagError where a bag lacks what transitions are made of."""
     topics = bag.topics
-    remedy = "record a drive of the applr node with record:=FILE; ./applr tune ROBOT --bag reads bags without them"
+    remedy = "record a drive of the applr node with record:=FILE"
     if not bag.decisions:
         raise BagError(f"no decisions on {topics.decision}: {remedy}")
     if not all(len(decision.seen.scan[0]) for decision in bag.decisions):

@@ -13,7 +13,7 @@ import sys
 from array import array
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
 
 import numpy as np
 from rosbags import rosbag2
@@ -38,7 +38,7 @@ def main() -> None:
         os.dup2(2, 1)  # what a library prints
         arrays: Dict[str, Any] = {}
         try:
-            about, arrays = _read(Path(given["path"]), TopicNames(**given["topics"]), given["search"], given["ranges"])
+            about, arrays = _read(Path(given["path"]), TopicNames(**given["topics"]), given["ranges"])
         except MemoryError:
             sys.exit(1)  # as where another limit ends this process
         except ApplrError as error:
@@ -48,15 +48,13 @@ def main() -> None:
         np.savez(answer, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
 
 
-def _read(path: Path, topics: TopicNames, search: bool, ranges: bool) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
-    """Return what _Messages reads; with `search` topics that are not recorded are looked for under other names."""
+def _read(path: Path, topics: TopicNames, ranges: bool) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
+    """Return what _Messages reads."""
     reader = _opened(path)
     with closing(reader):
         if not reader.message_count:
             raise ApplrError("holds no messages")
-        found = topics.found(reader.connections) if search else topics
-        about, arrays = _Messages(found, ranges).read(reader)
-    return {**about, "cut_short": isinstance(reader, UnindexedReader)}, arrays
+        return _Messages(topics, ranges).read(reader)
 
 
 class _Messages:
@@ -70,16 +68,11 @@ class _Messages:
     def __init__(self, topics: TopicNames, ranges: bool):
         self.topics, self.keep_ranges = topics, ranges
         self.frames: Dict[str, str] = {}  # of scans and odometry
-        self.pairs: Dict[Tuple[str, str], int] = {}  # of frames in tf, numbered
-        self.inverted: List[Tuple[str, str]] = []
-        self.further: Set[str] = set()  # frames of other lasers on the topic of the scans
         self.ranges, self.seen = array("f"), array("d")  # of scans and of decisions
 
     def read(self, reader: Any) -> Tuple[Dict[str, Any], Dict[str, np.ndarray]]:
         """Return (what JSON holds, arrays), by the names of fields of Bag and its tables."""
         topics, base, end = self.topics, self.topics.move_base, 0
-        needed = [one for one in reader.connections if topics.needs(one.topic)]
-        unpack = _unpacker(needed, isinstance(reader, Reader))
         make_rows: Dict[str, Callable[[Any], Iterable[tuple]]] = {
             topics.scan: self._scan,
             topics.odometry: self._odometry,
@@ -91,39 +84,31 @@ class _Messages:
             topics.command: _command,
             topics.demonstration: _demonstrator,
             topics.collision: lambda m: [()] if getattr(m, "data", False) else [],
-            topics.tf: self._tf,
-            topics.tf_static: self._tf,
             topics.decision: self._decision,
             topics.course_end: self._decision,
         }
-        rows: Dict[str, List[tuple]] = {one.topic: [] for one in needed}
-        rows.update((topic, []) for topic in make_rows)
+        rows: Dict[str, List[tuple]] = {topic: [] for topic in make_rows}
+        needed = [one for one in reader.connections if one.topic in make_rows]
+        unpack = _unpacker(needed, isinstance(reader, Reader))
         for connection, end, raw in reader.messages(needed) if needed else ():
-            found = make_rows.get(connection.topic, _parameters)(unpack(raw, connection.msgtype))
+            found = make_rows[connection.topic](unpack(raw, connection.msgtype))
             rows[connection.topic] += [(end, *row) for row in found]
         ended = [(at, *one) for at, _, ends in reversed(rows[base + "/status"]) for one in ends]  # the first one counts
         about = {
-            "topics": vars(topics),
             "goals": sorted(rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"]),
             "status": [(at, running) for at, running, _ in rows[base + "/status"]],
             "results": {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]},
-            "updates": {topic: made for topic, made in rows.items() if topic not in make_rows},
             "decisions": rows[topics.decision],
             "ends": rows[topics.course_end],
             "source": next((known for _, known in reversed(rows[topics.demonstration])), {}),
             "collisions": [at for (at,) in rows[topics.collision]],
             "end": end,
-            "frames": {"scan": "", "odometry": "odom", **self.frames},
-            "pairs": list(self.pairs),
-            "inverted": self.inverted,
-            "further": sorted(self.further),
+            "frame": self.frames.get("odometry", "odom"),
         }
-        transforms = sorted(rows[topics.tf] + rows[topics.tf_static], key=lambda row: row[0])
         arrays = {
             **_columns("scan", rows[topics.scan], at=1, stamp=1, nearest=1, geometry=4, count=1),
             **_columns("odometry", rows[topics.odometry], at=1, stamp=1, pose=3, twist=2),
             **_columns("command", rows[topics.command], at=1, command=2),
-            **_columns("tf", transforms, at=1, pair=1, pose=3),
             "ranges": np.frombuffer(self.ranges, np.float32),
             "seen": np.frombuffer(self.seen),
         }
@@ -133,7 +118,6 @@ class _Messages:
         """Return a row; NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
         ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
         if _frame(m) != self.frames.setdefault("scan", _frame(m)):  # another laser on the same topic
-            self.further.add(_frame(m))
             return []
         if self.keep_ranges:
             self.ranges.frombytes(np.asarray(m.ranges, np.float32).tobytes())
@@ -144,13 +128,6 @@ class _Messages:
         self.frames.setdefault("odometry", _frame(m))
         p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
         return [(_stamp(m), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z)]
-
-    def _tf(self, m):
-        for t in m.transforms:
-            frames, p, q = (_frame(t), t.child_frame_id.lstrip("/")), t.transform.translation, t.transform.rotation
-            if 1.0 - 2.0 * (q.x**2 + q.y**2) < 0.0:
-                self.inverted.append(frames)
-            yield self.pairs.setdefault(frames, len(self.pairs)), p.x, p.y, yaw_of(q)
 
     def _decision(self, m):
         """Return what msg/Decision.msg says: number and goal, stamps, both sets, and where in `seen` the rest is."""
@@ -213,7 +190,7 @@ def _columns(name: str, rows: Sequence[tuple], **widths: int) -> Dict[str, np.nd
     """Return {"name_column": array} of rows; times and numbers are int64."""
     found, first = {}, 0
     for column, width in widths.items():
-        kind = np.int64 if column in ("at", "stamp", "count", "pair") else np.float64
+        kind = np.int64 if column in ("at", "stamp", "count") else np.float64
         values = np.array([row[first : first + width] for row in rows], dtype=kind).reshape(-1, width)
         found[f"{name}_{column}"] = values[:, 0] if width == 1 else values
         first += width
@@ -245,11 +222,6 @@ def _demonstrator(m):
     if not isinstance(known, dict):
         return []
     return [({str(k)[:40]: v if isinstance(v, (int, float)) else str(v)[:200] for k, v in known.items()},)]
-
-
-def _parameters(m):
-    """Return {name: value} of a dynamic_reconfigure/Config."""
-    return [({p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(m, kind)},)]
 
 
 def _frame(m) -> str:

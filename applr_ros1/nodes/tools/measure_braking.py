@@ -9,7 +9,7 @@ import argparse
 import math
 import sys
 import time
-from typing import Callable, List
+from typing import Callable, List, NamedTuple
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -21,13 +21,70 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
-from applr_ros1.robots.measured import STANDING, STILL, Reading, Stop, deceleration, reaction, stop_of
 
 RATE_HZ = 20.0  # Hz of commands
 DRIVING_S = 1.2  # s of each run before it brakes
 SHARES = 0.25, 0.5, 1.0  # of the largest speed, one run each; turns go up to half the largest turn rate
 BACK_MPS = 0.5  # m/s at most, on the way back
 LEAST_WAY_M, ROOM_M = 2.0, 0.5  # m of free way that is asked for; m of it that are never used
+STANDING = 0.3  # s over which a speed is averaged before braking, and without motion that count as standing
+STILL = 0.02, 0.05  # m/s, rad/s: less is no motion
+FELL = 0.9  # of its speed: when it is slower, the base has begun to brake
+
+
+class Reading(NamedTuple):
+    """A message of the odometry: stamp [s], pose, and twist ahead and about z."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    v: float
+    w: float
+
+
+class Stop(NamedTuple):
+    """Stop of a base: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
+
+    speed: float
+    gain: float
+    reaction: float
+    way: float
+
+
+def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
+    """Return how a base stopped from `command` [m/s, rad/s if turning], commanded to stop at the time `braked` [s]."""
+    motion = [abs(s.w if turning else s.v) for s in samples]
+    before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
+    after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
+    if not before or len(after) < 2:
+        raise ApplrError("hardly any odometry came while the robot drove: is its clock that of this machine?")
+    speed = sum(before) / len(before)
+    reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
+    steps = [(b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw)) for (_, a), (_, b) in zip(after, after[1:])]
+    return Stop(
+        speed, speed / abs(command), reaction, sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps)
+    )
+
+
+def deceleration(stops: List[Stop], reaction: float) -> float:
+    """The least a with which every way is at most speed * reaction + speed^2 / (2 a)."""
+    return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
+
+
+def reaction(straight: List[Stop], turns: List[Stop]) -> float:
+    """Return a time [s] until the base brakes, from the median of its stops up.
+
+    It is the one of a stop with which `deceleration` of the straight ones lets the fastest come to rest soonest: one
+    stop that began late, as on a busy machine, then does not count as weak brakes.
+    """
+    times = sorted(s.reaction for s in straight + turns)
+    top = max(s.speed for s in straight)
+
+    def way(time: float) -> float:
+        return round(top * time + top**2 / (2.0 * deceleration(straight, time)), 3)
+
+    return min(times[len(times) // 2 :], key=way)
 
 
 class Base:

@@ -166,7 +166,6 @@ class InTheMap(Drive):
     FRAME = (1.0, 2.0, 0.5)
 
     def write_goal(self, t, goal):
-        self.writer.transform(t - 0.1, "map", self.writer.robot.frames.odom, self.FRAME)
         self.writer.goal(t, (*transform_point(self.FRAME, *goal[:2]), goal[2]), "map")
 
 
@@ -207,7 +206,7 @@ def test_a_bag_of_fewer_scans_than_the_node_got_has_what_it_saw(tmp_path):
 def test_a_bag_without_decisions_is_refused_in_one_line(tmp_path, capsys):
     record(tmp_path / "a.bag", node=False)
     assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", str(tmp_path / "out")]) == 1
-    line = "a.bag: no decisions on /applr/decision: record a drive of the applr node with record:=FILE; ./applr tune"
+    line = "a.bag: no decisions on /applr/decision: record a drive of the applr node with record:=FILE"
     printed, error = capsys.readouterr()
     assert line in printed
     assert error.count("\n") == 1

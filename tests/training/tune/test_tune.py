@@ -1,7 +1,6 @@
 """./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
 
 import json
-import os
 import re
 import shutil
 from dataclasses import replace
@@ -14,14 +13,11 @@ import pytest
 import rosparam
 import yaml
 
-import worlds
 from applr_ros1 import robots
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
-from applr_ros1.robots.measured import Value
-from tests.support.kills import Killed
 from training import tune_robot
 from training.common.folders import Lock, make_folder
 from training.report import verdict as judging
@@ -31,11 +27,9 @@ from training.trials.score import AIMS, Baseline
 from training.trials.table import Trials
 from training.trials.trial import Result
 from training.tune import parameter_file
-from training.tune.bag import Check
 
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
 WIDTH = robots.JACKAL.body.size[1]
-NOISE = Value(0.02, "m", 0.001, "52 scans")
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 DRIVEN = []  # trials, each of which takes a second
 LOADED = []  # of each, whether the planner starts with its set
@@ -258,167 +252,6 @@ def test_a_finished_run_goes_on_from_the_sets_it_began_with(jackal, capsys):
     assert found[0] == found[1]
     assert found[2][0] == found[0][0]
     assert len(found[2][2]) > len(found[1][2])
-
-
-def test_a_bags_courses_are_half_of_all_and_what_it_measures_is_the_robots(jackal, tmp_path, capsys, monkeypatch):
-    names = ["hall", "hall-wall", *(f"hall-{n}" for n in range(1, 9))]
-    said = SimpleNamespace(
-        worlds=[replace(worlds.load(f"generated:{50 + n}"), name=name) for n, name in enumerate(names)],
-        courses=[None],
-        fields={("laser", "noise"): NOISE, ("odometry", "lag"): Value(0.02, "s", 0.01, "400 commands")},
-        new={("laser", "noise"): NOISE},
-        remarks=["drive.bag: no map in tf"],
-    )
-    check = Check(["hall: recorded 22 s, simulated 30 s"], False, "the simulator disagrees")
-    paths, looks = [tmp_path / "drive.bag", tmp_path / "b.bag"], []
-    for path in paths:
-        path.write_bytes(b"a drive")
-    monkeypatch.setattr(
-        tune_robot, "read", lambda given, robot, copies: looks.append(1) or {str(paths): said}[str(given)]
-    )
-    monkeypatch.setattr(
-        tune_robot.bag, "check", lambda recorded, seed: looks.append(2) or {id(said): check}[id(recorded)]
-    )
-    before = (jackal / "robot.yaml").read_text()
-    words = ["--bag", *map(str, paths)]
-    for _ in range(2):
-        assert tune(jackal, "toy", *words) == 1
-        printed = capsys.readouterr()
-        assert printed.err == "./applr tune: the simulator disagrees; give --anyway to go on all the same\n"
-        assert "no map in tf" in printed.out
-        assert "measured: laser.noise 0.02 m +- 0.001 (52 scans)\n" in printed.out
-        assert "measured: odometry.lag 0.02 s +- 0.01 (400 commands), as robot.yaml has it\n" in printed.out
-        assert (jackal / "robot.yaml").read_text() == before
-    DRIVEN.clear()
-    assert tune(jackal, "toy", *words, "--anyway") == 0
-    searched = {task.world for task in DRIVEN if task.theta}
-    judged = {task.world for task in DRIVEN if not task.theta}
-    halls = [{name for name in found if "hall" in name} for found in (searched, judged)]
-    assert halls[0] == {"hall", "hall-wall", "hall-3", "hall-4", "hall-7", "hall-8"}
-    assert halls[1] == {"hall-1", "hall-2", "hall-5", "hall-6"}
-    assert len(searched) == 12
-    assert len(judged) == 8
-    assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
-    assert robots.load(str(tmp_path / "out" / "jackal")).laser.noise == 0.02
-    assert looks == [1, 2], "they are read and checked once"
-    for name in ("static.json", "tuned.yaml"):
-        (jackal / name).unlink()
-    count = len(DRIVEN)
-    assert tune(jackal, "toy", *words, "--anyway") == 0
-    assert (len(DRIVEN), looks) == (count, [1, 2]), "robot.yaml has the measured values now, which changes nothing"
-    described = (jackal / "robot.yaml").read_text()
-    for change in (
-        lambda: (jackal / "robot.yaml").write_text(described.replace("noise: 0.02\n", "noise: 0.018\n")),
-        lambda: paths[0].write_bytes(b"another drive"),
-        lambda: (tmp_path / "out" / "bags.json").write_text("{"),
-        lambda: (tmp_path / "out" / "worlds" / "hall-3.world").unlink(),
-    ):
-        change()
-        looks.clear()
-        assert tune(jackal, "toy", *words) == 1
-        assert looks == [1, 2]
-    tune(jackal, "toy", *words, "--seed", "1")
-    assert looks == [1, 2, 1, 2]
-
-
-def recorded(monkeypatch, *numbers, name="hall"):
-    """Makes a.bag, and lets each bag hold a course and its wall, which are these generated worlds, below one name."""
-    lane = worlds.load("generated:50")  # whose course all have, and so the time of a drive
-    names = [f"{name}{k}" if k else name for k in range(len(numbers))]
-    given = [worlds.load(f"generated:{number}").cylinders for number in numbers]
-    halls = [replace(lane, name=one, cylinders=cylinders) for one, cylinders in zip(names, given)]
-    said = SimpleNamespace(worlds=halls, courses=[None], fields={}, new={}, remarks=[])
-    monkeypatch.setattr(tune_robot, "read", lambda paths, robot, copies: said)
-    Path("a.bag").write_bytes(repr(numbers).encode())
-    monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check([], True, "they agree"))
-
-
-def test_a_run_that_goes_on_neither_reads_nor_checks_its_bags_again(jackal, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    recorded(monkeypatch, *range(50, 60))
-    said, reads = tune_robot.read(None, None, None), []
-    said.new = {("laser", "noise"): NOISE}
-    monkeypatch.setattr(tune_robot, "read", lambda *paths, copies: reads.append(paths) or said)
-    monkeypatch.setattr(tune_robot.bag, "check", lambda recorded, seed: Check(["hall"], False, "they differ"))
-    bag = tmp_path / "b.bag"
-    for text, words, status, count in (
-        ("as recorded", [], 1, 1),
-        ("as recorded", ["--anyway"], 0, 1),  # writes what was measured into robot.yaml
-        ("as recorded", ["--anyway"], 0, 1),
-        ("another drive", [], 1, 2),
-    ):
-        if not bag.exists() or bag.read_text() != text:
-            bag.write_text(text)
-        assert tune(jackal, "toy", "--bag", str(bag), *words) == status, capsys.readouterr()
-        assert len(reads) == count
-        assert "hall\nthey differ\n" in capsys.readouterr().out
-    assert "noise: 0.02\n" in (jackal / "robot.yaml").read_text()
-
-
-@pytest.mark.fault("19")
-def test_killed_before_a_file_has_its_name_a_run_goes_on_and_drives_nothing_twice(
-    jackal, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    recorded(monkeypatch, *range(50, 60))
-    tune_robot.read(None, None, None).new = {("laser", "noise"): NOISE}
-    whole, names, real = shutil.copytree(jackal, tmp_path / "whole" / "jackal"), [], os.replace
-    words = ["--bag", "a.bag", "--minutes", "4"]
-
-    def replacing(source, target):
-        names.append(Path(target).name)
-        if len(names) - 1 == kill:
-            raise Killed
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", replacing)
-    kill = -1
-    assert tune(whole, "toy", *words) == 0
-    found, writes = (whole / "robot.yaml").read_text(), names[:]
-    as_it_was = shutil.copytree(jackal, tmp_path / "as_it_was")
-    last = {name: number for number, name in enumerate(writes)}
-    for kill in (last[name] for name in ("bags.json", "robot.yaml", "trials.csv", "static.json", "tuned.yaml")):
-        for folder in (jackal, tmp_path / "out"):
-            shutil.rmtree(folder, ignore_errors=True)
-        shutil.copytree(as_it_was, jackal)
-        DRIVEN.clear()
-        names.clear()
-        with pytest.raises(Killed):
-            tune(jackal, "toy", *words)
-        assert tune(jackal, "toy", *words) == 0, f"killed before {writes[kill]}, {kill}: {capsys.readouterr()}"
-        assert len(set(DRIVEN)) == len(DRIVEN)
-        assert (jackal / "robot.yaml").read_text() == found
-        tuned = json.loads((jackal / "static.json").read_text())["parameters"]
-        assert tuned["max_vel_x"] == pytest.approx(1.4, abs=0.5)
-        assert (jackal / "tuned.yaml").exists()
-
-
-def test_a_run_inside_the_robots_folder_does_not_copy_itself(jackal, monkeypatch, capsys):
-    monkeypatch.chdir(jackal)
-    recorded(monkeypatch, *range(50, 60))
-    for name, there in (("circle", "circle"), ("above", ".."), ("nowhere", "nothing"), ("linked", "odom_nav_params")):
-        (jackal / name).symlink_to(there)
-    words = [".", "--bag", "a.bag", "--minutes", "12", "--runner", f"{__name__}:toy", *FEW]
-    for _ in range(2):
-        assert tune_robot.main(words) == 0, capsys.readouterr()
-        made = jackal / "tune" / "jackal" / "jackal"
-        names = {path.name for path in made.iterdir()}
-        assert names >= {"robot.yaml", "odom_nav_params", "linked"}
-        assert not names & {"circle", "above", "nowhere"}
-        assert not (made / "tune").exists()
-
-
-def test_another_bag_of_the_same_name_is_another_search(jackal, monkeypatch, capsys):
-    counts = []
-    monkeypatch.chdir(jackal.parent)
-    for first in (50, 50, 60):
-        recorded(monkeypatch, *range(first, first + 10))
-        assert tune(jackal, "toy", "--bag", "a.bag") == 0, capsys.readouterr()
-        counts.append(len(DRIVEN))
-        for found in ("static.json", "tuned.yaml"):
-            (jackal / found).unlink()  # with which it would begin
-    assert counts[1] == counts[0], "the same bag: nothing is driven again"
-    assert {task.world for task in DRIVEN[counts[1] :]} >= {"hall", "hall1"}
 
 
 def test_two_runs_on_one_folder_or_robot_are_refused_in_one_line(jackal, tmp_path, capsys):
