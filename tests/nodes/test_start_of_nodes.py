@@ -123,28 +123,6 @@ def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_
     assert main.make_method(spec, robot, main.started_with(spec))[0].name == spec
 
 
-def test_a_move_base_that_starts_later_or_compiles_is_no_trouble(monkeypatch):
-    from applr_ros1.nodes.applr import reconfigure_client
-
-    class Searching(reconfigure_client.ReconfigureClient):
-        """Never finds the servers; move_base's node is there from the 10th search to the 50th."""
-
-        searches = 0
-
-        def connect(self):
-            self.searches += 1
-            self.starting = 10 <= self.searches <= 50
-            return "no parameter server"
-
-    monkeypatch.setattr(reconfigure_client, "RETRY_S", 1e-4)
-    troubles = []
-    client = Searching(on_trouble=lambda line: troubles.append(client.searches))
-    client.start()
-    ros_harness.wait_for(lambda: client.searches >= 80, "searches")
-    client.stop()
-    assert troubles[0] == 50 + reconfigure_client.MOST_SEARCHES
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_ctrl_c_during_the_import(delay):
     begin = (

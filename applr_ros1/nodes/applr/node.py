@@ -27,7 +27,7 @@ TICK_S = 0.05  # of ROS time between looks at the clock
 REPORT_S = 1.0  # of ROS time between diagnostics
 LATE_SHARE = 0.1  # of a period after which a decision counts as late
 GONE = "move_base has stopped publishing its status: is it still running?"
-COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
+COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
 LOST_PERIODS = 3  # without a usable decision after which the policy counts as lost
 
 
@@ -269,7 +269,7 @@ class ApplrNode:
         if client.sent is None or (only and (client.multipliers == 1.0).all()):
             return
         self.meter_scoring.forget()  # as the planner was before this node came
-        client.leave(theta)
+        client.restore_on_shutdown(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
@@ -277,16 +277,11 @@ class ApplrNode:
         self.meter_scoring.forget()  # another process may count otherwise
         self.client.reapply()
 
-    def _on_report(self, report):
-        if report.ok:
-            self.counts["applied"] += 1
-            self._say("")
+    def _on_report(self, error):
+        self.counts["failed" if error else "applied"] += 1
+        self._say(error and f"parameters not changed: {error}")
+        if not error:
             self._publish_parameters()
-            return
-        self.counts["failed"] += 1
-        self.counts["put_back"] += len(report.put_back)
-        also = f"; put back: {', '.join(report.put_back)}" if report.put_back else ""
-        self._say(f"parameters not changed: {report.error}{also}")
 
     def _say(self, line):
         """Keep what is wrong now, "" for nothing, and log it when it is news."""
