@@ -42,13 +42,10 @@ class KinematicSimulator(Simulator):
 
     def _place(self, pose, new_world):
         if new_world:
-            self._stand()
+            self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
+            self._circles[:, :3] = self.world.cylinders
+            self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._move_to(pose)
-
-    def _stand(self):
-        self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
-        self._circles[:, :3] = self.world.cylinders
-        self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
 
     def _move_to(self, pose):
         self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)

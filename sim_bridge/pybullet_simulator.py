@@ -55,19 +55,13 @@ class PybulletSimulator(Simulator):
     def _place(self, pose, new_world):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
         scene.clear(self._p, self._client, STEP)
-        self._obstacles, self._movers = [], []
-        self._stand()
+        self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world, self._window)
+        self._near = np.zeros(len(self._obstacles), np.bool_)
+        self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)
         self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._rims = (0.0, 0.0)
         self._spin(0.0, 0.0)
-
-    def _stand(self):
-        for body in self._obstacles + self._movers:
-            self._p.removeBody(body, physicsClientId=self._client)
-        self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world, self._window)
-        self._near = np.zeros(len(self._obstacles), np.bool_)
-        self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
 
     def _move_to(self, pose):
         scene.put_robot(self._p, self._client, self._body, self.robot, pose)

@@ -4,14 +4,13 @@ Started as `rosrun applr_ros1 sim_bridge.py`.
 
 Publishes, under the names in the robot's description, here the Jackal's: /clock (100 Hz); front/scan at the laser's
 rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~collision, ~ground_truth (frame world) at
-the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel
-(the newest command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is),
-~world (changes the world). Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
-world that the parameter ~world names). ros_changes.py has more, for changes during a drive. Parameters: ~robot (name or
-folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the
-world, instead of the course's), ~paused (begin with the time standing), ~gazebo (Gazebo's services too:
-ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map (publish a
-map of the world on map, latched, and its frame).
+the odometry's; ~obstacles (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel (the newest
+command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is).
+Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
+~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~gui,
+~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
+~gazebo (Gazebo's services too: ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map
+(publish a map of the world on map, latched, and its frame).
 For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
 that this one detects and can touch: ros_others.py).
 
@@ -29,7 +28,6 @@ from typing import Any, Callable
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
@@ -41,7 +39,6 @@ from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import load
 
 from . import make
-from .ros_changes import Changes
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
@@ -87,7 +84,6 @@ class Bridge:
         self.refused = 0
         self.touched = False
         self.running = threading.Event()  # simulated time goes on
-        self.single_ticks = 0  # that are simulated while it does not
         if not rospy.get_param("~paused", False):
             self.running.set()
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
@@ -97,7 +93,6 @@ class Bridge:
         if rospy.get_param("~gazebo", False):
             _offer_gazebo_services(self)
         self._connect()
-        Changes(self)
         if not self.makes_clock:
             self._await_clock()
         elif not rospy.get_param("/use_sim_time", False):
@@ -114,7 +109,6 @@ class Bridge:
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
             rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
-        rospy.Subscriber("~world", String, lambda message: self._change_world(message.data), queue_size=1)
         rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
@@ -145,11 +139,10 @@ class Bridge:
         pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
         every, every_scan = (max(1, round(1.0 / TICK_S / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
-            if not self.running.is_set() and not self.single_ticks:
+            if not self.running.is_set():
                 self.running.wait(0.02)
                 pace.begin()
                 continue
-            self.single_ticks = max(0, self.single_ticks - 1)
             ticks += 1
             with self.lock:
                 self._take_command()
@@ -250,19 +243,14 @@ class Bridge:
 
     def on_load_world(self, _: Any) -> TriggerResponse:
         """Service ~load_world: change to the world that the parameter ~world names."""
-        problem = self._change_world(str(rospy.get_param("~world", "")))
-        return TriggerResponse(not problem, problem or f"world {self.simulator.world.name}")
-
-    def _change_world(self, spec):
-        """Load a world and restart in it. Returns "", or one line why the old world stays."""
         try:
-            world = self._load(spec)
+            world = self._load(str(rospy.get_param("~world", "")))
         except (ValueError, OSError) as error:
             rospy.logerr("sim_bridge: world stays %s: %s", self.simulator.world.name, error)
-            return str(error)
+            return TriggerResponse(False, str(error))
         self._restart(world)
         rospy.loginfo("sim_bridge: world %s", world.name)
-        return ""
+        return TriggerResponse(True, f"world {world.name}")
 
     def _restart(self, world=None):
         """Begin anew in `world`; without one in the present world, under the next seed."""

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
-from std_msgs.msg import Bool, ColorRGBA, String
+from std_msgs.msg import Bool, ColorRGBA
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -66,7 +66,6 @@ class BridgeTopics:
         self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "collision")]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
-        self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
         self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
         self._turned = [0.0, 0.0]  # of the left and right wheels [rad]
         self._last = None
@@ -92,25 +91,20 @@ class BridgeTopics:
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish static frames, obstacles, the world's name and its map: after every reset and change of world."""
+        """Publish static frames, static obstacles and the map of the world: after every reset and change of world."""
         self.publish_frames(simulator, stamp)
-        self.publish_obstacles(simulator, stamp)
-        self.world.publish(simulator.world.name)
+        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
+        markers = [Marker(action=Marker.DELETEALL)]  # clears moving obstacles too, which publish_movers sends
+        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
+        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
+        markers[0].header.frame_id = WORLD
+        self.obstacles.publish(markers)
         if self.map is not None:
             try:
                 self.map.publish(_map(self.robot.frames.map, simulator.world, stamp))
             except WorldError as problem:
                 rospy.logerr("sim_bridge: no map of this world: %s", problem)
         self._last = None
-
-    def publish_obstacles(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish the static obstacles. What moves comes with publish_movers; a listener forgets it here."""
-        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
-        markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
-        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
-        markers[0].header.frame_id = WORLD
-        self.obstacles.publish(markers)
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the static frames: the robot's parts, and where odom lies in the world."""

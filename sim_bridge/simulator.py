@@ -209,14 +209,6 @@ class Simulator(ABC):
         self.odom_origin = (x - odom_x, y - odom_y)
         return self.state
 
-    def change_obstacles(self, world: World) -> None:
-        """Let the obstacles of `world` stand and move from now on; the robot drives on, and time goes on."""
-        if self._lidar is None:
-            raise SimulatorError("there is no drive before the first reset(): call reset(world, seed)")
-        self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
-        self.world = world
-        self._stand()
-
     def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
         """Return (k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
@@ -233,10 +225,6 @@ class Simulator(ABC):
     @abstractmethod
     def _place(self, pose, new_world: bool) -> None:
         """Let the robot stand at `pose` in self.world."""
-
-    @abstractmethod
-    def _stand(self) -> None:
-        """Let the obstacles of self.world stand, in the middle of a drive, instead of those that were there."""
 
     @abstractmethod
     def _move_to(self, pose: Pose) -> None:

@@ -10,7 +10,7 @@ import rospy
 from actionlib_msgs.msg import GoalID
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
-from std_msgs.msg import Float64, String, Time
+from std_msgs.msg import Time
 
 from tests.support.jackal import JACKAL
 from tests.support.ros_harness import LONGEST, session, wait_for
@@ -32,8 +32,6 @@ SENT = {
     "/move_base_simple/goal": PoseStamped,
     "/move_base/local_costmap/footprint": Polygon,
     "/applr/heartbeat": Time,
-    "/sim_bridge/world": String,
-    "/sim_bridge/real_time_factor": Float64,
 }
 
 

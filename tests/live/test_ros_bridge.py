@@ -15,13 +15,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
-from std_msgs.msg import Bool, Float64, String
-from std_srvs.srv import Empty, EmptyResponse, SetBool, Trigger
+from std_msgs.msg import Bool
+from std_srvs.srv import Empty, EmptyResponse, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 import worlds
 from applr_ros1.nodes.conversions import twist
-from tests.support.ros_harness import LONGEST, ROOT, Kept, session, wait_for
+from tests.support.ros_harness import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -34,7 +34,6 @@ HEARD = {
     "/collision": Bool,
     "/sim_bridge/ground_truth": Odometry,
     "/sim_bridge/obstacles": MarkerArray,
-    "/sim_bridge/current_world": String,
 }
 
 
@@ -167,7 +166,6 @@ def test_obstacles_are_shown(robot):
     assert len(cylinders) == len(world.cylinders)
     assert markers[0].action == Marker.DELETEALL
     assert len({m.id for m in cylinders}) == len(cylinders)
-    assert rospy.wait_for_message("/sim_bridge/current_world", String, LONGEST).data == "generated:0"
 
 
 @pytest.mark.fault("14")
@@ -238,50 +236,12 @@ def test_contact_is_reported(robot):
     robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.heard["/collision"]))
 
 
-def test_time_stands_goes_on_by_steps_and_more_slowly(robot):
-    pause, step = (
-        rospy.ServiceProxy("/sim_bridge/" + name, kind) for name, kind in (("pause", SetBool), ("step", Trigger))
-    )
-    assert not step().success
-    assert pause(True).success
-
-    def ticks(seconds):
-        robot.forget()
-        time.sleep(seconds)
-        return len(robot.heard["/clock"])
-
-    robot.wait(lambda: not ticks(0.3))
-    assert step().success
-    robot.wait(lambda: len(robot.heard["/clock"]) == 5)
-    time.sleep(0.1)
-    assert len(robot.heard["/clock"]) == 5
-    pause(False)
-    factor = rospy.Publisher("/sim_bridge/real_time_factor", Float64, queue_size=1)
-    wait_for(factor.get_num_connections, "connection")
-    factor.publish(0.1)
-    robot.wait(lambda: 5 <= ticks(1.0) <= 20)
-    factor.publish(float("nan"))
-    robot.wait(lambda: "real_time_factor stays" in robot.process.text)
-    factor.publish(1.0)
-
-
-def test_moving_obstacles_are_taken_away_and_come_back(robot):
-    rospy.set_param("/sim_bridge/world", str(ROOT / "docs" / "arena" / "arena.world"))
-    assert rospy.ServiceProxy("/sim_bridge/load_world", Trigger)().success
-    let_move = rospy.ServiceProxy("/sim_bridge/let_move", SetBool)
-    there = let_move(True).message
-    assert there != "0 moving obstacles"
-    assert let_move(False).message == "0 moving obstacles"
-    assert let_move(True).message == there
-
-
 def test_changes_the_world_without_a_restart(robot):
     load = rospy.ServiceProxy("/sim_bridge/load_world", Trigger)
     rospy.set_param("/sim_bridge/world", "physical_course")
     answer = load()
     assert answer.success
     assert answer.message == "world physical_course"
-    assert rospy.wait_for_message("/sim_bridge/current_world", String, LONGEST).data == "physical_course"
     kinds = {m.type for m in rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers[1:]}
     assert Marker.CUBE in kinds
     start = worlds.load("physical_course").course.start
@@ -291,10 +251,6 @@ def test_changes_the_world_without_a_restart(robot):
     assert not answer.success
     assert "generated:5000" in answer.message
     assert "\n" not in answer.message
-    publisher = rospy.Publisher("/sim_bridge/world", String, queue_size=1)
-    wait_for(publisher.get_num_connections, "connection")
-    publisher.publish("generated:1")
-    robot.wait(lambda: robot.heard["/sim_bridge/current_world"][-1].data == "generated:1")
 
 
 def test_ends_on_interrupt(robot):

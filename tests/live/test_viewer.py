@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rospy
-from move_base_msgs.msg import MoveBaseActionGoal
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import MarkerArray
 
@@ -18,7 +18,6 @@ from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import LONGEST, free_port, session, wait_for
-from worlds import Course
 
 viser = pytest.importorskip("viser")
 pytestmark = pytest.mark.ros
@@ -31,7 +30,7 @@ def ros():
 
 @pytest.fixture
 def viewer(ros):
-    made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
+    made = Viewer(JACKAL, "", "odom", free_port())
     yield made
     made.close()
 
@@ -88,17 +87,6 @@ def test_a_header_that_is_there_twice_is_refused(viewer, header):
     page.close()
 
 
-def test_a_value_that_the_page_does_not_offer_is_one_line(viewer, caplog):
-    method = viewer.panel._method
-    for value in ("nobody", float("nan"), {"a": 1}):
-        method.value = value
-        for callback in method._impl.update_cb:
-            callback(SimpleNamespace(client=True, target=method))
-    lines = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
-    assert ["is of no use here" in line and "\n" not in line for line in lines] == [True] * 3
-    state(viewer)
-
-
 def state(viewer):
     viewer.draw()
     return viewer.text
@@ -111,7 +99,7 @@ def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
 
     def drawn():
         publisher.publish(shown(said, "odom", rospy.get_rostime()))
-        scene.draw(0.0, True)
+        scene.draw(True)
         return scene._arrows.handle.visible
 
     wait_for(drawn, "an arrow")
@@ -122,49 +110,15 @@ def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
     assert not scene._marks.visible
 
 
-@pytest.mark.parametrize(("x", "resets"), [(3.1, 1), (2.0, 0)])
-def test_go_begins_at_the_start_again_and_the_course_ends_at_its_end(viewer, monkeypatch, x, resets):
-    """The course's end is at x = 3 m, its goal behind it."""
-    tab, done = viewer._world, []
-    monkeypatch.setattr("applr_ros1.nodes.viewer.world.SETTLING_S", 0.0)
-    monkeypatch.setattr(tab, "course", Course((0.0, 0.0, 0.0), (3.5, 0.0, 0.0), None, 0.5, np.zeros((0, 2))))
-    monkeypatch.setattr(viewer.listener, "frame_pose", lambda _: (0.0, 0.0, 0.0))
-    for name in ("reset", "stop"):
-        monkeypatch.setattr(tab, name, lambda name=name: done.append(name) or True)
-    tab.go((x, 0.0, 0.0))
-    assert done == ["reset"] * resets
-    done.clear()
-    goal = tab._course_goal
-    for at, of in (((2.0, 0.0, 0.0), goal), (None, goal), ((3.1, 0.0, 0.0), "another"), ((3.1, 0.0, 0.0), "")):
-        tab.end_course(at, of)
-    assert (done, tab.ended) == ([], "")
-    for _ in range(2):
-        tab.end_course((3.1, 0.0, 0.0), goal)
-    assert (done, tab.ended) == (["stop"], goal)
-
-
-@pytest.mark.parametrize("finish", [5.0, None])
-def test_the_end_of_the_course_is_drawn(viewer, finish):
-    viewer.scene.show_end(Course((1.0, 0.0, 0.0), (3.0, 4.0, 0.0), finish, 0.5, np.zeros((0, 2))))
-    x, y = viewer.scene._finish.handle.points[..., 0], viewer.scene._finish.handle.points[..., 1]
-    if finish:
-        assert (y == finish).all()
-        assert (x.min(), x.max()) == (1.0 - 2.25, 1.0 + 2.25)
-    else:
-        assert np.hypot(x - 3.0, y - 4.0) == pytest.approx(0.5)
-    viewer.scene.show_end(None)
-    assert not viewer.scene._finish.handle.visible
-
-
 def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     goals = []
-    hears = rospy.Subscriber("/move_base/goal", MoveBaseActionGoal, goals.append)
-    wait_for(viewer._world._goal.get_num_connections, "the connection")
-    ray = {"ray_origin": (1.0, 0.0, 2.0), "ray_direction": (0.5, 0.5, -1.0)}
-    viewer._world.clicked(SimpleNamespace(**ray), (1.0, 1.0, 0.0))
+    subscriber = rospy.Subscriber("/move_base_simple/goal", PoseStamped, goals.append)
+    wait_for(viewer._goal.get_num_connections, "the connection")
+    viewer.scene.pose = (1.0, 1.0, 0.0)
+    viewer.clicked(SimpleNamespace(ray_origin=(1.0, 0.0, 2.0), ray_direction=(0.5, 0.5, -1.0)))
     wait_for(lambda: goals, "the goal")
-    hears.unregister()
-    target = goals[0].goal.target_pose
+    subscriber.unregister()
+    target = goals[0]
     assert target.header.frame_id == "odom"
     assert (target.pose.position.x, target.pose.position.y) == (2.0, 1.0)
     assert target.pose.orientation.z == pytest.approx(0.0)  # away from the robot
@@ -213,7 +167,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
 def test_a_robot_with_another_planner_has_its_sliders(ros):
     move_base = ros.node("tests.support.fake_move_base", "--robot", "turtlebot3_waffle_pi")
     applr = ros.node("applr", "_method:=dwa", "_robot:=turtlebot3_waffle_pi")
-    made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", "127.0.0.1", free_port())
+    made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", free_port())
     try:
         wait_for(lambda: state(made) and made.pilot.theta() is not None, "the parameters")
         assert list(made.panel.sliders) == list(made.pilot.space.names)
@@ -228,10 +182,10 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
         move_base.end()
 
 
-def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
+def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
     jackal = FakeJackal([(1.5, 0.8, 0.15)])
     node = ros.node("viewer", "_port:=%d" % free_port())
-    made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
+    made = Viewer(JACKAL, "", "odom", free_port())
     try:
         odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
         node.until("the page is at")
@@ -244,7 +198,6 @@ def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
         assert "no scan" not in state(made)
         jackal.put((0.2, 0.0, 0.0))
         wait_for(lambda: state(made) and made.scene.pose[0] > 0.1, "the robot has moved")
-        wait_for(lambda: state(made) and len(made.scene._trail) >= 2, "its trail")
     finally:
         made.close()
         assert node.end() == 0, node.text

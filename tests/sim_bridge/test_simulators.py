@@ -220,21 +220,6 @@ def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
 
 
 # -- frames and odometry ---------------------------------------------------------------------------
-def test_obstacles_come_and_go_in_the_middle_of_a_drive(simulator):
-    simulator.reset(small_world(), 0)
-    before = drive(simulator, 0.5, 0.0, 1.0)
-    simulator.change_obstacles(small_world(cylinders=[(1.5, 0.0, 0.1)]))
-    assert simulator.state == before
-    assert np.nanmin(simulator.scan()) < 1.0
-    state = drive(simulator, 0.5, 0.0, 4.0)
-    assert state.contact
-    assert state.pose[0] < 1.3
-    simulator.change_obstacles(small_world())
-    state = drive(simulator, 0.5, 0.0, 2.0)
-    assert not state.contact
-    assert state.pose[0] > 1.6
-
-
 def test_odometry_errs_by_per_cents(simulator):
     errors = []
     for seed in range(5):

@@ -28,18 +28,17 @@ def main():
     )
     add = parser.add_argument
     add("--no-browser", action="store_true", help="Only say where the page is.")
-    add("--host", default="127.0.0.1", help="Of the page; 0.0.0.0: any computer that has its token. %(default)s.")
     words = "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; goal:=auto sends a goal."
     add("words", nargs="*", metavar="ARG:=VALUE", help=words)
     options = parser.parse_intermixed_args()
-    given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
+    given = {"viewer": "true", "goal": "none"}
     defaults = launch_arguments()
     given.update(given_arguments(options.words, defaults))
     load(given.get("robot", defaults["robot"]))  # what is wrong with these two ends here, in one line
     worlds.load(given.get("world", defaults["world"]))
     token = os.environ[admission.TOKEN] = admission.token()
     # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there
-    known = re.compile(rf"http://{re.escape(given['viewer_host'])}:\d+/{re.escape(token)}/")
+    known = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
     with private_stack(given) as stack:
         found = []
 

@@ -12,7 +12,6 @@ import ipaddress
 import os
 import re
 import secrets
-import socket
 from http import HTTPStatus
 from typing import Any, Iterator, Mapping, Optional
 
@@ -24,15 +23,14 @@ def token() -> str:
     return os.environ.get(TOKEN) or secrets.token_urlsafe(16)
 
 
-def refusal(path: str, headers: Mapping[str, str], token: str, host: str) -> Optional[str]:
-    """Say why a request is refused, None where it is not. host: the address or name that the server was given."""
+def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
+    """Return why a request is refused, or None if it is admitted."""
     given = headers.get("Host", "")
     name = re.sub(r":\d*$", "", given).strip("[]").lower()
-    own = socket.gethostname().lower()
     try:
         ipaddress.ip_address(name)  # nobody can point an address elsewhere
     except ValueError:
-        if name not in ("localhost", own, own + ".local", host.lower()):
+        if name != "localhost":
             return f"{name!r} is no name of this computer: open the page by its address, such as 127.0.0.1"
     if "Origin" in headers and headers["Origin"].partition("://")[2] != given:
         return "a page of another website may not use this one"
@@ -42,7 +40,7 @@ def refusal(path: str, headers: Mapping[str, str], token: str, host: str) -> Opt
 
 
 @contextlib.contextmanager
-def guarded(token: str, host: str) -> Iterator[None]:
+def guarded(token: str) -> Iterator[None]:
     """A context in which a viser server is started that answers no request without asking `refusal`."""
     # viser 1.1.1 (requirements/viewer.txt) has no way to refuse a request. It serves with this function of websockets,
     # whose process_request has one; tests/live/test_viewer.py fails where another version serves otherwise.
@@ -53,7 +51,7 @@ def guarded(token: str, host: str) -> Iterator[None]:
     def serve_guarded(*where: Any, process_request: Any, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
             try:
-                reason = refusal(request.path, request.headers, token, host)
+                reason = refusal(request.path, request.headers, token)
             except LookupError:  # of websockets
                 reason = "a header is there twice"
             if reason:

@@ -14,7 +14,7 @@ import numpy as np
 import rospy
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.common.errors import one_line, reason
+from applr_ros1.common.errors import reason
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import Transforms
 from applr_ros1.policy.observation import ObservationError
@@ -101,19 +101,8 @@ class Listener:
 
 
 def by_hand(element: Any, work: Callable[[Any], Any]) -> None:
-    """Call work(value) when a person, and not this program, changes an element of the page.
-
-    A value that the element does not offer, which no browser's page sends, is one line in the log.
-    """
-
-    def changed(event: Any) -> None:
-        try:
-            if event.client:
-                work(element.value)
-        except Exception as error:
-            rospy.logerr("viewer: %r is of no use here: %s", element.value, one_line(error))
-
-    element.on_update(changed)
+    """Call work(value) when a person, and not this program, changes an element of the page."""
+    element.on_update(lambda event: work(element.value) if event.client else None)
 
 
 def show(element: Any, value: Any) -> None:

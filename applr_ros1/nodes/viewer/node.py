@@ -2,84 +2,86 @@
 
 Started as `rosrun applr_ros1 viewer.py`. While no page is open it subscribes to nothing.
 
-Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix, ~host
-(127.0.0.1: which computers reach the page) and ~port (8080, or the next free one). Sets ~address, where the page is,
-with the token without which every request is refused: a new one at each start, unless the environment variable
-APPLR_VIEWER_TOKEN sets it.
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix and ~port
+(8080, or the next free one). The page is served on 127.0.0.1. Sets ~address, where the page is, with the token without
+which every request is refused: a new one at each start, unless the environment variable APPLR_VIEWER_TOKEN sets it.
 """
 
 from __future__ import annotations
 
 import html
+import math
 import time
 from typing import Any
 
 import rospy
+from actionlib_msgs.msg import GoalID
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.robots import JACKAL, Robot, load
 
-from . import admission, panel, pilot, scene, world
-from .listening import Listener, by_hand
+from . import admission, panel, pilot, scene
+from .listening import Listener, by_hand, publish
 
 RATE_HZ = 10.0  # of wall time with a page open
 IDLE_S = 0.2  # between looks for a page
 ACCENT = (28, 126, 214)
-HINT = (
-    "A click on the ground sets a goal. A slider makes you the one who sets the parameters. "
-    "Keys: G go, S stop, H hand over to a person or back to the policy."
-)
+HOST = "127.0.0.1"
+HINT = "Cancels all goals (key S). A click on the ground sets a goal."
 STARTS = "starting; the first start on a computer compiles kernels, about a minute"
 
 
 class Viewer:
-    """The page and what it shows, the same to everybody who looks, served on host and port, or the next free port.
+    """Web page, shared by all clients, served on port or the next free one.
 
     The names of the robot's frames begin with prefix; everything is drawn in the frame fixed.
     """
 
-    def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):
+    def __init__(self, robot: Robot, prefix: str, fixed: str, port: int):
         import viser
 
         self._robot, self.listener = robot, Listener(fixed)
         token = admission.token()
-        with admission.guarded(token, host):
-            self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
-        self.address = f"http://{host}:{self.server.get_port()}/{token}/"
+        with admission.guarded(token):
+            self.server = viser.ViserServer(HOST, port, label=f"applr_ros1: {robot.name}", verbose=False)
+        self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
         gui.main_panel.dock_right()  # the scene has the rest of the window
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
-        self._ready, self._now, self._moved, self._goal = False, 0.0, 0.0, ""
+        self._ready, self._now, self._moved = False, 0.0, 0.0
+        self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
+        self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._status, self.text = gui.add_html(""), ""
-        works = {"Go": self._go, "Stop": self._stop, "Hand over": self._hand_over}
-        buttons = gui.add_button_group("", tuple(works), hint=HINT)
-        buttons.on_click(lambda event: works[event.target.value]())
-        for name, work in works.items():
-            gui.add_command(name, hotkey=name[0]).on_trigger(lambda _, work=work: work())  # type: ignore[arg-type]
+        gui.add_button("Stop", hint=HINT).on_click(lambda _: self.stop())
+        gui.add_command("Stop", hotkey="S").on_trigger(lambda _: self.stop())
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
-        with tabs.add_tab("World"):
-            self._world = world.WorldTab(gui, robot, self.listener, prefix + robot.frames.odom, self.say)
         with tabs.add_tab("View"):
-            by_hand(gui.add_dropdown("camera", tuple(scene.VIEWS)), self.scene.turn)
             for name, layer in self.scene.layers.items():
                 by_hand(gui.add_checkbox(name, layer.visible), lambda on, layer=layer: setattr(layer, "visible", on))
-        self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
+        self.server.scene.on_click()(self.clicked)
 
-    def _go(self) -> None:
-        self._world.go(self.scene.pose)
+    def clicked(self, ray: Any) -> None:
+        """Send as a goal the point where a click's ray meets the ground, with the heading from the robot to it."""
+        (x, y, z), (dx, dy, dz) = ray.ray_origin, ray.ray_direction
+        if dz < -1e-3:
+            x, y = x - z / dz * dx, y - z / dz * dy
+            pose = self.scene.pose
+            yaw = math.atan2(y - pose[1], x - pose[0]) if pose else 0.0
+            goal = pose_stamped((x, y, yaw), self.listener.fixed, rospy.Time.now())
+            publish(self.say, self._goal, goal)
 
-    def _stop(self) -> None:
-        self._world.stop()
-
-    def _hand_over(self) -> None:
-        self.pilot.choose("auto" if self.pilot.method == pilot.HAND else pilot.HAND)
+    def stop(self) -> None:
+        """Cancel all goals."""
+        publish(self.say, self._cancel, GoalID())
 
     def say(self, text: str) -> None:
         """Show one line to everybody who looks."""
@@ -115,14 +117,7 @@ class Viewer:
         goal = panel.goal_status(self.listener)
         driving = goal is not None and goal.status in panel.UNDER_WAY
         self.panel.look()
-        if self._world.look():
-            self.scene.forget()
-            self.scene.show_end(self._world.course)
-        self.scene.draw(speed, driving)
-        if driving and goal.goal_id.id != self._goal:
-            self._goal = goal.goal_id.id
-            self.scene.begin_trail()
-        self._world.end_course(self.scene.pose, self._goal if driving else "")
+        self.scene.draw(driving)
         for client in self.server.get_clients().values():
             self.scene.follow(client)
         self._write_status(goal, speed, driving)
@@ -133,11 +128,8 @@ class Viewer:
         if self._ready and time.monotonic() - self._moved > panel.SILENT_S:
             silence.insert(0, "the clock stands still")
         self._ready = self._ready or (self.scene.pose is not None and not silence)
-        lines = [f"{self._robot.name} in {self._world.name}" if self._world.name else self._robot.name]
-        lines += [] if self._ready else [STARTS]
-        arrived = goal is not None and goal.goal_id.id == self._world.ended
-        doing = panel.ARRIVED if arrived else self.panel.doing(goal)
-        lines += [f"{doing}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
+        lines = [self._robot.name] + ([] if self._ready else [STARTS])
+        lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
         lines += [f"parameters by {self.pilot.who}"]
         lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
         text = "\n".join([*lines, *silence])
@@ -160,7 +152,7 @@ def main() -> int:
     prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
     fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
     port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
-    viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
+    viewer = Viewer(robot, prefix, fixed, port)
     rospy.set_param("~address", viewer.address)
     rospy.loginfo("viewer: the page is at %s", viewer.address)
     with until_shutdown():

@@ -18,8 +18,7 @@ from .pilot import METHODS, Pilot
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # that a robot may lack
-ARRIVED = "arrived"
-WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", ARRIVED, "gave up", "goal rejected")
+WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", "arrived", "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 SILENT_S = 3.0  # after which a topic counts as silent, the clock as standing

@@ -1,4 +1,4 @@
-"""The viewer's scene: world, robot, scan, costmaps, plans, trajectories, trail and goal, in the frame of the odometry.
+"""The viewer's scene: world, robot, scan, costmaps, plans, trajectories and goal, in the frame of the odometry.
 
 With a map everything is drawn in the map's frame. Places [m]; the ground is z = 0.
 """
@@ -28,16 +28,13 @@ CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # of the local planner
 COSTMAPS = {"local costmap": "move_base/local_costmap/costmap", "global costmap": "move_base/global_costmap/costmap"}
 OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
 TRACKED = "applr/movers"  # an arrow for each
-LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers", "trail")
+LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers")
 HIDDEN = ("global costmap",)  # at first
-TRAIL_POINTS = 2000
-TRAIL_STEP_M = 0.03  # between two of its points
-JUMP_M = 0.5  # between two points that belong to different trajectories, or drives
+JUMP_M = 0.5  # distance between two points of different sampled trajectories [m]
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 MARKS = (215, 25, 180)  # where movers will be
 SIDES = 20  # of a drawn cylinder
-FINISH_M = 2.25  # from the middle of a finish line to its ends, at the robot's scale
-VIEWS = {"behind": (3.5, 2.5, 1.0), "above": (1e-3, 9.0, 0.0), "free": None}  # m back, up, and looked at ahead
+VIEW = (3.5, 2.5, 1.0)  # camera: distance behind the robot, height, and distance ahead of the point looked at [m]
 
 
 class Scene:
@@ -71,19 +68,16 @@ class Scene:
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
         self._marks = scene.add_point_cloud("/movers/marks", np.zeros((1, 3)), MARKS, **look)
         self._arrows = Lines(scene, "/movers/arrows", MARKS, 0.05)
-        self._trail_line = Lines(scene, "/trail/line", (0, 0, 0), 0.05)
         self._costmaps = {name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
-        self._finish = Lines(scene, "/world/finish", (40, 170, 80), 0.08)
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
-        self.pose, self._trail = None, []  # type: Any, List[Tuple[float, float, float]]
+        self.pose: Any = None
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles
-        self._view = next(iter(VIEWS))
         self._aims: Dict[int, Tuple[float, float]] = {}  # by page: what its camera looks at, from the robot [m]
 
-    def draw(self, speed: float, driving: bool) -> None:
-        """Bring everything up to date; speed [m/s] colours the trail. driving: whether goal and plans hold."""
+    def draw(self, driving: bool) -> None:
+        """Bring everything up to date. driving: whether goal and plans hold."""
         self.pose = self._listener.frame_pose(self._base)
         self._model.put(self.pose)
         self._draw_world()
@@ -94,30 +88,13 @@ class Scene:
         self._draw_costmaps()
         for shown in () if driving else self._of_goal:
             shown.visible = False
-        self._draw_trail(speed)
-
-    def begin_trail(self) -> None:
-        """A new drive: the trail begins anew."""
-        self._trail, self._trail_line.handle.visible = [], False
 
     def forget(self) -> None:
-        """Another world, or another time: nothing that was drawn holds any more; cameras turn to the robot anew."""
-        self.begin_trail()
+        """Hide all that was drawn before the clock began anew, and turn the cameras to the robot again."""
         self._aims.clear()
         self._scan.visible = self._marks.visible = False
         for shown in (*self._of_goal, *(costmap.handle for costmap in self._costmaps.values())):
             shown.visible = False
-
-    def show_end(self, course: Any) -> None:
-        """Draw where a course ends: its finish line, or the circle about its goal. course: in the world's frame."""
-        points = np.zeros((0, 2))
-        if course is not None and course.finish_y is not None:
-            half = FINISH_M * self._robot.world_scale
-            points = np.array([(course.start[0] + side, course.finish_y) for side in (-half, half)])
-        elif course is not None:
-            around = np.linspace(0.0, 2.0 * math.pi, SIDES + 1)
-            points = course.goal[:2] + course.goal_tolerance * np.column_stack([np.cos(around), np.sin(around)])
-        self._finish.path(points, 0.02)
 
     def _draw_world(self) -> None:
         place = self._listener.frame_pose("world")
@@ -208,33 +185,16 @@ class Scene:
             if self.layers[name].visible:
                 costmap.draw(self._listener)
 
-    def _draw_trail(self, speed: float) -> None:
-        if self.pose is None:
-            return
-        x, y, _ = self.pose
-        moved = math.hypot(x - self._trail[-1][0], y - self._trail[-1][1]) if self._trail else math.inf
-        if moved > JUMP_M:
-            self._trail = []
-        if moved > TRAIL_STEP_M:
-            self._trail = [*self._trail[1 - TRAIL_POINTS :], (x, y, speed)]
-            rows = np.array(self._trail)
-            self._trail_line.path(rows[:, :2], 0.015, colours(rows[:, 2] / self._robot.base.max_speed))
-
-    def turn(self, view: str) -> None:
-        """Look at the robot as one of VIEWS says, on every page."""
-        self._view = view
-        self._aims.clear()
-
     def follow(self, client: Any) -> None:
-        """Move a page's camera so that it looks at the same place beside the robot as when it was turned to it."""
-        if VIEWS[self._view] is None or self.pose is None:
+        """Move a page's camera with the robot, behind which it begins."""
+        if self.pose is None:
             return
         x, y, yaw = self.pose
         if client.client_id in self._aims:
             aim = np.add((x, y), self._aims[client.client_id])
             client.camera.position = client.camera.position + (*(aim - client.camera.look_at[:2]), 0.0)
             return
-        back, high, ahead = np.multiply(self._robot.world_scale, VIEWS[self._view])
+        back, high, ahead = np.multiply(self._robot.world_scale, VIEW)
         aim = self._aims[client.client_id] = ahead * math.cos(yaw), ahead * math.sin(yaw)
         client.camera.position = x - back * math.cos(yaw), y - back * math.sin(yaw), high
         client.camera.look_at = x + aim[0], y + aim[1], 0.0
