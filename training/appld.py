@@ -66,11 +66,6 @@ def learn(
     """
     began = time.monotonic()
     found = contexts.find(demonstrations, options.contexts, options.penalty)
-    if len(found.names) > actor.MAX_CONTEXTS:
-        raise ApplrError(
-            f"--contexts {options.contexts}: makes {len(found.names)} contexts, a file holds at most "
-            f"{actor.MAX_CONTEXTS}; give --contexts 1 to {actor.MAX_CONTEXTS} or a larger --penalty"
-        )
     for s in found.segments:
         d = demonstrations[s.demonstration]
         say(f"{d.name} {d.time[s.first]:5.1f} to {d.time[s.last - 1]:5.1f} s: context {found.names[s.context]}")

@@ -11,12 +11,10 @@ from typing import Iterator, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import outside_box
-from applr_ros1.common.files import MAX_CELLS
 
-from .world import World, WorldError
+from .world import World
 
 OCCUPIED = 100
-MAX_COVERED = 20 * MAX_CELLS  # cells that all obstacles of a world may cover together
 
 
 def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:
@@ -30,9 +28,6 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     Returns:
         (cells, origin): (ny, nx) int8, 100 where an obstacle reaches into a cell's inner circle and 0 elsewhere, row 0
         at the lowest y; and the lower corner (x, y) [m] in the world's frame.
-
-    Raises:
-        WorldError: the grid would have more than MAX_CELLS cells.
     """
     boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
     half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
@@ -43,9 +38,6 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     high = np.vstack([centres + reach, course]).max(axis=0) + margin
     low = np.floor(low / resolution) * resolution
     nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
-    if nx * ny > MAX_CELLS:
-        size = f"{nx * resolution:.0f} x {ny * resolution:.0f} m, {nx * ny:.3g} cells of {resolution:g} m"
-        raise WorldError(f"{world.name} is {size}: give a world whose map has at most {MAX_CELLS} cells")
     cells = np.zeros((ny, nx), np.int8)
     for block, distance, least in around(cells, low, resolution, world.cylinders, boxes, 0.5 * resolution):
         block[distance <= least] = OCCUPIED
@@ -68,14 +60,7 @@ def around(
     Yields:
         (block, distance, least): a view of `cells`; distances [m] of its cells from the middle of a cylinder or from
         the edge of a box; and the cylinder's radius and `reach`, or `reach`.
-
-    Raises:
-        WorldError: the obstacles overlap so often that it would take minutes.
     """
-    radii = reach + np.concatenate([cylinders[:, 2], 0.5 * np.hypot(boxes[:, 3], boxes[:, 4])])
-    covered = np.minimum((2.0 * radii / resolution) ** 2, cells.size).sum()
-    if covered > MAX_COVERED:
-        raise WorldError(f"the obstacles together cover {covered:.2g} cells of {resolution:g} m; give smaller or fewer")
     for x, y, radius in cylinders.tolist():
         block, dx, dy = _window(cells, low, resolution, x, y, radius + reach)
         yield block, np.hypot(dx, dy), radius + reach

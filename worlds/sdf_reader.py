@@ -21,7 +21,6 @@ from .dynabarn import Animation
 from .sdf import SHAPES, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
-MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
 FLOOR_HEIGHT_M = 0.1  # m above the ground that a floor may rise
@@ -67,7 +66,7 @@ class _Reader:
         for include in self.world.iter("include"):
             uri = (include.findtext("uri") or "").strip().rstrip("/")
             if uri not in IGNORED_INCLUDES:
-                self.unread.append(f"the include {uri[:80]!r}")
+                self.unread.append(f"the include {uri!r}")
         saved = {model.get("name"): model for model in self.world.findall("state/model")}
         for model in self.world.findall("model"):
             self._model(model, np.eye(4), saved.get(model.get("name")), ("", "world"))
@@ -90,7 +89,7 @@ class _Reader:
         frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
         frame = element.get("placement_frame") or frame
         if frame not in frames:
-            self.unread.append(f"{what} (its pose is relative to {frame[:60]!r})")
+            self.unread.append(f"{what} (its pose is relative to {frame!r})")
         return frame in frames
 
     def _model(self, model: Element, parent: np.ndarray, saved: Optional[Element], frames: tuple) -> None:
@@ -122,8 +121,6 @@ class _Reader:
                 raise WorldError(f"{what} has no <geometry>; give it a box or a cylinder")
             if self._known(collision, ("", link.get("name", "")), f"collision {collision.get('name')!r}"):
                 self._collision(geometry, pose @ pose_of(collision, what), what, animation)
-            if len(self.cylinders) + len(self.boxes) + len(self.flat) + len(self.movers) > MAX_OBSTACLES:
-                raise WorldError(f"{self.path} has more than {MAX_OBSTACLES} obstacles; give a world with fewer")
 
     def _collision(self, geometry: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
         for element in geometry:

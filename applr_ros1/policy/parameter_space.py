@@ -18,8 +18,6 @@ from applr_ros1.common.trees import branch
 from applr_ros1.robots.check import space_findings
 from applr_ros1.robots.robot import Setting
 
-MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
-
 
 @dataclass(frozen=True)
 class Space:
@@ -164,7 +162,7 @@ class Space:
         Raises:
             ApplrError: It cannot be used.
         """
-        stated = files.read_json(path, MAX_SET_BYTES)
+        stated = files.read_json(path)
         values = stated.get("parameters", stated) if isinstance(stated, dict) else stated
         if not isinstance(values, dict):
             raise ApplrError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')

@@ -12,18 +12,15 @@ from typing import Any, Callable, Dict, List
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
-from applr_ros1.common.yaml_files import MAX_LEVELS, Yaml, yaml_value
+from applr_ros1.common.yaml_files import Yaml, yaml_value
 
 # names that stand at move_base itself alone
 MOVE_BASE = {"base_local_planner", "base_global_planner", "recovery_behaviors", "NavfnROS"}
 MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
-MAX_BYTES = 2**19  # what roslaunch --dump-params writes holds the robot's description, too
 
 
 class Loader(Yaml):
     """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
-
-    most = 30_000
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
@@ -52,7 +49,7 @@ def read_yaml(path: Any) -> Dict[str, Any]:
 
 
 def _text(path: Any) -> str:
-    return files.read_bytes(path, MAX_BYTES).decode("utf-8-sig", "replace")  # comments may be of another encoding
+    return files.read_bytes(path).decode("utf-8-sig", "replace")  # comments may be of another encoding
 
 
 def mapping(text: str, path: Any) -> Dict[str, Any]:
@@ -111,8 +108,6 @@ def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:
     found: Dict[str, Any] = {}
     for name, value in content.items():
         parts = [name] if str(name).startswith("/") else str(name).rstrip("/").split("/")
-        if len(parts) > MAX_LEVELS:
-            raise ApplrError(f"{path}: a name of {len(parts)} levels; give at most {MAX_LEVELS}")
         value = _levels(value, path) if isinstance(value, dict) else value
         here = found
         for part in parts[:-1]:

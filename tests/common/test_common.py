@@ -88,55 +88,27 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 @pytest.mark.fault("18c")
-def test_only_regular_files_are_read_within_a_bound_and_written(tmp_path):
+def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "long").write_bytes(b"x" * 11)
-    (tmp_path / "text").write_text("{")
-    for name, words in (
-        ("pipe", "a folder, pipe or device"),  # opening it for reading would wait for ever
-        (".", "a folder, pipe or device"),
-        ("/dev/zero", "a folder, pipe or device"),
-        ("none", "No such file or directory"),
-        ("long", "more than 10 bytes"),
-    ):
-        with pytest.raises(files.StorageError, match=words):
-            files.read_bytes(tmp_path / name, 10)
-        if words == "a folder, pipe or device":
-            with pytest.raises(files.StorageError, match=words):
-                files.write_bytes(tmp_path / name, b"data")
-    assert files.read_bytes(tmp_path / "long", 11) == b"x" * 11
-    refused(lambda: files.read_json(tmp_path / "text"), "not JSON", kind=files.StorageError)
+    for name in ("pipe", ".", "/dev/zero"):
+        refused(lambda name=name: files.write_bytes(tmp_path / name, b""), "a folder, pipe or device")
     assert (tmp_path / "pipe").is_fifo()
+    (tmp_path / "text").write_text("{")
+    refused(lambda: files.read_json(tmp_path / "text"), "not JSON", kind=files.StorageError)
+    refused(lambda: files.read_json(tmp_path / "none"), "none: .*No such file", kind=files.StorageError)
 
 
-DOUBLED = "a0: &a0 {x: 1}\n"  # 2**k of level k
-
-
-@pytest.mark.fault("18c")
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (DOUBLED + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40)), "more than 100000 values"),
-        (DOUBLED + "".join(f"a{k + 1}: &a{k + 1} {{<<: [*a{k}, *a{k}]}}\n" for k in range(40)), "more than 100000"),
-        ("a: &a [*a]", "50 levels"),
-        ("a: " + "[" * 60 + "]" * 60, "50 levels"),
-        ("a: 0x" + "f" * 400, "over 308 digits"),
-        ("a: !!timestamp foo", "not readable as YAML"),
+        ("a: [", "not readable as YAML"),
         ("a: 2001-99-99", "not readable as YAML"),
         ("a: !!python/object/apply:os.getcwd []", "could not determine a constructor"),
     ],
 )
-def test_yaml_is_plain_values_and_bounded(tmp_path, text, words):
+def test_yaml_is_plain_values(tmp_path, text, words):
     (tmp_path / "a.yaml").write_text(text)
     refused(lambda: yaml_files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{words}", kind=files.StorageError)
-    assert yaml_files.yaml_value("a: &a [1, 2]\nb: *a", "b") == {"a": [1, 2], "b": [1, 2]}
-
-
-@pytest.mark.parametrize("text", ["[" * 100_000, "1" + "0" * 400, "1" + "0" * 5000, '{"a": 1, "b": 2, "a": 1}'])
-def test_json_is_bounded_and_says_nothing_twice(text):
-    with pytest.raises(ValueError, match=r"."):
-        files.json_value(text)
-    assert files.json_value("[1, 1e400]") == [1, math.inf]
 
 
 def test_numbers_within_bounds():

@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import struct
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,6 @@ import applr_ros1
 import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, load, save
@@ -193,7 +191,7 @@ class Bomb:
 
 
 def _raw(weights, **metadata):
-    return safetensors.numpy.save(weights, metadata={"sha256": actor_module.checksum(weights, metadata), **metadata})
+    return safetensors.numpy.save(weights, metadata=metadata)
 
 
 def _damaged_files():
@@ -201,22 +199,13 @@ def _damaged_files():
     space, layout = json.dumps(SPACE.chosen.to_dict()), json.dumps(LAYOUT.to_dict(len(SPACE.chosen)))
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
-    changed = bytearray(whole)
-    changed[-5] ^= 1
     other = json.loads(space)
     other["high"][0] = 1.0
     nan = dict(good, **{"0.bias": np.full(32, np.nan, dtype=np.float32)})
     wide = make_weights(inputs=721)
     return {
-        "truncated": (whole[: len(whole) // 2], "truncated"),
-        "empty": (b"", "truncated"),
-        "pickle": (pickle.dumps(Bomb()), "pickle"),
-        "zip": (b"PK\x03\x04" + b"\0" * 100, "pickle"),
-        "old pickle": (pickle.dumps(Bomb(), protocol=0), "safetensors"),
-        "huge header": (struct.pack("<Q", 2**62) + b"{}", "safetensors"),
-        "no json": (struct.pack("<Q", 4) + b"\xff\xfe\x00\x01", "damaged"),
-        "deep json": (struct.pack("<Q", 200000) + b"[" * 200000, "damaged"),
-        "checksum": (bytes(changed), "checksum"),
+        "truncated": (whole[: len(whole) // 2], "cut short"),
+        "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "no space": (_raw(good, **{key: header[key] for key in header if key != "space"}), "metadata"),
         "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "size is 729"),
@@ -234,19 +223,6 @@ def _damaged_files():
     }
 
 
-def test_no_bit_of_what_an_actor_file_says_of_itself_changes_unnoticed(tmp_path):
-    path, rng = tmp_path / "actor.safetensors", np.random.default_rng(0)
-    save(path, make_weights(), {"period_s": 1.0, "training": {"steps": 300}})
-    data = path.read_bytes()
-    begin, length = data.index(b"__metadata__"), int.from_bytes(data[:8], "little")
-    for at in rng.integers(begin, 8 + len(data[8 : 8 + length].rstrip()), 200):
-        damaged = bytearray(data)
-        damaged[at] ^= 1 << rng.integers(8)
-        path.write_bytes(damaged)
-        with pytest.raises(ApplrError):
-            load(path)
-
-
 @pytest.mark.parametrize("case", sorted(_damaged_files()))
 def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
     import builtins
@@ -256,17 +232,6 @@ def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
     path.write_bytes(data)
     refused(lambda: load(path), expected, str(path))
     assert not hasattr(builtins, "applr_bomb")
-
-
-def test_a_header_whose_length_looks_like_a_pickle_is_read(tmp_path):
-    data = safetensors.numpy.save({"a": np.zeros(2, np.float32)}, {"note": "x" * 20})
-    length = 0x0480
-    header = data[8 : 8 + int.from_bytes(data[:8], "little")].ljust(length)
-    padded = length.to_bytes(8, "little") + header + data[-8:]
-    assert padded[:2] in PICKLES
-    arrays, said = unpack(padded, "it")
-    assert list(arrays) == ["a"]
-    assert said["note"] == "x" * 20
 
 
 def test_saving_is_whole_or_not_at_all(tmp_path):
@@ -314,7 +279,7 @@ def test_methods(tmp_path):
 BAD_SETS = ("", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": NaN}', '{"max_vel_x": [1]}')
 
 
-@pytest.mark.parametrize("text", [*BAD_SETS, "[" * 50000, '{"max_vel_x": true}'])
+@pytest.mark.parametrize("text", [*BAD_SETS, '{"max_vel_x": true}'])
 def test_bad_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)

@@ -274,17 +274,6 @@ def test_what_lies_beside_a_urdf_is_bounded(make, tmp_path):
     assert time.process_time() - before < 10.0
 
 
-def test_all_meshes_together_are_bounded_and_each_is_read_once(tmp_path, monkeypatch):
-    (tmp_path / "a.stl").write_bytes(stl := trimesh.creation.box((1, 1, 1)).export(file_type="stl"))
-    (tmp_path / "b.stl").write_bytes(stl)
-    monkeypatch.setattr("applr_ros1.robots.owner.urdf.MAX_MESHES", len(stl) + 1)
-    text = "".join(link(name, f'<mesh filename="{name[0]}.stl"/>') for name in ("a", "a2", "b"))
-    text += joint("a2", "0 0 0", "a") + joint("b", "0 0 0", "a")
-    (tmp_path / "a.urdf").write_text(f'<robot name="a">{text}</robot>')
-    urdf = UrdfFile(str(tmp_path / "a.urdf"), {})
-    assert (len(urdf.boxes(urdf.links)), urdf.lost) == (2, {"b.stl"})
-
-
 def test_a_collada_mesh_has_its_own_unit(tmp_path):
     mesh = trimesh.creation.box((400, 300, 100)).export(file_type="dae").decode()
     (tmp_path / "hull.dae").write_text(mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>'))

@@ -52,9 +52,8 @@ def checked(folder, capsys):
             "local_costmap: {plugins: [seen]}",
             "plugins has 'seen': give .*Nav2's form, in ROS 1 it is {name: seen, type",
         ),
-        ("_ns: " + "a/" * 2000, "a name of 2002 levels; give at most 50"),
     ],
-    ids=["a text", "a type", "no list", "names of Nav2", "levels"],
+    ids=["a text", "a type", "no list", "names of Nav2"],
 )
 def test_what_no_file_of_parameters_holds_is_a_finding(tmp_path, text, line):
     folder = changed(

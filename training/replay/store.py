@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError, check_tables, json_value, sha256
+from applr_ros1.common.files import StorageError, sha256
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
 NAME = "replay.sqlite"  # in the folder of a run or of a dataset
@@ -67,8 +67,6 @@ class TrajectoryStore:
             address = f"{self.path.absolute().as_uri()}?mode={'rwc' if self._writes else 'ro'}"
             self._db = sqlite3.connect(address, uri=True, isolation_level=None)
             if layout is None:
-                with suppress(sqlite3.DatabaseError):  # a file that was cut
-                    check_tables(self._db, self.path)
                 self._db.execute("PRAGMA writable_schema = ON")  # else sqlite reads nothing of a file that was cut
             else:
                 self._db.execute("PRAGMA journal_mode = WAL")
@@ -138,7 +136,7 @@ class TrajectoryStore:
             row = self._db.execute("SELECT * FROM about WHERE name = ?", (name,)).fetchone()
             if row and row[-1] != sha256(*row[:-1]):
                 raise sqlite3.DatabaseError(f"the checksum of its {name} is wrong")
-            return json_value(row[1]) if row else {}
+            return json.loads(row[1]) if row else {}
 
     def trajectories(self, since: int = 0, until: Optional[int] = None) -> Iterator[Tuple[int, Trajectory]]:
         """(id, trajectory), checked, with since < id <= until, but for those whose arrays were dropped or damaged."""
@@ -209,7 +207,7 @@ class TrajectoryStore:
             row = self._row("episodes", number)
             if row is not None:
                 with self._refusals():
-                    yield dict(json_value(row[4]), transitions=int(row[3]))
+                    yield dict(json.loads(row[4]), transitions=int(row[3]))
 
     def _row(self, table: str, number: int) -> Optional[Tuple[Any, ...]]:
         """One row of a table; None, and said on stderr, where it is damaged."""

@@ -13,7 +13,7 @@ import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError, json_value
+from applr_ros1.common.files import StorageError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.form import Form, Mirror
 
@@ -168,7 +168,7 @@ class Trajectory:
         """The inverse of pack, checked. Raises TrajectoryError for bytes that are none, or none of the layout."""
         try:
             arrays, header = unpack(blob, "trajectory")
-            info, terminated = json_value(header["info"]), json_value(header["terminated"])
+            info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
             if not isinstance(info, dict) or not isinstance(terminated, bool):
                 raise ValueError
             made = cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)

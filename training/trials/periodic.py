@@ -125,8 +125,4 @@ class PeriodicEvaluation:
 def _read(path: Path) -> List[Dict[str, Any]]:
     if not path.exists():
         return []
-    data = read_bytes(path)
-    try:
-        return [json.loads(line) for line in data.decode().splitlines() if line]
-    except ValueError as error:
-        raise StorageError(f"{path}: cannot be read ({error})") from None
+    return [json.loads(line) for line in read_bytes(path).splitlines()]

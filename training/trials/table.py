@@ -13,7 +13,7 @@ import os
 import re
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from training.trials.trial import TRACED, Result, Trial
 if TYPE_CHECKING:
     import pandas as pd
 
-NOTES = {"wall_s": float, "provenance": list}  # kinds of what evaluations note beside what was asked
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
 KEY = tuple(COLUMNS)
@@ -36,31 +35,17 @@ NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
 def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     """Return a table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
 
-    What follows the last end of a line is left out: the process was killed while it wrote that row. A repeated row
-    counts once.
-
-    Raises:
-        StorageError: when the file is of another kind, or damaged, or has two results of a trial.
+    What follows the last end of a line is left out: the process was killed while it wrote that row.
     """
     import pandas as pd
 
     data = read_bytes(path) if Path(path).exists() else b""
     whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
+    options: Dict[str, Any] = {"dtype": COLUMNS, "keep_default_na": False, "na_values": NAN}
     try:
-        found = pd.read_csv(io.BytesIO(whole), dtype=COLUMNS, index_col=False, keep_default_na=False, na_values=NAN)
-        if "mean_clearance_m" not in found:  # a table of before that was noted
-            found.insert(found.shape[1] - 1, "mean_clearance_m", np.nan)
-        if list(found.columns) != list(COLUMNS) or found["total_reward"].isna().any():
-            raise ValueError("other columns, or a row without some of them")
-        if not found["time_s"].dropna().between(0.0, np.inf, inclusive="left").all():
-            raise ValueError("a time that cannot be")
-    except (ValueError, OverflowError) as error:
+        return pd.read_csv(io.BytesIO(whole), usecols=list(COLUMNS), **options)[[*COLUMNS]].round(4)
+    except ValueError as error:
         raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
-    found = found.round(4).drop_duplicates(ignore_index=True)  # whatever the parser made of the last bit
-    for world, method, trial, seed in found.loc[found.duplicated([*KEY]), [*KEY]].itertuples(index=False):
-        twice = f"two results of trial {trial} of {method} in {world} (seed {seed})"
-        raise StorageError(f"{path}: {twice}; remove one of these rows, or give another folder")
-    return found
 
 
 class Trials:
@@ -75,7 +60,7 @@ class Trials:
         added: how many trials were added since the table was opened.
 
     Raises:
-        StorageError: with one line, from every method, for a folder that cannot be read or written or is another's.
+        StorageError: the folder is another evaluation's.
     """
 
     def __init__(self, folder: os.PathLike | str, settings: Dict[str, Any]):
@@ -106,26 +91,14 @@ class Trials:
             return dict(settings)
         stored = read_json(path)
         for name in settings:
-            there = stored.get(name) if isinstance(stored, dict) else None
+            there = stored.get(name)
             if json.loads(json.dumps(settings[name])) != there:
                 remedy = "give another --out, or the same options"
                 if name == "methods":
                     remedy += "; training.report --join shows the methods of two folders together"
                 was, now = _short(there), _short(settings[name])
                 raise StorageError(f"{self.folder}: was begun with another {name} ({was}, now {now}); {remedy}")
-        for name, kind in NOTES.items():
-            if not isinstance(stored.get(name, kind()), kind):
-                raise StorageError(f"{path}: {name} is {_short(stored[name])}; give another --out")
         return stored
-
-    def times(self, name: str) -> List[float]:
-        """Return a list of times that was noted [s]; [] where there is none."""
-        noted = self.notes.get(name, [])
-        numbers: List[Any] = noted if isinstance(noted, list) else [None]
-        if not all(isinstance(number, (int, float)) and 0.0 <= number < np.inf for number in numbers):
-            where = self.folder / SETTINGS
-            raise StorageError(f"{where}: {name} is {_short(noted)}, no list of times; give another --out")
-        return [float(number) for number in numbers]
 
     def find(self, trial: Trial) -> Optional[Result]:
         """Return the result of a trial, or None."""
@@ -138,16 +111,10 @@ class Trials:
         values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
         kept = self._results[_key(trial)] = Result(**values)
         self.added += 1
-        path = self.folder / TRIALS
-        try:
-            with open(path, "ab") as file:
-                file.write(_lines([(*_key(trial), *astuple(kept))]))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise StorageError(
-                f"{path}: cannot be written ({reason(error)}); its trials are safe, the same command continues"
-            ) from None
+        with open(self.folder / TRIALS, "ab") as file:
+            file.write(_lines([(*_key(trial), *astuple(kept))]))
+            file.flush()
+            os.fsync(file.fileno())
         return kept
 
     def order(self, plan: Sequence[Trial]) -> None:

@@ -16,12 +16,11 @@ from defusedxml import ElementTree
 
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.common.files import plain_xml, read_bytes
-from applr_ros1.robots.owner.expand import MAX_TEXT, expand
+from applr_ros1.robots.owner.expand import expand
 
 LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 MAX_DEPTH = 100  # levels of tags, joints from a link to the root, and files that a xacro file includes
 MAX_LINKS = 2000
-MAX_MESH, MAX_MESHES = 64 * 2**20, 256 * 2**20  # bytes of one, of all
 MANIFESTS = ("package.xml", "manifest.xml")  # of a package; the latter's name is its folder's
 MESHES = ("stl", "dae", "obj")  # what RViz and Gazebo read; of others, archives among them, nothing bounds the size
 JOINTS = ("continuous", "revolute", "prismatic", "fixed", "floating", "planar")
@@ -44,7 +43,7 @@ class Packages:
         places = ["*/" * depth + kind for kind in MANIFESTS for depth in range(3)]
         for file in (file for root in roots for place in places for file in root.glob(place)):
             with contextlib.suppress(ElementTree.ParseError, ValueError):  # also of a file with entities, or a pipe
-                name = (ElementTree.fromstring(read_bytes(file, MAX_TEXT)).findtext("name") or file.parent.name).strip()
+                name = (ElementTree.fromstring(read_bytes(file)).findtext("name") or file.parent.name).strip()
                 self.found.setdefault(name, str(file.parent))
 
     def folder(self, name: str) -> str:
@@ -56,7 +55,7 @@ class Packages:
 
 def _text(path: str, arguments: Mapping[str, str], packages: Packages) -> str:
     """The URDF in a file, which xacro has gone over where it is for xacro."""
-    text = plain_xml(read_bytes(path, MAX_TEXT))
+    text = plain_xml(read_bytes(path))
     if "xacro" not in text and "${" not in text:
         return text
     text, problem, packages.missing = expand(path, arguments, packages.found)
@@ -118,7 +117,7 @@ def _with_included(path: str, arguments: Mapping[str, str], packages: Packages) 
     files = [path]
     for file in files:
         with contextlib.suppress(ApplrError, OSError, UnicodeDecodeError):
-            texts[file] = plain_xml(read_bytes(file, MAX_TEXT))
+            texts[file] = plain_xml(read_bytes(file))
             defaults.update(re.findall(r"<xacro:arg\s+name=[\"'](\w+)[\"']\s+default=[\"']([^\"']*)", texts[file]))
             for name in re.findall(r"<xacro:include\b[^<>]*?\bfilename\s*=\s*[\"']([^\"']+)", texts[file]):
                 name = re.sub(
@@ -201,7 +200,6 @@ class UrdfFile:
         self.path, self.packages = path, Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
         self._meshes: Dict[str, np.ndarray] = {}  # corners (n, 3) [m] of files that were read
-        self._left = MAX_MESHES
         self._poses: Dict[str, np.ndarray] = {}
         text = _text(path, arguments, self.packages)
         self.choices = _choices(path, arguments, self.packages)
@@ -301,8 +299,7 @@ class UrdfFile:
         else:
             file = os.path.join(os.path.dirname(self.path), re.sub("^file://", "", name))
         kind = os.path.splitext(file)[1][1:].lower()
-        content = read_bytes(file, min(MAX_MESH, self._left)) if kind in MESHES else b""
-        self._left -= len(content)
+        content = read_bytes(file) if kind in MESHES else b""
         loaded: Any = trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", skip_materials=True)
         corners = np.asarray(loaded.vertices)
         if kind == "dae":  # which RViz and Gazebo read in its own unit

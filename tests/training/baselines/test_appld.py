@@ -117,7 +117,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert found.theta[0] > 0.7
 
 
-def test_classifier_tells_scans_apart_in_the_mirror_too_and_its_file_is_checked(tmp_path):
+def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path):
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
@@ -130,10 +130,6 @@ def test_classifier_tells_scans_apart_in_the_mirror_too_and_its_file_is_checked(
     actor.save_contexts(path, {"a": SPACE.chosen.theta0, "b": SPACE.chosen.high}, weights)
     net = actor.load(path, kinds=(actor.CONTEXTS,))
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
-    damaged = bytearray(path.read_bytes())
-    damaged[-5] ^= 1
-    path.write_bytes(damaged)
-    refused(lambda: actor.load(path, kinds=(actor.CONTEXTS,)), "its checksum is wrong")
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
@@ -150,16 +146,6 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     theta = method.sets[method.context(obs)]
     assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
     assert method.describe()["file"] == "mine.safetensors"
-
-
-def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(actor, "MAX_CONTEXTS", 1)
-    monkeypatch.setattr(appld_fit, "fit", lambda *_: pytest.fail("searched"))
-    words = [str(bag), "--out", str(tmp_path / "x.safetensors"), "--penalty", "0.5"]
-    assert appld.main([*words, "--contexts", "0"]) == 1
-    error = capsys.readouterr().err
-    assert "a file holds at most 1; give --contexts 1 to 1 or a larger --penalty" in error
-    assert error.count("\n") == 1
 
 
 def test_shipped_file_drives():

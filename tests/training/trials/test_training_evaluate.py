@@ -3,7 +3,6 @@ one line. A toy runner stands in for the robot; the real one is driven at the en
 """
 
 import csv
-import io
 import json
 import math
 import os
@@ -182,19 +181,6 @@ def test_a_row_that_was_being_written_is_driven_again_and_others_are_as_they_wer
         assert table.find(plan[1]) == replace(given, time_s=3.1416)
 
 
-def test_a_repeated_row_counts_once_and_two_results_of_a_trial_are_refused(tmp_path):
-    with Trials(tmp_path, {}) as table:
-        for task in plan_trials([("w", "w")], [("m", "m")], 2, seed=0):
-            table.add(task, Result(time_s=1.0, path_length_m=2.0))
-    path = tmp_path / "trials.csv"
-    whole, row = path.read_text(), path.read_text().splitlines()[1]
-    path.write_text(whole + row + "\n")
-    assert read_trials(path).trial.tolist() == [0, 1]
-    path.write_text(whole + row.replace("1.0", "3.0") + "\n")
-    with pytest.raises(StorageError, match=r"two results of trial 0 of m in w .*; remove one of these rows"):
-        read_trials(path)
-
-
 def test_more_trials_only_append(tmp_path, run, refused):
     assert run(command(tmp_path, "--trials", 2)) == 0
     few = (tmp_path / "trials.csv").read_bytes()
@@ -219,17 +205,11 @@ def test_another_evaluations_folder_is_refused(tmp_path):
 
     refuse("another seed", {"seed": 1})
     whole = (tmp_path / "trials.csv").read_text()
-    wrong = "a,b\n1,2\n", "\0\n", whole.rpartition(",")[0] + "\n", whole + "w,m\n", whole.replace("False", "no")
-    odd = [whole.replace("1.0", time) for time in ("", "-1.0", "inf")] + [whole.replace("m,1", "m,1" + 20 * "0")]
-    for text in (*wrong, *odd, whole + whole.splitlines()[1] + ",1\n"):
-        (tmp_path / "trials.csv").write_text(text)
-        refuse("expected world,method")
-    pd.read_csv(io.StringIO(whole)).drop(columns="mean_clearance_m").to_csv(tmp_path / "trials.csv", index=False)
-    older = read_trials(tmp_path / "trials.csv")
-    assert (older.time_s == 1.0).all()
-    assert older.mean_clearance_m.isna().all(), "it was not noted then"
-    (tmp_path / "evaluation.json").write_text("{")
-    refuse("not JSON")
+    (tmp_path / "trials.csv").write_text("a,b\n1,2\n")
+    refuse("expected world,method")
+    (tmp_path / "trials.csv").write_text(whole)
+    plain = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
+    pd.testing.assert_frame_equal(plain, read_trials(tmp_path / "trials.csv"), check_dtype=False)
     (tmp_path / "evaluation.json").unlink()
     refuse("evaluation.json is missing")
 
