@@ -236,7 +236,7 @@ for command in sys.argv[1:]:
 
 def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_one_line(tmp_path):
     pytest.importorskip("training.evaluate")
-    commands = ("appld", "bags_to_dataset", "demonstrate", "train", "tune_robot")
+    commands = ("appld", "bags_to_dataset", "demonstrate", "train")
     program = [sys.executable, "-c", WITHOUT_EXTRAS, *commands]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
