@@ -11,15 +11,12 @@ Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load
 ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
 ~gazebo (Gazebo's services too: ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map
 (publish a map of the world on map, latched, and its frame).
-For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
-that this one detects and can touch: ros_others.py).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import threading
 import time
@@ -39,7 +36,6 @@ from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import load
 
 from . import make
-from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
 
@@ -47,7 +43,6 @@ TICK_S = 0.01  # simulated seconds between clocks; data every second one
 BASE_TIME_S = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
 CONTROL_FREQUENCY_HZ = 20.0  # Hz of a planner that states none, for the lock-step of real_time_factor 0
 PATIENCE_S = 0.25  # wall seconds that the lock-step waits for a command
-CAUGHT_UP_S = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
 IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
 
 
@@ -64,8 +59,6 @@ class Bridge:
         if rospy.get_param("~gui", False):
             options = dict(options, gui=True)
         self.base_time = BASE_TIME_S
-        self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
-        self.makes_clock = bool(rospy.get_param("~clock", True))
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
         self.scale = robot.world_scale
@@ -87,15 +80,13 @@ class Bridge:
         if not rospy.get_param("~paused", False):
             self.running.set()
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
-        self.topics = BridgeTopics(robot, prefix, self.makes_clock, with_map)
+        self.topics = BridgeTopics(robot, prefix, with_map)
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):
             _offer_gazebo_services(self)
         self._connect()
-        if not self.makes_clock:
-            self._await_clock()
-        elif not rospy.get_param("/use_sim_time", False):
+        if not rospy.get_param("/use_sim_time", False):
             rospy.logwarn(
                 "sim_bridge: /use_sim_time is not true: nodes that take the computer's time find scans and transforms "
                 "too old; rosparam set /use_sim_time true, then start them"
@@ -113,20 +104,8 @@ class Bridge:
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
     def _load(self, spec):
-        """Return a world at the robot's scale, with the other robots as moving obstacles."""
-        world: Any = worlds.scaled(worlds.load(spec), self.scale)
-        return dataclasses.replace(world, movers=world.movers + self.others) if self.others else world
-
-    def _await_clock(self):
-        """Wait until the clock that another robot makes runs, and count from then on."""
-        with announced("waiting for another simulated robot's /clock (parameter ~clock is false)", rospy.loginfo):
-            while rospy.get_time() == 0.0 and not rospy.is_shutdown():
-                time.sleep(0.02)
-        self.base_time = rospy.get_time() - self.simulator.state.time
-
-    def sim_time(self, stamp: rospy.Time) -> float:
-        """Return the simulated time [s] of a ROS time."""
-        return stamp.to_sec() - self.base_time
+        """Return a world at the robot's scale."""
+        return worlds.scaled(worlds.load(spec), self.scale)
 
     def stamp(self) -> rospy.Time:
         """Return the ROS time of the simulator's present state."""
@@ -157,9 +136,7 @@ class Bridge:
                 if ticks % 10 == 0:
                     self.topics.publish_movers(self.simulator, stamp)
                 self.topics.publish_clock(stamp)
-            if not self.makes_clock:
-                self._follow_clock()
-            elif self.factor == 0.0:
+            if self.factor == 0.0:
                 self._lock_step()
                 if self.driven:
                     pace.begin()
@@ -175,18 +152,6 @@ class Bridge:
             self.simulator.command(*command)
             now = self.simulator.state.time
             self.due = self.period + (self.due if now <= self.due <= now + 0.5 * self.period else now)
-
-    def _follow_clock(self):
-        """Wait until /clock has passed this simulator's time; a clock that has gone back or far ahead is caught up."""
-        while not rospy.is_shutdown() and self.running.is_set():
-            with self.lock:
-                ahead = self.sim_time(rospy.get_rostime()) - self.simulator.state.time
-                if abs(ahead) > CAUGHT_UP_S:
-                    self.base_time += ahead
-                    return
-            if ahead >= TICK_S - 1e-6:
-                return
-            time.sleep(0.001)
 
     def _lock_step(self):
         """Wait for the planner's next command once it is due.
@@ -259,7 +224,7 @@ class Bridge:
                 world, self.seed = self.simulator.world, self.seed + 1
             else:
                 self.start = None  # that of the new world's course
-            self.base_time += self.simulator.state.time + (TICK_S if self.makes_clock else 0.0)
+            self.base_time += self.simulator.state.time + TICK_S
             with self.arrived:
                 self.newest, self.driven, self.due = None, False, 0.0
             state = self.simulator.reset(world, self.seed, self.start)

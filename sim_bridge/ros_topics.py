@@ -46,16 +46,15 @@ class BridgeTopics:
     Args:
         robot: Description of the robot; topics and frames have its names.
         prefix: What the names of the robot's other frames begin with, for several robots on one master.
-        clock: Whether to publish /clock; otherwise another robot does.
         with_map: Whether to publish a map of the world and where it lies, as a map server and localisation do.
     """
 
-    def __init__(self, robot: Robot, prefix: str = "", clock: bool = True, with_map: bool = False):
+    def __init__(self, robot: Robot, prefix: str = "", with_map: bool = False):
         self.robot, self.prefix = robot, prefix
         self.odom_frame, self.base_frame = prefix + robot.frames.odom, prefix + robot.frames.base
         self.laser_frame = prefix + robot.laser.frame
         names = robot.topics
-        self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True) if clock else None
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
         self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.odometry = rospy.Publisher(names.odometry, Odometry, queue_size=10, tcp_nodelay=True)
@@ -71,9 +70,8 @@ class BridgeTopics:
         self._last = None
 
     def publish_clock(self, stamp: rospy.Time) -> None:
-        """Publish simulated time, if this robot makes the clock."""
-        if self.clock is not None:
-            self.clock.publish(stamp)
+        """Publish simulated time."""
+        self.clock.publish(stamp)
 
     def publish_scan(self, ranges: np.ndarray, stamp: rospy.Time) -> None:
         """Publish a scan, ranges (beams,) float32 [m]."""

@@ -34,15 +34,12 @@ TWO = """<launch>
       <arg name="tf_prefix" value="robot1"/>
       <arg name="scan_topic" value="lidar/scan"/>
     </include>
-    <param name="sim_bridge/others" value="/robot2"/>
   </group>
   <group ns="robot2">
     <include file="{0}">
       <arg name="tf_prefix" value="robot2"/>
       <arg name="scan_topic" value="lidar/scan"/>
     </include>
-    <param name="sim_bridge/others" value="/robot1"/>
-    <param name="sim_bridge/clock" value="false"/>
   </group>
 </launch>"""
 
@@ -181,11 +178,10 @@ def test_two_robots_in_namespaces_share_no_name(tmp_path):
     nodes = {name: [node for node in found.config.nodes if node.namespace == f"/{name}/"] for name in ROBOTS}
     assert [node.name for node in nodes["robot1"]] == [node.name for node in nodes["robot2"]]
     assert len(found.config.nodes) == len(found.config.resolved_node_names) == 2 * len(nodes["robot1"]) == 12
-    for name, other in (ROBOTS, ROBOTS[::-1]):
+    for name in ROBOTS:
         targets = {resolve_name(to, f"/{name}/node") for node in nodes[name] for _, to in node.remap_args}
         assert targets == {f"/{name}/move_base/cmd_vel", f"/{name}/lidar/scan"}
         given = {key[len(name) + 2 :]: value for key, value in found.parameters.items() if key.startswith(f"/{name}/")}
-        assert given["sim_bridge/others"] == "/" + other
         prefixes = {key: value for key, value in given.items() if key.endswith("/tf_prefix")}
         assert set(prefixes.values()) == {name}
         assert {node.name + "/" for node in nodes[name]} >= {key[: -len("tf_prefix")] for key in prefixes}
