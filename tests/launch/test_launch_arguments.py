@@ -122,14 +122,14 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
         assert found.parameters["/%s/robot" % node] == robot
     assert found.parameters["/sim_bridge/world"] == found.parameters["/send_goal/world"] == "/a b.world"
-    assert found.words["record"] == [bag, "--costmaps", "false", "--robot", robot]
+    assert found.words["record"] == [bag, "--robot", robot]
     assert found.words["rviz"] == ["--robot", robot, "--prefix", "none"]
     found = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
     assert found.words["player"][-1] == bag
 
 
-def test_method_policy_and_meter_scoring_reach_their_nodes():
-    found = loaded("jackal_applr.launch", "policy:=/a.safetensors", "seed:=3").parameters
+def test_method_and_meter_scoring_reach_their_nodes():
+    found = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("/a.safetensors", "auto")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
@@ -149,10 +149,8 @@ def test_one_argument_switches_the_prediction_off():
 
 
 def test_the_monitor_makes_motions_of_escape_beside_a_cpp_move_base_alone():
-    for words, on in (((), False), (("escape:=true",), False), (("move_base:=cpp",), True)):
+    for words, on in (((), False), (("move_base:=cpp",), True)):
         assert loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is on
-    off = loaded("jackal_applr.launch", "move_base:=cpp", "escape:=false").parameters
-    assert off["/collision_monitor/escape"] is False
 
 
 def test_launch_files_clear_what_an_earlier_launch_left():
@@ -238,7 +236,7 @@ def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, lin
 def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
-    words = ["policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
+    words = ["method:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
     _, passed, _, _ = demo.prepare(words)
     assert passed == {"method": f"{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
 

@@ -92,8 +92,6 @@ def prepare(words):
     if picture != "none" and not (picture.endswith(".png") and writable):
         raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
     robot = load(values["robot"], tell)
-    if values["policy"] != "none":
-        values["method"] = methods.absolute(values["policy"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
@@ -102,7 +100,7 @@ def prepare(words):
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
         course = dataclasses.replace(world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True)
         world = dataclasses.replace(world, course=course)
-    passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
+    passed = {name: values[name] for name in {"method", *given} & set(known)}
     return values, dict(passed, goal="none"), robot, world
 
 

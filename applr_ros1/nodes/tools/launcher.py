@@ -52,7 +52,7 @@ def given_arguments(words, known):
     given = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
-    for name in {"robot", "world", "record", "policy"} & set(given):
+    for name in {"robot", "world", "record"} & set(given):
         if given[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(given[name])):
             given[name] = os.path.abspath(given[name])
     return given

@@ -11,7 +11,7 @@ import posixpath
 import sys
 from typing import List, Sequence
 
-from applr_ros1.common.arguments import boolean, without_remappings
+from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -25,18 +25,13 @@ STACK = (
     "applr/movers collision_monitor/action "
     "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
 )
-COSTMAPS = (
-    "move_base/local_costmap/costmap move_base/local_costmap/costmap_updates "
-    "move_base/global_costmap/costmap move_base/global_costmap/costmap_updates move_base/{planner}/trajectory_cloud"
-)
 PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 
 
-def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL) -> List[str]:
+def topics(arguments: Sequence[str] = (), robot: Robot = JACKAL) -> List[str]:
     """Absolute names of the topics of one robot's stack, and of what all robots share.
 
     Args:
-        costmaps: Costmaps and sampled trajectories, too.
         arguments: Remappings and "__ns:=..." as ROS gives them to a node; the environment's ROS_NAMESPACE counts.
         robot: Whose stack it is: names of its topics, and of the servers that its parameter space sets.
     """
@@ -47,7 +42,7 @@ def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL)
     mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
     servers = {setting.server for parameter in robot.space for setting in parameter.sets} - set(PLANNERS)
     found = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
-    for name in [*STACK.split(), *(COSTMAPS.split() if costmaps else ())]:
+    for name in STACK.split():
         planners = PLANNERS if "{planner}" in name else ("",)
         found += [name.format(planner=planner, **vars(robot.topics)) for planner in planners]
     resolved = (names.resolve_name(name, node) for name in found)
@@ -60,7 +55,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
     add = parser.add_argument
     add("bag", help="Bag file (.bag) to write.")
-    add("--costmaps", default="false", help="Costmaps and sampled trajectories, too: true or false, the default.")
     add("--robot", default=JACKAL.name, help="Robot that is recorded: a name or a folder. Default: %(default)s.")
     options = parser.parse_args(without_remappings(words))
     bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
@@ -69,7 +63,7 @@ def main() -> None:
     for there in (bag, bag + ".active"):  # rosbag would write over it
         if os.path.lexists(there):
             raise ApplrError(f"record is {bag}: {there} is there already; give another name")
-    chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
+    chosen = topics(words, load(options.robot))
     become("rosbag", "record", ["--lz4", "-O", bag, *chosen, *(w for w in words if w.startswith("__"))])
 
 
