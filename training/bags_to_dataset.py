@@ -23,8 +23,6 @@ from training.replay.store import NAME, TrajectoryStore
 from training.replay.trajectory import MAX_NAME, TransitionLayout
 
 with extra(__name__):
-    import rosbags  # noqa: F401 - the child process that reads a bag needs it
-
     from training.bags.bag import BagError, BagOptions, bags_in, read, refused
     from training.bags.episodes import BagReport, transitions
     from training.bags.topics import TopicNames
@@ -75,8 +73,8 @@ def parse(arguments=None) -> DatasetOptions:
 def run(options: DatasetOptions) -> None:
     """Write the dataset from the bags.
 
-    A bag or episode that is damaged or incomplete is skipped, printed and counted under its reason. Raises BagError
-    when nothing at all could be used, StorageError when the folder cannot be written.
+    A bag that cannot be read, or an incomplete episode, is skipped, printed and counted under its reason. Raises
+    BagError when nothing at all could be used, StorageError when the folder cannot be written.
     """
     reward = Reward(**options.model_dump(include=set(RewardOptions.model_fields)))
     topics, bags = options.topics(), bags_in(options.bags)

@@ -1,31 +1,32 @@
 """The content of a bag, ROS 1 or ROS 2, as arrays: what a robot with move_base recorded of its drives.
 
-episodes.py makes transitions of it, APPLD its demonstrations.
+rosbags reads the messages. Nothing of a bag is executed: from the definitions of messages rosbags takes only names,
+types and numbers. episodes.py makes transitions of the content, APPLD its demonstrations.
 """
 
 from __future__ import annotations
 
 import json
-import zipfile
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
-import rosbags  # noqa: F401  (messages.py's process needs it)
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel.anyreader import ReaderErrors
+from rosbags.typesys import Stores, get_typestore
 
-from applr_ros1.common import child
+from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.decision import Seen
+from training.bags import SECOND
 from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
-LIMITS = {"CPU": 60, "AS": 2**32, "FSIZE": 2**32, "NPROC": 0}  # s, bytes, bytes of a file that is written, processes
-SECONDS_PER_GB = 200.0  # of a bag, beside LIMITS
 METADATA, STORAGES = "metadata.yaml", (".mcap", ".db3")  # of a ROS 2 bag
+RUNNING, ENDED = (1, 6), (2, 3, 4, 5)  # actionlib: active, preempting; preempted, succeeded, aborted, rejected
 
 
 class BagError(ApplrError):
@@ -60,26 +61,18 @@ class Scans(NamedTuple):
     """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges.
 
     geometry (n, 4): angle of the first range and between ranges [rad], smallest and largest range [m]. ranges: float32
-    [m] of all scans, one behind the other, as the laser gave them; scan i begins at starts[i]. Empty where not asked.
+    (m,) [m] of each scan as the laser gave them; empty arrays if they were not asked for.
     """
 
     at: np.ndarray
     stamp: np.ndarray
     nearest: np.ndarray
     geometry: np.ndarray
-    starts: np.ndarray
-    ranges: np.ndarray
-
-    def of(self, i: int) -> np.ndarray:
-        """Return the ranges (m,) of scan i, which share the memory of all."""
-        return self.ranges[self.starts[i] : self.starts[i + 1]]
+    ranges: List[np.ndarray]
 
 
 class Decision(NamedTuple):
-    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}.
-
-    In a bag of an older node, whose decisions held an observation of one form alone, seen has a scan without ranges.
-    """
+    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}."""
 
     at: int
     number: int
@@ -124,81 +117,71 @@ class Bag:
 
 
 def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
-    """Read a bag in a child process with limits of memory and time.
+    """Read a bag.
 
     Args:
         path: A .bag file, a ROS 2 folder with metadata.yaml, or a file in it.
         topics: Names of what was recorded.
         ranges: Whether the ranges of scans are wanted.
-
-    Raises:
-        BagError: It cannot be read, or reading it takes too much.
     """
-    place = Path(path)
+    place, base, end = Path(path), topics.move_base, 0
     if (place.suffix in STORAGES or place.name == METADATA) and (place.parent / METADATA).exists():
         place = place.parent
-    size = sum(file.stat().st_size for file in (place.iterdir() if place.is_dir() else [place]) if file.exists())
-    limits = {**LIMITS, "CPU": int(LIMITS["CPU"] + SECONDS_PER_GB * size / 1e9)}
-    given = {"path": str(place), "topics": vars(topics), "ranges": ranges}
-    environment = {"OPENBLAS_NUM_THREADS": "1"}
-    with TemporaryDirectory() as folder, open(Path(folder) / "answer.npz", "w+b") as answer:
-        program, patience_s = str(Path(__file__).with_name("messages.py")), 60.0 + 4.0 * limits["CPU"]
-        if child.run([program], given, limits, patience_s, answer, {**environment, "TMPDIR": folder}) is None:
-            too_much = f"over {limits['CPU']} s or {limits['AS'] >> 20} MiB"
-            raise BagError(f"{path}: reading it takes {too_much}; record fewer topics, or shorter")
-        answer.seek(0)
-        try:
-            with np.load(answer, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-        except (ValueError, zipfile.BadZipFile) as error:
-            raise BagError(f"{path}: what was read of it is incomplete ({error}); is the disk full?") from None
-    about = json.loads(arrays["about"].tobytes())
-    if "error" in about:
-        remedy = "; it was not closed: give it the ending .bag" if place.suffix == ".active" else ""
-        raise BagError(f"{path}: {about['error']}{remedy}")
-    return _bag(Path(path), topics, about, arrays)
-
-
-def _bag(path: Path, topics: TopicNames, about: Dict[str, Any], arrays: Dict[str, np.ndarray]) -> Bag:
-    """Return a Bag of what messages.py answers."""
-
-    def table(name: str, *columns: str) -> Dict[str, np.ndarray]:
-        return {column: arrays[f"{name}_{column}"] for column in columns}
-
-    starts = np.concatenate([[0], np.cumsum(arrays["scan_count"])])
-    scan = table("scan", "at", "stamp", "nearest", "geometry")
-    for name in ("decisions", "ends"):
-        about[name] = [
-            Decision._make([*known, dict(zip(*before)), dict(zip(*after)), _seen(arrays["seen"], places)])
-            for *known, before, after, places in about[name]
-        ]
+    unpackers: Dict[str, Callable[[Any], Sequence[Any]]] = {
+        topics.scan: lambda m: _scan(m, ranges),
+        topics.odometry: _odometry,
+        topics.command: _command,
+        base + "/status": _status,
+        base + "/result": lambda m: (m.status.goal_id.id, int(m.status.status)),
+        base + "/current_goal": _goal,
+        base + "/goal": lambda m: _goal(m.goal.target_pose),
+        base + "_simple/goal": _goal,
+        topics.demonstration: lambda m: (json.loads(m.data),),
+        topics.collision: lambda m: (m.data,),
+        topics.decision: _decision,
+        topics.course_end: _decision,
+    }
+    rows: Dict[str, List[Any]] = {topic: [] for topic in unpackers}
+    with AnyReader([place], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        needed = [one for one in reader.connections if one.topic in unpackers]
+        for connection, end, raw in reader.messages(needed) if needed else ():
+            message = reader.deserialize(raw, connection.msgtype)
+            rows[connection.topic].append((end, *unpackers[connection.topic](message)))
+    odometry = rows[topics.odometry]
+    scans = [row for row in rows[topics.scan] if row[2] == rows[topics.scan][0][2]]  # lasers may share a topic
+    nearest, geometry, kept = _numbers(scans, 3, 1)[:, 0], _numbers(scans, 4, 4), [row[8] for row in scans]
+    ended = [(at, *one) for at, _, ends in reversed(rows[base + "/status"]) for one in ends]  # the first one counts
     return Bag(
-        path,
+        Path(path),
         topics,
-        Scans(**scan, starts=starts, ranges=arrays["ranges"]),
-        Poses(**table("odometry", "at", "stamp", "pose", "twist"), frame=about.pop("frame")),
-        (arrays["command_at"], arrays["command_command"]),
-        **about,
+        Scans(_times(scans, 0), _times(scans, 1), nearest, geometry, kept),
+        Poses(
+            _times(odometry, 0),
+            _times(odometry, 1),
+            _numbers(odometry, 3, 3),
+            _numbers(odometry, 6, 2),
+            odometry[0][2] if odometry else "odom",
+        ),
+        (_times(rows[topics.command], 0), _numbers(rows[topics.command], 1, 2)),
+        sorted(rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"]),
+        [(at, running) for at, running, _ in rows[base + "/status"]],
+        {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]},
+        [Decision(*row) for row in rows[topics.decision]],
+        [Decision(*row) for row in rows[topics.course_end]],
+        [at for at, touches in rows[topics.collision] if touches],
+        rows[topics.demonstration][-1][1] if rows[topics.demonstration] else {},
+        end,
     )
-
-
-def _seen(numbers: np.ndarray, places: List[int]) -> Seen:
-    """Return what a decision was made from, of the numbers that messages.py puts one behind the other."""
-    single, ranges, plan, movers = (numbers[begin:end] for begin, end in zip(places, places[1:]))
-    time, x, y, yaw, v, w, goal_x, goal_y, goal_yaw, first, step = single.tolist()
-    scan, where = (ranges.astype(np.float32), first, step), ((x, y, yaw), (v, w), (goal_x, goal_y, goal_yaw))
-    return Seen(scan, time, *where, plan.reshape(2, -1).T, movers.reshape(4, -1).T)
 
 
 @contextmanager
 def refused(path) -> Iterator[None]:
-    """Turn the errors of what makes sense of a bag into a BagError that names the bag."""
+    """Turn the errors of rosbags, and of what makes sense of a bag, into a BagError that names the bag."""
     try:
         yield
-    except ApplrError as error:
-        raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    except Exception as error:  # what numbers that no drive has lead to can be anything
-        raise BagError(f"{path}: damaged inside ({reason(error)})") from None
+    except (ApplrError, AnyReaderError, *ReaderErrors) as error:
+        remedy = "; if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
+        raise BagError(f"{path}: {reason(error)}{remedy}") from None
 
 
 def bags_in(paths) -> List[Path]:
@@ -207,22 +190,82 @@ def bags_in(paths) -> List[Path]:
     Raises:
         BagError: A path does not exist, or there are no bags.
     """
+    kinds = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
     found = []
     for path in map(Path, paths):
         if not path.exists():
-            raise BagError(
-                f"{path}: there is no such file or folder; give .bag, .mcap or .db3 files or ROS 2 bag folders"
-            )
+            raise BagError(f"{path}: there is no such file or folder; {kinds}")
         holds_bags = path.is_dir() and not (path / METADATA).exists()
         found += [inside for inside in sorted(path.rglob("*")) if _is_bag(inside)] if holds_bags else [path]
     if not found:
-        raise BagError(
-            f"{', '.join(map(str, paths))}: no bags there; give .bag, .mcap or .db3 files or ROS 2 bag folders"
-        )
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there; {kinds}")
     return found
 
 
 def _is_bag(path: Path) -> bool:
     if path.suffix in STORAGES:
         return not (path.parent / METADATA).exists()
-    return path.name.endswith((".bag", ".bag.active")) or (path / METADATA).exists()
+    return path.suffix == ".bag" or (path / METADATA).exists()
+
+
+# -- messages ----------------------------------------------------------------------------------------------------------
+def _scan(m: Any, keep: bool) -> Sequence[Any]:
+    """Return stamp, frame, nearest range, geometry and ranges. Some lasers say NaN or 0 where nothing returned."""
+    ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
+    nearest = np.fmin.reduce(ranges) if len(ranges) else np.inf
+    geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max
+    return _stamp(m), _frame(m), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
+
+
+def _odometry(m: Any) -> Sequence[Any]:
+    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
+    return _stamp(m), _frame(m), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z
+
+
+def _command(m: Any) -> Sequence[Any]:
+    m = getattr(m, "twist", m)  # TwistStamped too
+    return m.linear.x, m.angular.z
+
+
+def _status(m: Any) -> Sequence[Any]:
+    """Return the running goal, and those that have ended, with their status."""
+    running = [s.goal_id.id for s in m.status_list if s.status in RUNNING]
+    return running[-1] if running else "", [(s.goal_id.id, int(s.status)) for s in m.status_list if s.status in ENDED]
+
+
+def _goal(m: Any) -> Sequence[Any]:
+    p, q = m.pose.position, m.pose.orientation
+    return _frame(m), p.x, p.y, yaw_of(q)
+
+
+def _decision(m: Any) -> Sequence[Any]:
+    """Return the fields of a Decision, but for its time."""
+    before, after = (dict(zip(p.names, p.values.tolist())) for p in (m.before, m.after))
+    scan = m.ranges.astype(np.float32), m.angle_min, m.angle_increment
+    movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
+    pose, goal = (m.x, m.y, m.yaw), (m.goal_x, m.goal_y, m.goal_yaw)
+    seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, np.column_stack([m.plan_x, m.plan_y]), movers)
+    return int(m.number), m.goal, _stamp(m), _nanoseconds(m.odometry), before, after, seen
+
+
+def _frame(m: Any) -> str:
+    return m.header.frame_id.lstrip("/")
+
+
+def _stamp(m: Any) -> int:
+    """Return a header's stamp in nanoseconds."""
+    return _nanoseconds(m.header.stamp)
+
+
+def _nanoseconds(time: Any) -> int:
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def _times(rows: Sequence[Any], column: int) -> np.ndarray:
+    """Return a column of rows as int64 (n,) [ns]."""
+    return np.array([row[column] for row in rows], np.int64)
+
+
+def _numbers(rows: Sequence[Any], first: int, width: int) -> np.ndarray:
+    """Return columns of rows as float64 (n, width)."""
+    return np.array([row[first : first + width] for row in rows], np.float64).reshape(-1, width)

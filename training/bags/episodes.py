@@ -137,8 +137,6 @@ def _check(bag: Bag) -> None:
     remedy = "record a drive of the applr node with record:=FILE"
     if not bag.decisions:
         raise BagError(f"no decisions on {topics.decision}: {remedy}")
-    if not all(len(decision.seen.scan[0]) for decision in bag.decisions):
-        raise BagError(f"decisions without scan and plan, of an older applr node, on {topics.decision}: {remedy}")
     for what, topic, times in (("scans", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
         if not len(times):
             raise BagError(f"no {what} on {topic}")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any, Dict
 
 import numpy as np
 from rosbags.rosbag1 import Writer
-from rosbags.rosbag1.writer import WriterError
 from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.common.angles import quaternion_of
-from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
@@ -22,7 +21,7 @@ from training.bags.topics import TopicNames
 class BagWriter:
     """A ROS 1 bag with the topics of a robot's stack; times in seconds from 0; a context manager.
 
-    Where what is done with it raises, or the end of the file cannot be written, no file is left.
+    The file gets its name when it is whole.
 
     Args:
         path: Of the bag, which must not exist.
@@ -30,7 +29,7 @@ class BagWriter:
         robot: Whose laser and frames they are.
 
     Raises:
-        StorageError: The bag is there already, or cannot be written.
+        StorageError: The bag is there already.
     """
 
     def __init__(self, path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL):
@@ -39,32 +38,19 @@ class BagWriter:
         self._connections: Dict[str, Any] = {}
         if self.path.exists():
             raise StorageError(f"{path}: is there already; give another name")
-        try:
-            self._writer = Writer(self.path)
-            self._writer.open()
-        except (OSError, WriterError) as error:
-            why = reason(error) if isinstance(error, OSError) else error
-            raise StorageError(f"{path}: cannot be written ({why})") from None
+        self._partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
+        self._writer = Writer(self._partial)
+        self._writer.open()
 
     def __enter__(self):
         return self
 
     def __exit__(self, failed, *exc):
-        try:
-            self.close()
-        except StorageError:
-            failed = True
-            raise
-        finally:
-            if failed:
-                self.path.unlink()
-
-    def close(self) -> None:
-        """Finish the file."""
-        try:
-            self._writer.close()
-        except OSError as error:
-            raise StorageError(f"{self.path}: cannot be written ({reason(error)})") from None
+        self._writer.close()
+        if failed:
+            self._partial.unlink()
+        else:
+            self._partial.rename(self.path)
 
     # -- the topics --------------------------------------------------------------------------------
     def scan(self, time: float, ranges) -> None:
@@ -104,10 +90,7 @@ class BagWriter:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self.store)
         message = self.store.serialize_ros1(self._make(kind, *fields), kind)
-        try:
-            self._writer.write(self._connections[topic], nanoseconds(time), message)
-        except OSError as error:
-            raise StorageError(f"{self.path}: cannot be written ({reason(error)})") from None
+        self._writer.write(self._connections[topic], nanoseconds(time), message)
 
     def _make(self, kind, *fields):
         return self.store.types[kind](*fields)

@@ -1,40 +1,32 @@
 """Bags to transitions: what the node saw and chose, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
 
-import errno
 import shutil
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from rosbags import rosbag2
-from rosbags.convert import convert
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag1 import Reader, Writer
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.typesys import get_types_from_msg
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag1 import Writer
 
 from applr_ros1 import robots
-from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support import ROOT
-from tests.support.recording import ABORTED, PLOTTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
-from training import bags_to_dataset
+from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
+from training import appld, bags_to_dataset, demonstrate, tune_robot
 from training.bags import SECOND
-from training.bags import bag as bags
-from training.bags.bag import BagError, bags_in, read
+from training.bags.bag import bags_in, read
 from training.bags.episodes import BagReport, Skipped, _check_motion, decision_period, transitions
+from training.baselines.appld.scripted_driver import Demonstrator
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.learner.config import parse as config_of
@@ -158,24 +150,6 @@ def test_transitions_are_what_the_node_saw(tmp_path):
     nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.newest.min()]
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
-
-
-class InTheMap(Drive):
-    """Its goal is in the map, in which the odometry's frame is turned and moved."""
-
-    FRAME = (1.0, 2.0, 0.5)
-
-    def write_goal(self, t, goal):
-        self.writer.goal(t, (*transform_point(self.FRAME, *goal[:2]), goal[2]), "map")
-
-
-def test_progress_counts_towards_a_goal_in_the_map(tmp_path):
-    for name, kind in (("odom", Drive), ("map", InTheMap)):
-        record(tmp_path / f"{name}.bag", kind)
-    (expected,), _ = rebuild(tmp_path / "odom.bag")
-    (found,), report = rebuild(tmp_path / "map.bag")
-    assert report.skipped == {}
-    np.testing.assert_allclose(found.reward, expected.reward, atol=1e-6)
 
 
 def test_a_decision_was_made_at_the_pose_that_it_states(tmp_path):
@@ -326,146 +300,52 @@ def test_what_rosbags_convert_makes_of_a_bag_gives_the_same_transitions(tmp_path
             assert getattr(stored, array).tobytes() == getattr(expected, array).tobytes()
 
 
-def damaged(tmp_path):
-    """{file name: its reason for being left out, as counted}"""
+def test_code_in_a_message_definition_is_not_run(tmp_path):
+    """ROS's own rosbag makes Python of such a constant's name."""
+    code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
+    for number, definition in enumerate((code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")):
+        with Writer(tmp_path / f"{number}.bag") as writer:
+            scan = writer.add_connection("/front/scan", "std_msgs/msg/Bool", msgdef=definition, md5sum="1" * 32)
+            writer.write(scan, SECOND, b"\1")
+        with pytest.raises(AnyReaderError):
+            read(tmp_path / f"{number}.bag")
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.fault("18d")
+def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
+    monkeypatch.setattr(Demonstrator, "command", Mock(side_effect=KeyboardInterrupt))
+    arguments = [str(tmp_path / "part.bag"), "--world", "generated:0", "--simulator", "kinematic"]
+    assert demonstrate.main(arguments) == 130
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.fault("18")
+def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, capsys):
     record(tmp_path / "whole.bag")
-    whole = (tmp_path / "whole.bag").read_bytes()
-    (tmp_path / "cut_end.bag").write_bytes(whole[:-200])  # all messages are there
-    broken = {
-        "truncated.bag": whole[:5000],
-        "text.bag": b"no bag at all\n" * 100,
-        "run.bag.active": whole[:5000],
-        "noise.bag": whole[:20000] + bytes(400) + whole[20400:],
-    }
-    for name, content in {**broken, "empty.bag": b""}.items():
-        (tmp_path / name).write_bytes(content)
+    (tmp_path / "cut_short.bag").write_bytes((tmp_path / "whole.bag").read_bytes()[:5000])
+    (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
     with StackWriter(tmp_path / "nothing.bag"):
         pass
-    reasons = {**dict.fromkeys(broken, "damaged"), "empty.bag": "empty file", "nothing.bag": "no messages"}
+    reasons = {"cut_short.bag": "index looks damaged", "text.bag": "magic is invalid", "nothing.bag": "no decisions"}
     for missing, reason in (
         ("scan", "no scans"),
         ("odometry", "no odometry"),
         ("status", "no goal was pursued"),
         ("decision", "no decisions"),
     ):
-        record(tmp_path / ("no_%s.bag" % missing), without=(missing,), node=missing != "decision")
-        reasons["no_%s.bag" % missing] = reason
-    return reasons
-
-
-ODD = {
-    "shapeshifter": ("x_msgs/msg/Anything", "Definition of x_msgs/Anything"),
-    "cut": ("x_msgs/msg/State", "# state\nsensor_msgs/Imu imu\nx_msgs/Meas"),
-    "empty": ("x_msgs/msg/Packet", ""),
-    "windows": ("x_msgs/msg/Pair", "uint8 a\r\nuint8 b\r\n"),
-}
-
-
-def with_definition(path, topic, kind, text):
-    """A copy of whole.bag beside it, with a topic that has this definition."""
-    with Reader(path.parent / "whole.bag") as reader, Writer(path) as writer:
-        new = {
-            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest)
-            for c in reader.connections
-            if c.topic != topic
-        }
-        odd = writer.add_connection(topic, kind, msgdef=text, md5sum="1" * 32)
-        for connection, time, raw in reader.messages():
-            writer.write(new.get(connection.id, odd), time, raw)
-        writer.write(odd, time, b"\0" * 4)
-
-
-@pytest.mark.parametrize("name", ODD)
-def test_only_the_definitions_of_needed_topics_decide(tmp_path, name):
-    record(tmp_path / "whole.bag")
-    with_definition(tmp_path / "odd.bag", "/odd", *ODD[name])
-    (trajectory,), _ = rebuild(tmp_path / "odd.bag")
-    assert len(trajectory) == 5
-    with_definition(tmp_path / "needed.bag", "/cmd_vel", *ODD[name])
-    with pytest.raises(BagError, match=f"/cmd_vel is {ODD[name][0]}, whose message definition in the bag is wrong"):
-        rebuild(tmp_path / "needed.bag")
-
-
-@pytest.fixture
-def hurried(monkeypatch):
-    """Reading a bag may take 2 s and 1 GiB."""
-    monkeypatch.setattr(bags, "LIMITS", {**bags.LIMITS, "CPU": 2, "AS": 2**30})
-
-
-@pytest.mark.parametrize(
-    "text", ["float64[300000000] data", "x_msgs/B[] a\n" + "=" * 80 + "\nMSG: x_msgs/B\n"], ids=["length", "empty"]
-)
-def test_a_definition_that_asks_for_endless_work_is_one_line(tmp_path, hurried, text):
-    record(tmp_path / "whole.bag")
-    with_definition(tmp_path / "a.bag", "/cmd_vel", "x_msgs/msg/A", text)
-    with pytest.raises(BagError, match="a.bag: (reading it takes over|/cmd_vel is x_msgs/msg/A)") as refused:
-        read(tmp_path / "a.bag")
-    assert "\n" not in str(refused.value)
-
-
-def test_endless_databases_and_settings_of_ros_2_bags_are_one_line(tmp_path, hurried):
-    """A view can be endless; the settings of a topic are YAML in YAML."""
-    record(tmp_path / "whole.bag")
-    convert([tmp_path / "whole.bag"], tmp_path / "whole", "sqlite3", 9, None, "none", None, None, (), (), (), ())
-    with closing(sqlite3.connect(next((tmp_path / "whole").glob("*.db3")))) as database, database:
-        database.execute("ALTER TABLE schema RENAME TO before")
-        database.execute(
-            "CREATE VIEW schema AS WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r) "
-            "SELECT MAX(x) AS schema_version FROM r"
-        )
-    shutil.copytree(tmp_path / "whole", tmp_path / "yaml")
-    endless = "".join(f"a{k + 1}: &a{k + 1} {{<<: [*a{k}, *a{k}]}}\n" for k in range(60))
-    (tmp_path / "yaml" / "metadata.yaml").write_text("a0: &a0 {x: 1}\n" + endless)
-    for name in ("whole", "yaml"):
-        with pytest.raises(BagError, match=f"{name}: (reading it takes over|damaged)") as refused:
-            read(tmp_path / name)
-        assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize("storage", StoragePlugin)
-def test_of_a_ros_2_bag_too(tmp_path, storage):
-    record(tmp_path / "whole.bag")
-    convert([tmp_path / "whole.bag"], tmp_path / "whole", "sqlite3", 9, None, "none", None, None, (), (), (), ())
-    with rosbag2.Reader(tmp_path / "whole") as reader:
-        for topic in ("/odd", "/cmd_vel"):
-            with rosbag2.Writer(tmp_path / topic[1:], version=9, storage_plugin=storage) as writer:
-                new = {
-                    c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest)
-                    for c in reader.connections
-                    if c.topic != topic
-                }
-                kind, text = ODD["cut"]
-                odd = writer.add_connection(topic, kind, msgdef=text, rihs01="RIHS01_" + "1" * 64)
-                for connection, time, raw in reader.messages():
-                    writer.write(new.get(connection.id, odd), time, raw)
-                writer.write(odd, time, bytes(8))
-    (trajectory,), _ = rebuild(tmp_path / "odd")
-    assert len(trajectory) == 5
-    with pytest.raises(BagError, match="/cmd_vel is x_msgs/msg/State, whose message definition in the bag is wrong"):
-        rebuild(tmp_path / "cmd_vel")
-
-
-@pytest.mark.fault("18")
-def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
-    reasons = damaged(tmp_path)
+        record(tmp_path / f"no_{missing}.bag", without=(missing,), node=missing != "decision")
+        reasons[f"no_{missing}.bag"] = reason
     assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     store = TrajectoryStore(tmp_path / "out")
     source = store.about("source")
-    said = {bag["name"]: bag for bag in source["bags"]}
+    bags = {bag["name"]: bag for bag in source["bags"]}
     assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
-    assert set(said) == set(reasons) | {"whole.bag", "cut_end.bag"}
-    for name in ("whole.bag", "cut_end.bag"):
-        assert said[name]["transitions"] == 5
-        assert said[name]["skipped"] == {}
+    assert (bags.pop("whole.bag")["transitions"], store.transitions) == (5, 5)
+    assert bags.keys() == reasons.keys()
     for name, reason in reasons.items():
-        if name == "noise.bag" and said[name]["transitions"]:
-            continue  # the damage may lie where nothing needed is
-        assert said[name]["transitions"] == 0, name
-        assert said[name]["skipped"], name
-        assert any(reason in text for text in said[name]["skipped"]), (name, said[name]["skipped"])
-    assert sum(store.about("skipped").values()) >= len(reasons) - 1
-    assert sum(len(t) for _, t in store.trajectories()) == sum(bag["transitions"] for bag in source["bags"])
-    assert "Traceback" not in "".join(capsys.readouterr())
+        assert any(reason in text for text in bags[name]["skipped"]), bags[name]
+    assert sum(store.about("skipped").values()) >= len(reasons)
 
 
 def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
@@ -596,38 +476,6 @@ def test_a_mirrored_drive_gives_the_mirror_images_of_its_transitions(tmp_path, o
     np.testing.assert_array_equal(there.action, here.action)
 
 
-OLDER = """Header header
-uint32 number
-string goal
-time scan
-time odometry
-float32[] observation
-Parameters before
-Parameters after
-string refused
-"""
-
-
-def test_decisions_of_an_older_node_are_refused_in_one_line(tmp_path, capsys):
-    """They held an observation of one form alone."""
-    kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
-    with StackWriter(tmp_path / "a.bag") as writer:
-        text = (ROOT / "msg" / "Parameters.msg").read_text(encoding="utf-8")
-        for kind, definition in zip(kinds, (text, OLDER)):
-            writer.store.register(get_types_from_msg(definition, kind))
-        made = Drive(writer, node=False)
-        header, sets = writer._header(11.0, "odom"), [list(SPACE.names), THETA_0.copy(), np.ones(len(SPACE))]
-        chosen = writer._make(kinds[0], header, *sets, *[np.nan] * PLOTTED)
-        stamps, seen = [writer._time(11.0)] * 2, np.float32(made.observations[0])
-        writer._put("/applr/decision", kinds[1], 11.0, header, 1, "g", *stamps, seen, chosen, chosen, "")
-    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", str(tmp_path / "out")]) == 1
-    printed, error = capsys.readouterr()
-    assert "a.bag: decisions without scan and plan, of an older applr node, on /applr/decision: record a dr" in printed
-    assert error.count("\n") == 1
-    (decision,) = read(tmp_path / "a.bag").decisions
-    assert decision.before == SPACE.as_dict(THETA_0)  # as tune reads it
-
-
 def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, capsys):
     record(tmp_path / "a.bag")
     data = str(tmp_path / "data")
@@ -748,6 +596,26 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
         assert_same(found, whole)
 
 
+@pytest.mark.fault("23a")
+@pytest.mark.parametrize(
+    ("command", "arguments", "word"),
+    [
+        (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
+        (appld, ["nowhere.bag", "--out", "x.safetensors"], "nowhere.bag"),
+        (bags_to_dataset, ["x.bag"], "--out"),
+        (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
+        (tune_robot, ["jackal", "--minutes", "0"], "--minutes"),
+    ],
+)
+def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, word, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert word in error
+    assert not list(tmp_path.iterdir())
+
+
 def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
     record(tmp_path / "a.bag")
     (tmp_path / "none").mkdir()
@@ -769,28 +637,3 @@ def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
     assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
     assert bags_to_dataset.main([bag, "--out", out]) == 1  # holds a dataset already
     assert "already" in capsys.readouterr().err
-
-
-@pytest.mark.fault("21")
-def test_writing_where_nothing_can_be_written(tmp_path):
-    record(tmp_path / "a.bag")
-    for path in (tmp_path / "a.bag", tmp_path / "nowhere" / "b.bag"):
-        with pytest.raises(StorageError):
-            StackWriter(path)
-    with pytest.raises(BagError):
-        read(tmp_path / "nowhere.bag")
-    with pytest.raises(StorageError, match="full.bag: cannot be written .No space left"):
-        record(tmp_path / "full.bag", Full)
-    assert bags_in([tmp_path]) == [Path(tmp_path / "a.bag")]
-
-
-class Full(Drive):
-    """The disk is full when the end of the file, which has its index, is written."""
-
-    def __init__(self, writer, **options):
-        super().__init__(writer, **options)
-
-        def close():
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        writer._writer.close = close

@@ -6,7 +6,6 @@ APPLD (appld.py) reads it from a bag, recorded while a person drove the robot or
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
 
@@ -22,7 +21,6 @@ from training.env.episode import CONTROL_PERIOD
 DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
 HELD = 0.5  # s for which a command counts after it was given
 SHORTEST = 5.0  # s of driving that a demonstration must have
-MAX_INSTANTS = 36_000  # half an hour
 
 
 @dataclass
@@ -81,10 +79,8 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
     scans, odometry = bag.scans, bag.odometry
     chosen, layout = _beats(scans.stamp), layout_of(robot)
     when, stamps = scans.stamp[chosen], odometry.stamp
-    if len(chosen) > MAX_INSTANTS:
-        raise BagError(f"longer than {MAX_INSTANTS // 1200} minutes of scans; cut it (rosbag filter)")
-    if np.any(np.diff(when) <= 0) or not np.isfinite(odometry.pose).all() or not np.isfinite(odometry.twist).all():
-        raise BagError("its clock jumps back, or its odometry is not finite; record it anew")
+    if np.any(np.diff(when) <= 0):
+        raise BagError("its clock jumps back; record it anew")
     nearest = np.clip(np.searchsorted(stamps, when), 1, len(stamps) - 1)
     nearest -= np.abs(stamps[nearest - 1] - when) <= np.abs(stamps[nearest] - when)
     command = _commands(*bag.commands, when) if len(bag.commands[0]) else _next(odometry.twist[nearest])
@@ -99,12 +95,10 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
     pose = odometry.pose[nearest[span]]
     goals = [pose for _, frame, *pose in bag.goals if frame == odometry.frame]
     goal = tuple(goals[-1] if goals else pose[-1].tolist())
-    if not all(math.isfinite(v) for v in goal):
-        raise BagError("its goal is not finite")
-    if len({(len(scans.of(i)), *scans.geometry[i].tolist()) for i in chosen.tolist()}) > 1:
+    if len({(len(scans.ranges[i]), *scans.geometry[i].tolist()) for i in chosen.tolist()}) > 1:
         raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
     first, increment, low, high = scans.geometry[chosen[0]].tolist()
-    ranges = np.array([scans.of(i) for i in chosen[span].tolist()])
+    ranges = np.array([scans.ranges[i] for i in chosen[span].tolist()])
     return Demonstration(
         bag.path.name,
         (when[span] - when[span[0]]) / SECOND,
