@@ -165,7 +165,7 @@ def test_trained_and_driven(crate, tmp_path, capsys):
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
     policy = run / "best.safetensors"
-    methods = "dwa,static,policy=%s" % policy
+    methods = "dwa,static,%s" % policy
     drive = [*SMALL, "--methods", methods, "--trials", "1", "--workers", "0", "--monitor", "--out", str(out)]
     assert evaluate.main(["--robot", str(crate), *drive]) == 0
     driven = rows(out)
