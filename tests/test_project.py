@@ -35,7 +35,7 @@ def tell(who):
 
 import training.trials.runner, training.workers.collect
 tell("a worker")
-for name, module in {**COMMANDS, "report": "training.report.__main__", **NODES}.items():
+for name, module in {**COMMANDS, **NODES}.items():
     sys.argv = [name, "--help"]
     ours = module.startswith("training.")
     ends = [SystemExit] if ours else [SystemExit, ModuleNotFoundError]  # the others need ROS

@@ -2,7 +2,7 @@
 
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
 learns from a dataset. The run's folder holds config.json, checkpoint.json with learner-*.safetensors, replay.sqlite
-with all trajectories, actor.safetensors and best.safetensors, evaluations.jsonl, curves.png and tensorboard/.
+with all trajectories, actor.safetensors and best.safetensors, evaluations.jsonl and tensorboard/.
 docs/howto/training.md describes all of it.
 """
 
@@ -32,7 +32,7 @@ from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
-from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
+from training.learner.metrics import TensorBoardLog, describe, mean
 from training.learner.prepare import dataset_of, driven_with, prepare
 from training.trials.periodic import PeriodicEvaluation
 from training.trials.score import CONTACT_SECONDS
@@ -180,7 +180,6 @@ class TrainingRun:
             while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
                 self._collect(0.2)
             self.save()
-            self._draw()
         finally:
             self.pool.shutdown()
             self.bar.close()
@@ -291,10 +290,6 @@ class TrainingRun:
         if summary["best"]:
             self.export(self.folder / "best.safetensors", safetensors.numpy.load(self._evaluated), summary)
         self.board.round(summary)
-        self._draw()
-
-    def _draw(self) -> None:
-        draw_curves(self.folder / "curves.png", self.learner.store, self.evaluation, self.config.decision_period)
 
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:

@@ -86,6 +86,6 @@ def test_in_a_clone_both_names_are_one_module():
     assert below is beside
     assert beside.__spec__.name == beside.__name__ == "training.env.env"
     assert worlds is sys.modules["worlds"]
-    assert "usage" in run(sys.executable, "-m", "applr_ros1.training.report", "--help", cwd=ROOT)
+    assert "usage" in run(sys.executable, "-m", "applr_ros1.training.evaluate", "--help", cwd=ROOT)
     with pytest.raises(ModuleNotFoundError, match="applr_ros1.training.none"):
         import applr_ros1.training.none  # noqa: F401

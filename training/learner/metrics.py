@@ -1,16 +1,13 @@
-"""Display of a training run: its progress bar, its evaluations in words, TensorBoard, and the learning curves."""
+"""Display of a training run: its progress bar, its evaluations in words, and TensorBoard."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any, Dict
 
 import numpy as np
 
-from applr_ros1.common.files import write_bytes
-from training.replay.store import TrajectoryStore
-from training.trials.periodic import THETA0, PeriodicEvaluation
+from training.trials.periodic import THETA0
 
 EPISODE = ("return", "length", "success", "collided", "time_s")
 
@@ -61,39 +58,3 @@ def describe(summary: Dict[str, Any]) -> str:
         text += f", success {summary['success']:.3f}, collision {summary['collided']:.3f}, time {time} s"
         text += f", score {summary['score']:.2f} s"
     return text + f" ({summary['trials']} trials){', the best so far' if summary['best'] else ''}"
-
-
-def draw_curves(path: Path, store: TrajectoryStore, evaluation: PeriodicEvaluation, period: float) -> None:
-    """The paper's figure: episode length and return averaged over 100 episodes, or a hundredth of them if more.
-
-    The evaluations are dots, that of default DWA is a dashed red line; period: decision period [s].
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator, StrMethodFormatter
-
-    figure = Figure(figsize=(10, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    rows = np.array([[i["transitions"], i.get("length", 0), i.get("return", 0)] for i in store.infos()], np.float64)
-    dots = [r for r in evaluation.here if r["round"] != THETA0]
-    columns = (("length", f"episode length [decisions of {period} s]"), ("return", "episode return"))
-    for column, (axes, (name, label)) in enumerate(zip(figure.subplots(1, 2), columns), 1):
-        if len(rows):
-            n = min(max(100, len(rows) // 100), 1 + len(rows) // 5)
-            smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
-            axes.plot(
-                np.cumsum(rows[:, 0])[n - 1 :], smooth, lw=1.2, label=f"training, mean of {n} episodes (with noise)"
-            )
-        if dots:
-            axes.plot([r["step"] for r in dots], [r[name] for r in dots], "o-", ms=3.5, lw=0.8, label="evaluations")
-        if evaluation.default:
-            axes.axhline(evaluation.default[name], color="tab:red", ls="--", label="default DWA, evaluation")
-        axes.set(xlabel="transitions", ylabel=label)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-        axes.grid(alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=8)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    write_bytes(path, buffer.getvalue())

@@ -27,8 +27,6 @@ from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
-# what joined evaluations must have in common
-SAME = ("simulator", "protocol", "planner", "monitor", "movers", "ground", "robot", "seed")
 
 log = logging.getLogger(__name__)
 
@@ -38,38 +36,23 @@ class Results:
 
     Args:
         folder: the folder of an evaluation.
-        joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
-            whose trials count as if they were here.
 
     Attributes:
         trials: a row per trial with the columns of trials.csv, the "set" of its world, and "counted",
             its time [s] or, where it failed, however that ended, the limit.
 
     Raises:
-        ApplrError: there are no trials, a folder is given twice, or the joined evaluations do not fit together.
-        StorageError: a folder cannot be read.
+        ApplrError: there are no trials.
+        StorageError: the folder cannot be read.
     """
 
-    def __init__(self, folder: os.PathLike | str, joined: Sequence[os.PathLike | str] = ()):
+    def __init__(self, folder: os.PathLike | str):
         self.folder = Path(folder)
-        self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
-        folders, frames = [self.folder, *map(Path, joined)], []
-        for n, path in enumerate(folders):
-            if os.path.realpath(path) in map(os.path.realpath, folders[:n]):
-                raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
-            frames.append(read_trials(path / TRIALS))
-            for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):
-                other = self._folder_of.setdefault((world, method), path)
-                if other != path:
-                    raise ApplrError(f"{other} and {path} both have {world} of {method}; join other worlds or methods")
-        trials = pd.concat(frames, ignore_index=True)
+        trials = read_trials(self.folder / TRIALS)
         if trials.empty:
             raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
-        self._digests = {tuple(self.settings["worlds"]): self.settings["worlds_sha256"]}
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        for path in folders[1:]:
-            self._join(path)
         self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
         self.space = Space.stated(self.robot["space"], self.robot["name"])
         self.planner: str = self.settings["planner"]
@@ -86,23 +69,6 @@ class Results:
         self.worlds: List[str] = trials.world.unique().tolist()
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
-
-    def _join(self, folder: Path) -> None:
-        """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
-        here, there = self.settings, read_json(folder / SETTINGS)
-        other = [name for name in SAME if here.get(name) != there.get(name)]
-        names, digest = tuple(there["worlds"]), there["worlds_sha256"]
-        if self._digests.setdefault(names, digest) != digest:
-            other.append("set of worlds of the same names")
-        methods, more = here["methods"], there["methods"]
-        other += [name for name in methods if name in more and methods[name] != more[name]]
-        if other:
-            raise ApplrError(f"{folder}: driven with another {other[0]} than {self.folder}; it cannot be joined")
-        here["methods"] = {**methods, **more}
-        self._specs = {**dict(zip(there["worlds"], there["world_specs"])), **self._specs}
-        for name in ("worlds_with_movers", "provenance"):
-            here[name] = [*here.get(name, []), *there.get(name, [])]
-        here["wall_s"] = here.get("wall_s", 0.0) + there.get("wall_s", 0.0)
 
     def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
         """The trials of a method in some worlds."""
@@ -145,8 +111,7 @@ class Results:
 
     def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
         """Return what was recorded of a trial (trials/table.py), None where nothing was."""
-        folder = self._folder_of.get((world, method))
-        return read_trace(folder, world, method, trial) if folder else None
+        return read_trace(self.folder, world, method, trial)
 
     def load(self, name: str) -> Optional[World]:
         """A world of the evaluation, None where its file has gone since."""

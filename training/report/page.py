@@ -1,7 +1,7 @@
 """Writes the report of an evaluation: each table as CSV, each picture as PNG, and all of it in index.html.
 
 The page begins with three sentences: who arrives, who is faster, what the sample can show. evaluate.py and
-`python -m training.report` call it.
+tune_robot.py call it.
 """
 
 from __future__ import annotations
@@ -38,21 +38,19 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, joined: Sequence[str] = (), above: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
+def write(folder, above: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
-        joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
-            which all tables count in.
         above: sentences that the page begins with, instead of the summary.
         first: tables that come before the others.
 
     Raises:
-        ApplrError: trials are missing, or joined evaluations do not fit together.
+        ApplrError: trials are missing.
         StorageError: the folder cannot be read or written.
     """
-    results = Results(folder, joined)
+    results = Results(folder)
     out = make_folder(results.folder / FOLDER)
     title = f"APPLR: evaluation of {', '.join(results.methods)}"
     tables = [table for table in (*first, *(make(results) for make in PAPER + MORE)) if table.rows]

@@ -16,7 +16,7 @@ import pandas as pd
 from applr_ros1.policy.decision import PERIOD
 from training.report import paper, statistics
 from training.report.data import SETS, Results
-from training.trials.compare import mean_time, over_worlds, rate
+from training.trials.compare import mean_time, rate
 from training.trials.score import barn_metric
 
 NONE = "–"
@@ -210,50 +210,22 @@ PAPER = [table_1, table_2, table_3, table_4]
 
 
 @table(
-    "Success, collisions, time-outs, and BARN's metric",
-    "Rates with Wilson's 95 % interval, wider where the trials of a world go alike; collided: touched anything at "
-    "any time, also where the trial went on and succeeded.",
-    "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
-    "lower clip was 4 OT, at most .25), OT = reference route / (2 m/s), intervals by bootstrap "
-    "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
-    "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
-    "collision .048, time-out .072, 33.5 s.",
+    "Arrivals, contacts, and BARN's metric",
+    "With Wilson's 95 % interval, wider where the trials of a world go alike; contact: touched anything at any time, "
+    "also where the trial went on and arrived.",
+    "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT), OT = reference route / (2 m/s); a trial with a contact scores "
+    "0. It is comparable with the Challenge's numbers only under --protocol barn-challenge.",
 )
 def rates(results: Results) -> Rows:
-    """Tabulate the shares that succeed, touch something, run out of time; BARN's metric."""
+    """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
     for name, method, trials in results.groups():
         row = {"worlds": name, "method": method, "trials": str(len(trials))}
-        for column, field in (("success", "success"), ("collided", "collided"), ("timed out", "timeout")):
-            row[f"{column} [%]"] = _rate(trials[field], trials.world)
-        for lower in (2, 4):
-            scores = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m, float(lower))
-            by_world = scores.groupby(trials.world, sort=False)
-            value, low, high = over_worlds(by_world.sum(), by_world.count())
-            row[f"metric, {lower} OT"] = number(value, 3)
-            row[f"95 % interval, {lower} OT"] = span(low, high, 3)
+        for column, flags in (("success [%]", trials.success), ("collided [%]", trials.collided)):
+            share, low, high = (100.0 * value for value in rate(flags, trials.world))
+            row[column] = f"{share:.1f} ({low:.1f} to {high:.1f})"
+        scores = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m)
+        row["metric"] = number(scores.mean(), 3)
         yield row
-
-
-@table(
-    "Smoothness, clearance and switching",
-    "Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
-    "sits .055 m ahead of the robot's middle); the clearance is its mean over time, where it counts as three widths of "
-    "the body at most. Change of parameters: mean |difference| of the eight, each scaled to [-1, 1].",
-)
-def smoothness(results: Results) -> Rows:
-    """Tabulate smoothness, clearance, and changes of parameters."""
-    for name, method, trials in results.groups():
-        good = trials[trials.success]
-        values = {
-            "mean |jerk| [m/s³]": good.mean_jerk.mean(),
-            "mean |yaw acceleration| [rad/s²]": good.mean_turn.mean(),
-            "median smallest range [m]": good.min_clearance_m.median(),
-            "mean clearance [m]": good.mean_clearance_m.mean(),
-            "change of parameters per decision": good.switching.mean(),
-            "driven / reference route": (good.path_length_m / good.route_m).mean(),
-        }
-        shown = {column: number(value, 3) for column, value in values.items()}
-        yield {"worlds": name, "method": method, **shown}
 
 
 @table(
@@ -308,11 +280,4 @@ def _p(value: float) -> str:
     return "≤ 0.0001" if value < 1.5e-4 else f"{value:.4f}"
 
 
-def _rate(flags: pd.Series, world: pd.Series) -> str:
-    if flags.empty:
-        return NONE
-    share, low, high = rate(flags, world)
-    return f"{100 * share:.1f} ({100 * low:.1f} to {100 * high:.1f})"
-
-
-MORE = [pairs, rates, smoothness, methods]
+MORE = [pairs, rates, methods]

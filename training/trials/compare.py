@@ -91,19 +91,21 @@ def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
 def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estimate:
     """Return the sum of `totals` (n,) over that of `counts` (n,), with its interval by bootstrap over the n worlds.
 
-    Without counts it is the mean of the totals.
+    Without counts it is the mean of the totals. Worlds whose count is 0 are left out.
     """
     above = np.asarray(totals, dtype=np.float64)
     below = np.ones(len(above)) if counts is None else np.asarray(counts, dtype=np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value = float(above.sum() / below.sum())
-        if len(above) < 2:
-            return Estimate(value, math.nan, math.nan)
-        picks = np.random.default_rng(0).integers(0, len(above), size=(RESAMPLES, len(above)))
-        values = above[picks].sum(axis=1) / below[picks].sum(axis=1)
-    values = values[np.isfinite(values)]
-    low, high = np.quantile(values, (0.025, 0.975)) if len(values) else (math.nan, math.nan)
-    return Estimate(value, float(low), float(high))
+    above, below = above[below != 0.0], below[below != 0.0]
+    value = float(_ratio(above, below)) if len(above) else math.nan
+    if len(above) < 2:
+        return Estimate(value, math.nan, math.nan)
+    how = {"paired": True, "vectorized": True, "n_resamples": RESAMPLES, "method": "percentile"}
+    found = scipy.stats.bootstrap((above, below), _ratio, random_state=np.random.default_rng(0), **how)
+    return Estimate(value, *map(float, found.confidence_interval))
+
+
+def _ratio(totals: np.ndarray, counts: np.ndarray, axis: int = -1) -> np.ndarray:
+    return totals.sum(axis=axis) / counts.sum(axis=axis)
 
 
 def rate(flags: pd.Series, world: pd.Series) -> Estimate:

@@ -96,14 +96,14 @@ AIMS = {
 }
 
 
-def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: float = 2.0) -> Any:
-    """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, least x OT, 8 x OT).
+def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
+    """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, 2 OT, 8 OT).
 
     It is 0 where the trial failed or touched anything. OT is the optimal time: the reference path's length route_m [m]
-    at 2 m/s. The Challenge's `least` is 2 since 2025, so that the most is .5; before, it was 4.
+    at 2 m/s.
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
-    return success * np.logical_not(collided) * optimal / np.clip(time_s, least * optimal, 8.0 * optimal)
+    return success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
 
 
 def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]:

@@ -93,11 +93,8 @@ class Trials:
         for name in settings:
             there = stored.get(name)
             if json.loads(json.dumps(settings[name])) != there:
-                remedy = "give another --out, or the same options"
-                if name == "methods":
-                    remedy += "; training.report --join shows the methods of two folders together"
-                was, now = _short(there), _short(settings[name])
-                raise StorageError(f"{self.folder}: was begun with another {name} ({was}, now {now}); {remedy}")
+                change = f"another {name} ({_short(there)}, now {_short(settings[name])})"
+                raise StorageError(f"{self.folder}: was begun with {change}; give another --out, or the same options")
         return stored
 
     def find(self, trial: Trial) -> Optional[Result]:

@@ -40,12 +40,6 @@ def data(tmp_path_factory):
     return write(tmp_path_factory.mktemp("dataset") / "data")
 
 
-@pytest.fixture(autouse=True)
-def no_curves(monkeypatch):
-    """Drawing the learning curves takes a second each time."""
-    monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)
-
-
 def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):
     """TD3+BC on what a run collected drives better than the data; resumed half-way it ends the same."""
     assert main(toy(tmp_path / "run", "--total-timesteps", "800", *NO_EVALUATION)) == 0

@@ -44,7 +44,7 @@ def test_learns_and_leaves_everything_behind(whole):
     rounds = rounds_of(whole)
     assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
-    files = {"config.json", "checkpoint.json", "replay.sqlite", "actor.safetensors", "best.safetensors", "curves.png"}
+    files = {"config.json", "checkpoint.json", "replay.sqlite", "actor.safetensors", "best.safetensors"}
     assert {p.name for p in whole.iterdir()} >= files
     infos = TrajectoryStore(whole).infos()
     assert [info["transitions"] for info in infos] == [10] * 80
@@ -141,7 +141,6 @@ def test_sigkill_at_random_moments_loses_nothing(tmp_path, measured, times, step
 @pytest.mark.parametrize("seconds", [0.0, 1e9], ids=["many checkpoints", "one at the end"])
 def test_killed_at_any_of_its_writes_a_run_loses_nothing(tmp_path, monkeypatch, seconds):
     """Checkpoint, policies, rounds and store, of which a part has been dropped: the next session goes on from each."""
-    monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)
     monkeypatch.setattr("training.train.provenance", lambda seed: {})
     monkeypatch.setattr("training.train.CHECKPOINT_SECONDS", seconds)
     whole, options = tmp_path / "whole", ["--total-timesteps=20", "--buffer-size=11", "--eval-freq=20", "--net-arch=8"]
@@ -255,7 +254,6 @@ def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, ca
 
 def test_a_best_policy_that_was_not_kept_is_driven_again(tmp_path, monkeypatch):
     """Killed between the round's line and its policy; and the file of an older best one does not pass for it."""
-    monkeypatch.setattr("training.train.draw_curves", lambda *arguments: None)  # a second each
     options = ["--total-timesteps", "400", "--eval-freq", "100"]
     whole = tmp_path / "whole"
     assert main(toy(whole, *options)) == 0

@@ -13,7 +13,6 @@ import pytest
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS
 from tests.support.toy_runner import SETTINGS
-from training.report import __main__ as report
 from training.report import drives
 from training.report.page import write
 from training.trials import runner
@@ -81,48 +80,6 @@ def test_without_traces_there_is_no_page(folder):
         path.unlink()
     assert "drives.html" not in Path(write(folder)).read_text()
     assert not (folder / "report" / drives.FILE).exists()
-
-
-def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_factory, capsys):
-    more = tmp_path_factory.mktemp("more")
-
-    def drive(out, world, methods=METHODS, about="fixed", **changed):
-        plan = plan_trials([(world, world)], [(m, m) for m in methods], 1, seed=0)
-        settings = {**SETTINGS, "worlds": [world], "world_specs": [world], **changed}
-        settings["methods"] = {name: {"kind": about} for name in methods}
-        store = Trials(out, settings)
-        for task in plan:
-            store.add(task, Result(True, False, False, 5.0, 3, 6.0, "finished", 7.0), runner.pack_trace(TRACE))
-        return str(out)
-
-    assert report.main([str(folder), "--join", drive(more / "a", "generated:8")]) == 0
-    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
-    assert rows == [[name, method] for name in ("Training", "Test", "Other") for method in METHODS]
-    page = (folder / "report" / drives.FILE).read_text()
-    assert '"name":"generated:8"' in page
-    assert '"name":"generated:7"' in page
-    other = drive(more / "other", "generated:8", methods=["static"])
-    assert report.main([str(folder), "--join", str(more / "a"), "--join", other]) == 0
-    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
-    assert ["Test", "static"] in rows
-    assert '"name":"static"' in (folder / "report" / drives.FILE).read_text()
-    moved = drive(more / "moved", "generated:8", methods=["static"], worlds_sha256="other")
-    assert report.main([str(folder), "--join", str(more / "a"), "--join", moved]) == 1
-    assert "another set of worlds of the same names" in capsys.readouterr().err
-    changed = drive(more / "changed", "generated:9", about="file")
-    capsys.readouterr()
-    assert report.main([str(more / "a"), "--join", changed]) == 1
-    assert "driven with another dwa than" in capsys.readouterr().err
-    for other, words in (
-        (drive(more / "b", "generated:7"), "both have generated:7 of dwa"),
-        (drive(more / "c", "generated:9", simulator="kinematic"), "another simulator"),
-        (str(folder), "given twice"),
-        (str(more / "a" / ".." / ".." / folder.name), "given twice"),
-    ):
-        assert report.main([str(folder), "--join", other]) == 1
-        line = capsys.readouterr().err
-        assert words in line
-        assert line.count("\n") == 1
 
 
 @pytest.mark.skipif(shutil.which("chromium-headless-shell") is None, reason="no headless Chromium here")

@@ -230,7 +230,7 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
 
 
 def test_means_are_compared_over_the_same_worlds(folder):
-    """Where a method was driven in some of the worlds only, as after --join."""
+    """Where a method was driven in some of the worlds only."""
     joined = data.Results(folder)
     easy = joined.of_set("Test")[:4]
     joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
@@ -250,7 +250,7 @@ def test_report_is_whole(folder):
     page = write(folder)
     out = folder / "report"
     text = Path(page).read_text(encoding="utf-8")
-    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "smoothness", "methods"):
+    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
         assert (out / ("%s.csv" % name)).stat().st_size > 0
     pictures = ["times.png", "paths_generated-20.png", "profile_generated-20_applr.png"]
     for name in pictures:
@@ -259,7 +259,7 @@ def test_report_is_whole(folder):
     assert "Wall time 01:15; base seed 0" in text
     assert "kinematic" in text
     assert "nan" not in text
-    assert text.count("<div class=wide><table>") == text.count("<table>") == 8
+    assert text.count("<div class=wide><table>") == text.count("<table>") == 7
     said = [html.unescape(text).index(s) for s in summary(data.Results(folder))]
     assert said == sorted(said)
     assert said[-1] < text.index("<table>") < text.index("times.png") < text.index("Table II")

@@ -36,7 +36,6 @@ def test_barn_metric_by_hand():
     success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
     assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
-    assert score.barn_metric(success, collided, seconds, 7.0, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
 
 
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
