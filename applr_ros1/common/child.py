@@ -1,6 +1,6 @@
 """A child process with limits of memory and time, in which a file of somebody else is read.
 
-robots/owner/expand.py and training/bags/bag.py start one. What it answers is text or plain arrays.
+training/bags/bag.py starts one. What it answers is text or plain arrays.
 """
 
 from __future__ import annotations

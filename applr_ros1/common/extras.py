@@ -10,7 +10,7 @@ from typing import Iterator, Optional
 EXTRAS = {
     **dict.fromkeys(("matplotlib", "PIL"), "report"),
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4"), "train"),
-    **dict.fromkeys(("yourdfpy", "xacro"), "urdf"),
+    **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
     "pybullet": "pybullet",
     "ray": "cluster",
 }

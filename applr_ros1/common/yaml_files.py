@@ -8,8 +8,6 @@ import yaml
 
 from applr_ros1.common.files import StorageError, read_bytes
 
-Yaml = yaml.SafeLoader
-
 
 def read_yaml(path) -> Any:
     """Return the value in a YAML file."""

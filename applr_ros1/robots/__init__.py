@@ -1,7 +1,7 @@
 """Descriptions of robots: one folder per robot with robot.yaml and the parameter files of its move_base.
 
 `load` reads an included robot by name, or a folder of one's own. The simulators, the policy's parameter space, training
-and the launch file take what it returns. owner/ makes a folder from what a robot's owner has.
+and the launch file take what it returns. urdf_import/ makes a folder from what a robot's owner has.
 docs/tutorials/your_robot.md says how to describe another robot.
 """
 

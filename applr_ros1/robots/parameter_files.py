@@ -1,25 +1,25 @@
-"""Reader of the YAML files of a robot: parameters of move_base as rosparam reads them, of bounded size.
+"""Reader of the YAML files of a robot: parameters of move_base as rosparam reads them.
 
-folder.py reads those in a robot's folder, owner/parameters.py those of a navigation package.
+folder.py reads those in a robot's folder, urdf_import/parameters.py those of a navigation package.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, Iterator
 
-from applr_ros1.common import files
+import yaml
+
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import merged
-from applr_ros1.common.yaml_files import Yaml, yaml_value
+from applr_ros1.common.files import read_bytes
+from applr_ros1.common.trees import branch, merged
+from applr_ros1.common.yaml_files import yaml_value
 
-# names that stand at move_base itself alone
-MOVE_BASE = {"base_local_planner", "base_global_planner", "recovery_behaviors", "NavfnROS"}
-MOVE_BASE |= {"GlobalPlanner", "local_costmap", "global_costmap", "TrajectoryPlannerROS", "DWAPlannerROS"}
+_ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
 
 
-class Loader(Yaml):
+class Loader(yaml.SafeLoader):
     """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
 
 
@@ -27,13 +27,11 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
     """Return a reader of angles, one of whose units is so many radians."""
 
     def read(loader: Any, node: Any) -> float:
-        text = re.sub(r"^(?:deg|rad)\((.*)\)$", r"\1", loader.construct_scalar(node).strip())
-        if len(text) > 100 or not re.fullmatch(r"(?:[-+*/(). \deE]|pi)+", text) or "**" in text or "//" in text:
-            raise ValueError(f"{text[:40]} is no angle: give a number, or a fraction of pi")
-        try:
-            return float(eval(text, {"__builtins__": {}}, {"pi": math.pi})) * unit  # numbers, pi and + - * / alone
-        except (SyntaxError, TypeError, NameError, AttributeError, ArithmeticError) as error:
-            raise ValueError(f"{text[:40]} is no angle ({error})") from None
+        parts = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
+        if not parts or not (parts[1] or parts[2]):
+            raise ValueError(f"{node.value[:40]} is no angle: give a number, or a fraction of pi")
+        number = float(f"{parts[1]}1" if parts[1] in ("", "-", "+") else parts[1])
+        return number * (math.pi if parts[2] else 1.0) / float(parts[3] or 1.0) * unit
 
     return read
 
@@ -45,11 +43,7 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
 
 def read_yaml(path: Any) -> Dict[str, Any]:
     """Read the mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
-    return mapping(_text(path), path)
-
-
-def _text(path: Any) -> str:
-    return files.read_bytes(path).decode("utf-8-sig", "replace")  # comments may be of another encoding
+    return mapping(read_bytes(path).decode("utf-8-sig", "replace"), path)  # comments may be of another encoding
 
 
 def mapping(text: str, path: Any) -> Dict[str, Any]:
@@ -61,57 +55,36 @@ def mapping(text: str, path: Any) -> Dict[str, Any]:
 
 
 def read_parameters(path: str) -> Dict[str, Any]:
-    """The parameters of move_base in a YAML file, without the levels above those of move_base."""
-    return of_move_base(read_levels(path))
+    """Read the parameters of move_base in a YAML file, without the levels above those of move_base."""
+    return of_move_base(nested(path))
 
 
-def read_levels(path: str) -> Dict[str, Any]:
-    """The parameters in a YAML file, nested, as rosparam loads it."""
-    found: Dict[str, Any] = {}
-    text = re.sub(r"^%.*", "", _text(path), flags=re.MULTILINE)
-    if text.lstrip().startswith("<"):
-        raise ApplrError(f"{path} is no YAML; of a launch file give what this writes: roslaunch --dump-params {path}")
-    if "ros__parameters:" in text:
-        raise ApplrError(f"{path} is for ROS 2: give the parameter files of a move_base of ROS 1")
-    for document in re.split(r"^---(?=\s|$)", text, flags=re.MULTILINE):
-        content = mapping(document, path)
-        space = str(content.pop("_ns", ""))  # rosparam's name of the level that a document is loaded below
-        found = merged(found, _levels({f"{space}/{name}".strip("/"): value for name, value in content.items()}, path))
-    return found
+def nested(path: str) -> Dict[str, Any]:
+    """Read the parameters in a YAML file, in which a/b: 1 is a: {b: 1}, as rosparam loads it."""
+    return _levels(read_yaml(path))
 
 
 def of_move_base(found: Dict[str, Any]) -> Dict[str, Any]:
-    """Return what is for move_base in nested parameters; all where no level is named after it or holds its names."""
-    levels = _all_levels(found)
-    named = (here["move_base"] for here in levels.values() if isinstance(here.get("move_base"), dict))
-    return next(named, None) or next((here for here in levels.values() if MOVE_BASE & set(here)), found)
+    """Return the level named move_base in nested parameters; all of them if there is none."""
+    levels = list(_move_bases(found))
+    if len(levels) > 1:
+        raise ApplrError("the parameters hold more than one move_base: give those of one robot")
+    return levels[0] if levels else found
 
 
-def move_bases(found: Dict[str, Any]) -> List[str]:
-    """Return the names of the levels that are called move_base, in the order in which `of_move_base` takes one."""
-    levels = _all_levels(found).items()
-    return [f"{path}/move_base".strip("/") for path, here in levels if isinstance(here.get("move_base"), dict)]
+def _move_bases(found: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+    """Yield the levels named move_base in nested parameters."""
+    for name, value in found.items():
+        if isinstance(value, dict):
+            yield from [value] if name == "move_base" else _move_bases(value)
 
 
-def _all_levels(found: Dict[str, Any]) -> Dict[str, Dict[str, Any]]:
-    """Nested parameters by path, the uppermost first."""
-    levels, paths = {"": found}, [""]
-    for path in paths:
-        below = {f"{path}/{name}": value for name, value in levels[path].items() if isinstance(value, dict)}
-        levels.update(below)
-        paths += below
-    return levels
-
-
-def _levels(content: Dict[str, Any], path: str) -> Dict[str, Any]:
-    """A mapping in which a/b: 1 is a: {b: 1}, as rosparam takes it; a name that begins with / is another node's."""
+def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
+    """Return a mapping with one level per part of each name."""
     found: Dict[str, Any] = {}
     for name, value in content.items():
-        parts = [name] if str(name).startswith("/") else str(name).rstrip("/").split("/")
-        value = _levels(value, path) if isinstance(value, dict) else value
-        here = found
-        for part in parts[:-1]:
-            here[part] = here[part] if isinstance(here.get(part), dict) else {}
-            here = here[part]
-        here.update(merged({parts[-1]: here.get(parts[-1])}, {parts[-1]: value}))
+        *above, last = [part for part in str(name).split("/") if part] or [""]
+        value = _levels(value) if isinstance(value, dict) else value
+        here = branch(found, "/".join(above), create=True)
+        here.update(merged({last: here.get(last)}, {last: value}))
     return found

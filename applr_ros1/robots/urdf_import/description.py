@@ -1,0 +1,260 @@
+"""Wheels, outline and laser of a robot, as far as its URDF says them plainly: `describe`.
+
+training/new_robot.py writes what is found, and asks for everything else.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from math import atan2, isfinite
+from typing import Any, Dict, Iterable, List, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.urdf_import.urdf import UrdfFile
+
+_SIDEWAYS = re.compile(r"mecanum|omni", re.IGNORECASE)  # names of wheels that also roll sideways
+_DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # file of Gazebo's plugin that drives wheels
+_RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of Gazebo's sensors for a laser scanner
+SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
+_TAGS = {  # of a ray sensor, by field of robot.yaml
+    "beams": ".//horizontal/samples",
+    "first_angle": ".//horizontal/min_angle",
+    "last_angle": ".//horizontal/max_angle",
+    "range_min": ".//range/min",
+    "range_max": ".//range/max",
+    "rate": "update_rate",
+    "noise": ".//noise/stddev",
+}
+
+
+@dataclass
+class Description:
+    """Content of a URDF.
+
+    Attributes:
+        values: What the file says plainly, by section and field of robot.yaml.
+        hints: (value, origin) by (section, field), proposals for what is asked for.
+        notes: Sentences about what was taken and what was left out.
+    """
+
+    values: Dict[str, Dict[str, Any]] = field(default_factory=dict)
+    hints: Dict[Tuple[str, str], Tuple[Any, str]] = field(default_factory=dict)
+    notes: List[str] = field(default_factory=list)
+
+
+def describe(
+    urdf: UrdfFile, driven: Iterable[str], footprint: np.ndarray, laser: str, sensor_frame: str
+) -> Description:
+    """Return the description of a robot.
+
+    Args:
+        urdf: Its URDF.
+        driven: Joints of the driven wheels that a controller's file names.
+        footprint: Outline (n, 2) [m] of the parameter files; empty if they give none.
+        laser: Link of the laser that the user names; "" for none.
+        sensor_frame: Frame of the laser that the costmap's source names; "" for none.
+
+    Raises:
+        ApplrError: There is no link `laser`.
+    """
+    sections: Dict[str, Dict[str, Any]] = {"base": {}, "body": {}, "laser": {}, "topics": {}}
+    description = Description({**sections, "frames": {"base": urdf.base}})
+    joints = _wheels(urdf, list(driven), description.notes)
+    _base(urdf, joints, description)
+    _body(urdf, joints, footprint, description)
+    _laser(urdf, laser, sensor_frame, description)
+    return description
+
+
+def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
+    """Return the joints of the driven wheels, of the left side first; none if the file does not say which they are."""
+    plugins = [plugin for plugin in urdf.xml.iter("plugin") if _DRIVE_PLUGIN.search(str(plugin.get("filename")))]
+    texts = [
+        tag.text or "" for plugin in plugins for tag in plugin.iter() if re.match("(left|right).*joint", tag.tag, re.I)
+    ]
+    named = driven or [name for text in texts for name in re.split(r"[\s,]+", text.strip()) if name]
+    by = (
+        "the controller's file"
+        if driven
+        else "the drive plugin"
+        if named
+        else "being continuous, in left and right pairs"
+    )
+    absent = sorted(set(named) - set(urdf.joints))
+    turning = [joint for joint in urdf.joints.values() if joint.type == "continuous" and _is_across(urdf, joint)]
+    alone = [joint for joint in turning if all(above.type != "continuous" for above in _carriers(urdf, joint))]
+    joints = [urdf.joints[name] for name in dict.fromkeys(named) if name in urdf.joints] if named else alone
+    names = ", ".join(joint.name for joint in joints)
+    problem = f"{by} names {', '.join(absent)}, which {urdf.path} does not have" if absent else _oddity(urdf, joints)
+    if problem:
+        notes.append(f"the driven wheels are asked for: {problem}")
+        return []
+    notes.append(f"the driven wheels are those of {names}, by {by}")
+    return sorted(joints, key=lambda joint: -urdf.pose(joint.child)[1, 3])
+
+
+def _is_across(urdf: UrdfFile, joint: Any) -> bool:
+    """Return whether a joint's axis lies across the robot."""
+    return bool(abs(urdf.axis(joint)[1]) > 0.95)
+
+
+def _carriers(urdf: UrdfFile, joint: Any) -> List[Any]:
+    """Return the joints above a joint that move it, the nearest first."""
+    return urdf.moving[joint.child][1:]
+
+
+def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
+    """Return why joints are not those of two wheels on one axle or four wheels on two; "" if they are."""
+    names = ", ".join(joint.name for joint in joints) or "none"
+    sideways = [joint.name for joint in joints if _SIDEWAYS.search(f"{joint.name} {joint.child}")]
+    if sideways:
+        return f"{sideways[0]} is of a base that also drives sideways, of which there is no model"
+    for joint in joints:
+        if joint.type == "fixed":
+            return f"{joint.name} is fixed, so make it continuous"
+        if not _is_across(urdf, joint):
+            return f"the axis of {joint.name} does not lie across the robot"
+        for above in _carriers(urdf, joint):
+            if abs(urdf.axis(above)[2]) > 0.7 and above.type != "prismatic":
+                return f"{above.name} steers the wheel of {joint.name}, of which there is no model"
+    places = np.array([urdf.pose(joint.child)[:3, 3] for joint in joints]).reshape(-1, 3)
+    left, right = (places[side][np.argsort(places[side][:, 0])] for side in (places[:, 1] > 0, places[:, 1] < 0))
+    mirrored = right * [1.0, -1.0, 1.0]
+    paired = len(left) == len(right) and len(joints) in (2, 4) and np.allclose(left, mirrored, atol=SAME_M)
+    one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
+    return "" if paired and not one_axle else f"the joints that could be theirs ({names}) are not in one or two pairs"
+
+
+def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
+    """Write the kind of the drive and the measures of the wheels.
+
+    Args:
+        urdf: The robot.
+        joints: Joints of the driven wheels.
+        description: Gets the section base, the hint of a wheel's mass, and notes.
+    """
+    if not joints:
+        return
+    radii, widths, middles = zip(*(_wheel(urdf, joint) for joint in joints))
+    places, base = np.array(middles), description.values["base"]
+    half = len(joints) // 2
+    base["drive"] = "two_wheel" if half == 1 else "skid_steer"
+    base["track"] = float(places[:half, 1].mean() - places[half:, 1].mean())
+    base["axle_height"] = float(places[:, 2].mean())
+    if half == 2:
+        base["wheelbase"] = float(np.ptp(places[:, 0]))
+    for name, sizes in (("wheel_radius", radii), ("wheel_width", widths)):
+        if all(sizes) and np.ptp(sizes) < SAME_M:
+            base[name] = float(np.mean(sizes))
+    masses = [urdf.mass(urdf.parts(joint)) for joint in joints]
+    if all(masses):
+        description.hints["base", "wheel_mass"] = sum(masses) / len(masses), f"the mean in {urdf.name}"
+    ahead = float(places[:, 0].mean())
+    if abs(ahead) > SAME_M:
+        description.notes.append(
+            f"the middle of the wheels lies at x = {ahead:.3f} m: the simulators drive as if at {urdf.base}, so "
+            "give base.casters and body.com from the middle of the wheels"
+        )
+
+
+def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
+    """Return radius [m], width [m] and middle (3,) of a wheel; 0 for a size that its collision shapes do not say."""
+    parts = urdf.parts(joint)
+    given = [(urdf.pose(name), collision) for name in parts for collision in urdf.links[name].collisions]
+    shapes = [corners for name in parts for corners in urdf.shapes(name)]
+    middle = urdf.pose(joint.child)[:3, 3]
+    if not shapes or len(shapes) < len(given):
+        return 0.0, 0.0, middle
+    low, high = np.concatenate(shapes).min(axis=0), np.concatenate(shapes).max(axis=0)
+    length, width, height = high - low
+    if abs(length - height) > 0.1 * height:
+        return 0.0, 0.0, middle
+    shape, middle = given[0][1].geometry, (low + high) / 2
+    if len(given) == 1 and shape.cylinder is not None and width < 1.1 * shape.cylinder.length:
+        return shape.cylinder.radius, shape.cylinder.length, middle
+    if len(given) == 1 and shape.sphere is not None:  # says nothing about the width
+        return shape.sphere.radius, 0.0, middle
+    return float(height / 2), float(width), middle
+
+
+def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description) -> None:
+    """Write the bounds of the fixed collision shapes that reach above the axles, else those of the footprint.
+
+    What lies wholly below the axles is a caster, a skid or the mark of a frame.
+
+    Args:
+        urdf: The robot.
+        joints: Joints of the driven wheels.
+        footprint: Outline (n, 2) [m] of the parameter files; empty if they give none.
+        description: Gets the section body, hints of size and mass, and notes.
+    """
+    body, hints, axle = description.values["body"], description.hints, description.values["base"].get("axle_height")
+    driven = {joint.name for joint in joints}
+    fixed = [name for name, moved in urdf.moving.items() if not moved]
+    shapes = [shape for name in fixed for shape in urdf.shapes(name)]
+    shapes = [shape for shape in shapes if axle is not None and shape[:, 2].max() > axle]
+    if urdf.lost:
+        lost = ", ".join(sorted(urdf.lost))
+        description.notes.append(f"meshes that are not there: {lost}; put their packages beside that of the URDF")
+    if shapes and not urdf.lost:
+        low, high = np.concatenate(shapes).min(axis=0), np.concatenate(shapes).max(axis=0)
+        body.update(size=(high - low).tolist(), centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2]))
+    elif len(footprint):
+        length, width = np.ptp(footprint, axis=0).tolist()
+        body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
+        hints["body", "size"] = [length, width], "length and width of the footprint in the parameter files"
+    rest = [name for name, moved in urdf.moving.items() if not driven & {joint.name for joint in moved}]
+    mass = urdf.mass(rest) if joints else 0.0
+    if mass:
+        hints["body", "mass"] = mass, f"the sum in {urdf.name}"
+    moving = [name for name in rest if urdf.moving[name] and urdf.links[name].collisions]
+    if body.get("size") and moving:
+        description.notes.append(f"links that move are left out of the outline: {', '.join(moving)}")
+
+
+def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
+    """Write the laser's place, and what Gazebo's ray sensor on its link says of the scans.
+
+    Args:
+        urdf: The robot.
+        laser: Link that the user names; "" for none.
+        sensor_frame: Frame that the costmap's source names; "" for none. Without both the only ray sensor counts.
+        description: Gets the section laser, and notes.
+    """
+    sensors: Dict[str, List[Any]] = {}
+    for holder in urdf.xml.findall("gazebo"):
+        for sensor in (sensor for sensor in holder.findall("sensor") if sensor.get("type") in _RAYS):
+            frame = (sensor.findtext("plugin/frameName") or "").strip()
+            sensors.setdefault(frame if frame in urdf.links else str(holder.get("reference")), []).append(sensor)
+    link = laser or sensor_frame or (next(iter(sensors)) if len(sensors) == 1 else "")
+    if laser:
+        urdf.check_link(laser)
+    if link not in urdf.links:
+        held = f"; these links have ray sensors: {', '.join(sensors)}" if sensors else ""
+        no = f"{urdf.path} has no link {link}, which the costmaps name as sensor_frame" if link else "no file names it"
+        description.notes.append(f"the laser is asked for: {no}; give it with --laser LINK{held}")
+        description.values["laser"].update({"frame": link} if link else {})
+        return
+    pose, values = urdf.pose(link), description.values["laser"]
+    if abs(pose[2, 2]) < 0.95:
+        raise ApplrError(f"{urdf.path}: {link} is tilted: scans have to be level; give another link with --laser")
+    values.update(frame=link, pose=[*pose[:2, 3].tolist(), atan2(pose[1, 0], pose[0, 0])], height=float(pose[2, 3]))
+    if len(sensors.get(link, [])) != 1:
+        return
+    (sensor,) = sensors[link]
+    found = {name: _number(sensor, place) for name, place in _TAGS.items()}
+    resolution = _number(sensor, ".//horizontal/resolution")  # ranges per ray
+    found["beams"] *= resolution if isfinite(resolution) else 1.0
+    if pose[2, 2] < 0.0:  # The laser is mounted upside down.
+        found["first_angle"], found["last_angle"] = -found["last_angle"], -found["first_angle"]
+    values.update((name, int(x) if name == "beams" else x) for name, x in found.items() if isfinite(x))
+    topic = (sensor.findtext("plugin/topicName") or "").strip()
+    description.values["topics"].update({"scan": topic} if topic else {})
+
+
+def _number(sensor: Any, place: str) -> float:
+    """Return the number in a tag of a sensor, nan if the tag is missing."""
+    return float(sensor.findtext(place) or "nan")

@@ -1,0 +1,241 @@
+"""Reader of the parameter files of a robot's navigation package: what move_base loads, and its controller's limits.
+
+training/new_robot.py calls `read_parameter_files`; parameter_files.py reads each file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import branch, merged
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.factory import padded_footprint
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
+from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
+from applr_ros1.robots.parameter_files import nested, of_move_base
+from applr_ros1.robots.robot import number_at
+
+_PLACES = ("", *COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # at which a file can be loaded
+_LISTS = {"": set(FOUND_ABOVE), **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS}}
+_NAMES: Dict[str, Set[str]] = {
+    place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names} | _LISTS.get(place, set())
+    for place in _PLACES
+}
+CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller
+
+
+@dataclass
+class Parameters:
+    """Content of parameter files.
+
+    Attributes:
+        files: (path, namespace below move_base) in the order in which they are loaded.
+        tree: Their values, nested, as move_base has them.
+        full: The same with every absent parameter at its default.
+        added: What robot.yaml has to give beside the files.
+        limits: Limits in the controller's file, by field of robot.yaml's section base.
+        driven: Joints of the driven wheels that the controller's file names.
+        notes: Sentences for people.
+    """
+
+    files: List[Tuple[str, str]] = field(default_factory=list)
+    tree: Dict[str, Any] = field(default_factory=dict)
+    full: Dict[str, Any] = field(default_factory=dict)
+    added: Dict[str, Any] = field(default_factory=dict)
+    limits: Dict[str, float] = field(default_factory=dict)
+    driven: List[str] = field(default_factory=list)
+    notes: List[str] = field(default_factory=list)
+
+    def frame(self, name: str, costmap: str) -> str:
+        """Return a frame that a costmap names, such as global_frame; "" if it names none."""
+        return str(branch(self.tree, costmap).get(name, "")).lstrip("/")
+
+    @property
+    def base_frame(self) -> str:
+        """The base frame that a costmap names; "" if none does."""
+        return next(filter(None, (self.frame("robot_base_frame", costmap) for costmap in COSTMAPS)), "")
+
+    @property
+    def planner(self) -> Dict[str, Any]:
+        """The given values of the local planner."""
+        return branch(self.tree, namespace(str(self.full["base_local_planner"])))
+
+    def footprint(self) -> np.ndarray:
+        """Return the outline (n, 2) [m] that the files give; empty if they give none."""
+        values = self.full["local_costmap"]
+        outline = footprint.parse(values["footprint"])
+        given = any("robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap")))
+        return footprint.circle(values["robot_radius"]) if given and not len(outline) else outline
+
+    def padded_width(self) -> float:
+        """Return the width [m] of the padded footprint."""
+        return float(np.ptp(padded_footprint(self.full["local_costmap"])[:, 1]))
+
+    def sources(self) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
+        """Yield (path of the layer, name, values) of the observation sources of the costmaps."""
+        for costmap in COSTMAPS:
+            for layer in layers(costmap, self.full[costmap]):
+                own = branch(self.full, layer.path) if layer.kind == OBSTACLE_LAYER else {}
+                yield from ((layer.path, name, own[name]) for name in sources(own))
+
+    def scans(self) -> List[Dict[str, Any]]:
+        """Return the laser scans among the observation sources."""
+        return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
+
+    def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
+        """Return what differs if a laser scan is all that the robot publishes, as the simulated robots do.
+
+        Args:
+            topic: Topic of the scan.
+
+        Returns:
+            observation_sources of the layers that wait for other topics as well, nested, and those topics.
+        """
+        changes: Dict[str, Any] = {}
+        kept: Dict[str, List[str]] = {}
+        others: Dict[str, Set[str]] = {}
+        for path, name, source in self.sources():
+            same = source["topic"].strip("/") == topic.strip("/")
+            kept.setdefault(path, []).extend([name] if same else [])
+            others.setdefault(path, set()).update(set() if same else {source["topic"]})
+        for path in (path for path, topics in others.items() if topics):
+            costmap = path.partition("/")[0]
+            place = path if "plugins" in branch(self.tree, costmap) else costmap
+            branch(changes, place, create=True)["observation_sources"] = " ".join(kept[path])
+        return changes, set().union(*others.values())
+
+    def without_map(self, odom: str, size: int) -> Dict[str, Any]:
+        """Return what differs on a course without a map: the laser fills an empty costmap in the odometry's frame.
+
+        Args:
+            odom: Name of that frame.
+            size: Width and height of the global costmap [m].
+
+        Returns:
+            Changes of the costmaps and of the planner of paths; {} if the files are for driving without a map.
+        """
+        changes: Dict[str, Any] = {}
+        for costmap in COSTMAPS:
+            tree, change = branch(self.tree, costmap), {}  # type: Dict[str, Any], Dict[str, Any]
+            if tree.get("global_frame", "map") != odom:
+                change["global_frame"] = odom
+            if tree.get("static_map") and "plugins" not in tree:
+                change["static_map"] = False
+            static = [layer.name for layer in layers(costmap, tree) if layer.kind == STATIC_LAYER]
+            if static:
+                plugins = [entry for entry in tree["plugins"] if entry["name"] not in static]
+                # Where the map was all that the global costmap had, it gets the local one's obstacles.
+                local = branch(self.tree, "local_costmap").get("plugins", [])
+                seeing = [path for path, _, _ in self.sources()]
+                if not any(path.startswith(f"{costmap}/") for path in seeing):
+                    plugins = [entry for entry in local if f"local_costmap/{entry['name']}" in seeing] + plugins
+                change["plugins"] = plugins
+            if change and costmap == "global_costmap":
+                change.update(rolling_window=False, width=size, height=size, origin_x=-size / 2, origin_y=-size / 2)
+            if change:
+                changes[costmap] = change
+        if changes and branch(self.tree, "NavfnROS").get("allow_unknown") is False:
+            changes["NavfnROS"] = {"allow_unknown": True}  # Everything is unknown at first.
+        return changes
+
+
+def read_parameter_files(given: Sequence[str]) -> Parameters:
+    """Read the parameter files of a navigation package.
+
+    Args:
+        given: FILE or FILE:NAMESPACE in the order of the launch file; NAMESPACE is that of its <rosparam ns="...">
+            inside the node move_base. The output of roslaunch --dump-params is one FILE.
+
+    Raises:
+        ApplrError: A file cannot be read or is given without its namespace, none is for move_base, or the planner
+            refuses their values.
+    """
+    found = Parameters()
+    controllers: List[Dict[str, Any]] = []
+    for path, _, place in (text.partition(":") for text in given):
+        place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
+        whole = nested(path)
+        controllers += _controllers(whole)
+        values = of_move_base(whole)
+        if values is whole:
+            values = {name: value for name, value in whole.items() if not _is_controller(value)}
+        if not values:
+            continue
+        _check_namespace(path, place, values)
+        found.files.append((path, place))
+        tree: Dict[str, Any] = {}
+        branch(tree, place, create=True).update(values)
+        found.tree = merged(found.tree, tree)
+    if not branch(found.tree, "local_costmap"):
+        raise ApplrError("the parameter files have nothing for local_costmap: give those that its launch file loads")
+    if len(controllers) > 1:
+        found.notes.append("the files hold several controllers of a base, of which none is taken")
+    elif controllers:
+        found.limits, found.driven = _limits(controllers[0]), _driven(controllers[0])
+    held = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in found.tree]
+    if "base_local_planner" not in found.tree and held == [LOCAL_PLANNERS[1]]:  # The launch file names it.
+        found.added["base_local_planner"] = held[0]
+    elif "base_local_planner" not in found.tree and len(held) > 1:
+        found.notes.append(
+            f"of {' and '.join(map(namespace, held))} in the files move_base takes the first: if your launch file "
+            "names another one, give it as base_local_planner in move_base.parameters"
+        )
+    found.tree = merged(found.tree, found.added)
+    found.full = complete(found.tree)
+    return found
+
+
+def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
+    """Raise ApplrError for a file of a costmap or local planner that is given without its namespace."""
+    for name in values if not place else ():
+        places = [place for place in _PLACES if name in _NAMES[place]]
+        if places and "" not in places:
+            choices = " and ".join(f"{path}:{place}" for place in places)
+            raise ApplrError(
+                f"{path}: {name} is no parameter of move_base itself: give the namespace in which your launch file "
+                f"loads the file ({choices}), or leave out the file of another node"
+            )
+
+
+def _is_controller(value: Any) -> bool:
+    """Return whether a section is that of a diff_drive_controller, or has limits as one has."""
+    return isinstance(value, dict) and bool(
+        "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z")
+    )
+
+
+def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+    """Yield the sections of controllers in nested parameters."""
+    for value in tree.values():
+        if _is_controller(value):
+            yield value
+        elif isinstance(value, dict):
+            yield from _controllers(value)
+
+
+def _driven(controller: Dict[str, Any]) -> List[str]:
+    """Return the joints that a controller drives."""
+    given = (controller.get(name, []) for name in ("left_wheel", "right_wheel"))
+    return [str(name) for side in given for name in (side if isinstance(side, list) else [side])]
+
+
+def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
+    """Return the limits that a controller sets, by field of robot.yaml's section base."""
+    found: Dict[str, float] = {}
+    for axis, speed, change in (
+        ("linear/x", "max_speed", "max_acceleration"),
+        ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
+    ):
+        for kind, ours in (("velocity", speed), ("acceleration", change)):
+            limit = number_at(controller, axis, (f"max_{kind}",))
+            if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
+                found[ours] = limit
+    known = "diff_drive_controller" in str(controller.get("type"))
+    timeout = controller.get("cmd_vel_timeout", CONTROLLER_TIMEOUT_S if known else None)
+    return {**found, "command_timeout": timeout} if timeout is not None else found

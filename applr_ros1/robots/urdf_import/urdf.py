@@ -1,0 +1,177 @@
+"""Reader of a URDF or xacro file: tree of joints, poses, and the corners of collision shapes.
+
+description.py takes a robot's wheels, outline and laser from it.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, Set
+
+import numpy as np
+from defusedxml import ElementTree
+
+from applr_ros1.common.errors import ApplrError, meant
+from applr_ros1.common.files import plain_xml, read_bytes
+
+BASES = ("base_link", "base_footprint")  # usual names of a base frame, the first that exists counts
+
+
+def _find_packages(path: str) -> None:
+    """Let xacrodoc find the ROS packages that lie around a file, in addition to those in ROS_PACKAGE_PATH."""
+    import xacrodoc
+
+    own = next((folder for folder in Path(path).resolve().parents if (folder / "package.xml").is_file()), None)
+    for root in (own.parent.parent, own.parent) if own else ():
+        manifests = [*root.glob("*/package.xml"), *root.glob("*/*/package.xml")]
+        names = {str(ElementTree.parse(file).findtext("name")).strip(): file.parent for file in manifests}
+        xacrodoc.packages.update_package_cache(names)
+
+
+def _expanded(path: str, arguments: Mapping[str, str]) -> str:
+    """Return the URDF that a xacro file makes. The file is a program: its expressions are evaluated as Python."""
+    import xacro
+    import xacrodoc  # noqa: F401  (xacro asks it for packages)
+
+    try:
+        return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
+    except Exception as error:  # an expression may raise anything
+        raise ApplrError(
+            f"{path}: xacro refuses it: {' '.join(str(error).split())}; give its arguments as NAME:=VALUE, and put "
+            "the packages that it names beside its own"
+        ) from error
+
+
+class UrdfFile:
+    """One URDF with the poses of its links in the base frame.
+
+    Attributes:
+        path: The file.
+        name: Its name without the folder.
+        xml: Its root element.
+        base: The link in which positions are given.
+        links: Links of yourdfpy by name.
+        joints: Joints of yourdfpy by name.
+        moving: By link, the joints that move it relative to the base frame, the nearest first.
+        lost: Collision meshes that are not there.
+    """
+
+    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str = ""):
+        """Read a file.
+
+        Args:
+            path: URDF, or xacro file, whose name ends in .xacro.
+            arguments: Arguments of the xacro file by name.
+            base_frame: Base frame of the robot; "" for base_link, else base_footprint, else the root of the tree.
+
+        Raises:
+            ApplrError: The file is no URDF, xacro refuses it, or it has no link base_frame.
+        """
+        import yourdfpy
+
+        self.path, self.name = path, os.path.basename(path)
+        self.lost: Set[str] = set()
+        content = read_bytes(path)
+        _find_packages(path)
+        text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
+        if "<xacro:" in text or "${" in text:
+            raise ApplrError(f"{path} has tags of xacro: give it a name that ends in .xacro")
+        try:
+            self.xml = ElementTree.fromstring(text)
+        except ElementTree.ParseError as error:
+            raise ApplrError(f"{path} is no XML ({error}): give a URDF or xacro file") from None
+        if self.xml.tag != "robot":
+            raise ApplrError(f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF, whose is <robot>")
+        if self.xml.find("link") is None:
+            raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
+        self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
+        self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
+        usual = [name for name in BASES if name in self.links]
+        self.base = base_frame or (usual or [self._urdf.base_link])[0]
+        if self.base not in self.links:
+            raise ApplrError(
+                f"{path} has no link {self.base}, which the parameter files name as robot_base_frame: add it to the "
+                f"URDF with a fixed joint, or write robot_base_frame: {(usual or [self._urdf.base_link])[0]} into a "
+                "copy of the parameter file"
+            )
+        own = {joint.name for joint in self._above(self.base)}
+        self.moving = {
+            name: [joint for joint in self._above(name) if joint.type != "fixed" and joint.name not in own]
+            for name in self.links
+        }
+
+    def _above(self, link: str) -> Iterator[Any]:
+        """Yield the joints from a link to the root."""
+        joint_to = {joint.child: joint for joint in self.joints.values()}
+        while link in joint_to:
+            yield joint_to[link]
+            link = joint_to[link].parent
+
+    def check_link(self, name: str) -> None:
+        """Raise ApplrError if there is no link of this name."""
+        if name not in self.links:
+            advice = meant(name, self.links, f"give one of {', '.join(self.links)}")
+            raise ApplrError(f"{self.path} has no link {name}: {advice}")
+
+    def pose(self, link: str) -> np.ndarray:
+        """Return the pose (4, 4) of a link in the base frame."""
+        return np.asarray(self._urdf.get_transform(link, self.base))
+
+    def axis(self, joint: Any) -> np.ndarray:
+        """Return the direction (3,) of a joint's axis in the base frame."""
+        return self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
+
+    def parts(self, joint: Any) -> List[str]:
+        """Return the links that turn with a joint and do not move relative to its child."""
+        return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
+
+    def shapes(self, link: str) -> List[np.ndarray]:
+        """Return the corners (n, 3) [m] of each collision shape of a link in the base frame, without lost meshes."""
+        found = []
+        for collision in self.links[link].collisions:
+            corners = self._corners(collision.geometry)
+            pose = self.pose(link) @ (np.eye(4) if collision.origin is None else collision.origin)
+            if len(corners):
+                found.append(corners @ pose[:3, :3].T + pose[:3, 3])
+        return found
+
+    def _corners(self, shape: Any) -> np.ndarray:
+        """Return the corners (n, 3) [m] of a shape in its own frame; none, and noted, for a mesh that is not there."""
+        import trimesh
+
+        if shape.box is not None:
+            return trimesh.creation.box(shape.box.size).vertices
+        if shape.cylinder is not None:
+            return trimesh.creation.cylinder(shape.cylinder.radius, shape.cylinder.length).vertices
+        if shape.sphere is not None:
+            return trimesh.creation.icosphere(radius=shape.sphere.radius).vertices
+        file = self._mesh_file(shape.mesh.filename)
+        if not os.path.isfile(file):
+            self.lost.add(shape.mesh.filename)
+            return np.zeros((0, 3))
+        mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
+        # RViz and Gazebo read Collada files in the file's own unit.
+        unit = trimesh.units.unit_conversion(mesh.units, "meters") if mesh.units else 1.0
+        return mesh.vertices * unit * (1.0 if shape.mesh.scale is None else shape.mesh.scale)
+
+    def _mesh_file(self, name: str) -> str:
+        """Return the path of a mesh, "" if its package is not there."""
+        import xacrodoc
+
+        package, _, inside = name.partition("package://")[2].partition("/")
+        if not package:
+            return os.path.join(os.path.dirname(self.path), name.replace("file://", "", 1))
+        try:
+            return os.path.join(xacrodoc.packages.get_path(package), inside)
+        except xacrodoc.packages.PackageNotFoundError:
+            return ""
+
+    def mass(self, links: List[str]) -> float:
+        """Return the mass [kg] of some links; 0 if one that has a collision shape gives none."""
+        given: Dict[str, float] = {
+            name: (self.links[name].inertial.mass or 0.0) if self.links[name].inertial else 0.0 for name in links
+        }
+        whole = all(mass for name, mass in given.items() if self.links[name].collisions)
+        return sum(given.values()) if whole else 0.0

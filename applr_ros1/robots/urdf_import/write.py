@@ -1,0 +1,98 @@
+"""Writes a new robot.yaml: what other files say, and a line to fill in for each value that they leave out."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Mapping, Tuple, Type
+
+import yaml
+
+from applr_ros1.robots.robot import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
+
+_MODELS: Dict[str, Type[Section]] = {
+    "base": Base,
+    "body": Body,
+    "laser": Laser,
+    "topics": Topics,
+    "frames": Frames,
+    "monitor": Monitoring,
+    "simulation": Simulation,
+}
+_ALSO_ASKED = {"base": ("wheel_mass", "casters"), "monitor": ("deceleration", "yaw_deceleration")}  # despite a default
+_WHERE = {  # to look for what is asked for, by section or field
+    "wheel_mass": "on a scale, or in the maker's data",
+    "casters": "measured from the middle between the driven wheels",
+    "mass": "on a scale, or in the maker's data",
+    "size": "measured, or from the maker's drawing",
+    "max_speed": "in the base's manual or its driver's parameters",
+    "max_yaw_rate": "in the base's manual or its driver's parameters",
+    "max_acceleration": "in the base's manual or its driver's parameters",
+    "max_yaw_acceleration": "in the base's manual or its driver's parameters",
+    "laser": "rostopic echo -n 1 --noarr on the topic of the scans",
+    "pose": "rosrun tf tf_echo BASE_FRAME LASER_FRAME",
+    "height": "rosrun tf tf_echo BASE_FRAME LASER_FRAME",
+    "rate": "rostopic hz on the topic of the scans",
+    "monitor": "measure_braking.py measures it",
+    "base": "measured on the robot",
+}
+
+
+def robot_yaml(
+    source: str,
+    values: Mapping[str, Mapping[str, Any]],
+    world_scale: float,
+    move_base: Mapping[str, Any],
+    hints: Mapping[Tuple[str, str], Tuple[Any, str]],
+) -> Tuple[str, List[str]]:
+    """Return the text of robot.yaml, and a line for each value that it asks for.
+
+    Args:
+        source: Name of the file that it was made from, for its first line.
+        values: What is known, by section and field.
+        world_scale: Value of that key.
+        move_base: The section of that name.
+        hints: (value, origin) by (section, field), proposals for what is not known.
+    """
+    frame = values["frames"]["base"]
+    lines = [
+        f"# Made from {source}. Lengths in metres, masses in kg, angles in rad, times in s; places in {frame}, x ahead."
+    ]
+    missing = []
+    for section, model in _MODELS.items():
+        known, also = values.get(section, {}), _ALSO_ASKED.get(section, ())
+        asked: Dict[str, Any] = {
+            name: declared
+            for name, declared in model.model_fields.items()
+            if name not in known and (declared.is_required() or name in also)
+        }
+        if values["base"].get("drive") == "skid_steer":
+            asked.pop("casters", None)
+        lines += [f"{section}:"] * bool(known or asked)
+        lines += [f"  {name}: {flow(value)}" for name, value in known.items()]
+        for name, field in asked.items():
+            value, origin = hints.get((section, name), (None, ""))
+            proposed, unit = "" if value is None else flow(value), field.json_schema_extra["unit"]
+            about = f"[{unit}] {field.description}" if unit else field.description
+            where = f"here {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
+            lines.append(f"  # {name}: {proposed}".ljust(34) + f"  # {about}" + (f"; {where}" if where else ""))
+            missing.append(f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else ""))
+    lines.append(f"world_scale: {flow(world_scale)}")
+    lines.append(
+        yaml.safe_dump({"move_base": _rounded(move_base)}, sort_keys=False, default_flow_style=None, width=110)
+    )
+    return "\n".join(lines), missing
+
+
+def flow(value: Any) -> str:
+    """Return a value as it stands behind its name in YAML."""
+    return yaml.safe_dump(_rounded(value), default_flow_style=True, width=1000).split("\n...")[0].strip()
+
+
+def _rounded(value: Any) -> Any:
+    """Return a value with its real numbers cut to five digits, and those next to zero to 0."""
+    if isinstance(value, dict):
+        return {name: _rounded(below) for name, below in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_rounded(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.5g}") if abs(value) > 1e-8 else 0.0
+    return value
