@@ -16,12 +16,11 @@ __all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError"
 NAMES = ("pybullet", "kinematic")
 
 
-def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
+def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
     """Return a simulator by name.
 
     Args:
         name: One of NAMES.
-        gui: Whether to open the simulator's window; only pybullet has one.
         robot: Description of the robot, or its name or folder; the Jackal without one.
         **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
 
@@ -31,13 +30,11 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
     """
     if name not in NAMES:
         raise SimulatorError(f"simulator {name!r} is not known: give {' or '.join(NAMES)}")
-    if gui and name != "pybullet":
-        raise SimulatorError(f"gui is true but the simulator {name} has no window: take pybullet")
     described = load(robot) if isinstance(robot, str) else robot
     if name == "pybullet":  # imported here, so that the kinematic one needs no pybullet
         from .pybullet_simulator import PybulletSimulator
 
-        return PybulletSimulator(described, gui, **randomisation)
+        return PybulletSimulator(described, **randomisation)
     from .kinematic_simulator import KinematicSimulator
 
     return KinematicSimulator(described, **randomisation)

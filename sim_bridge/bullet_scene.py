@@ -74,14 +74,13 @@ def clear(p: Any, client: int, step: float) -> None:
     p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
 
 
-def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> Tuple[List[int], np.ndarray]:
+def build_obstacles(p: Any, client: int, world: World) -> Tuple[List[int], np.ndarray]:
     """Make the world's static obstacles.
 
     Args:
         p: the pybullet module.
         client: its connection.
         world: what stands there.
-        window: whether there is a window in which the obstacles are to be seen.
 
     Returns:
         The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
@@ -91,7 +90,7 @@ def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> 
     parts = _parts(world)
     numbered = [(k, obstacle) for k, part in enumerate(parts) for obstacle in part]
     circles = [(x, y, radius or math.hypot(*half[:2]), k) for k, (x, y, _, radius, half) in numbered]
-    look = -1 if window else p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1), **on)
+    look = p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1), **on)
     return [_compound(p, on, part, look) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
 
 
@@ -210,7 +209,7 @@ def _parts(world):
 
 
 def _compound(p, on, obstacles, look):
-    """One standing body of upright cylinders and boxes; its id. look: visual shape, or -1 for that of its parts."""
+    """One standing body of upright cylinders and boxes; its id. look: visual shape."""
     shape = p.createCollisionShapeArray(
         shapeTypes=[p.GEOM_CYLINDER if radius else p.GEOM_BOX for _, _, _, radius, _ in obstacles],
         radii=[radius for _, _, _, radius, _ in obstacles],

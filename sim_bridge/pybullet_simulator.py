@@ -7,7 +7,6 @@ exactly under a seed.
 
 from __future__ import annotations
 
-import os
 from math import atan2, dist
 from typing import Any, Optional
 
@@ -19,7 +18,7 @@ from applr_ros1.robots import Robot
 from . import bullet_scene as scene
 from . import mechanics as m
 from . import wheels
-from .simulator import RobotState, Simulator, SimulatorError
+from .simulator import RobotState, Simulator
 
 STEP = m.STEP
 _CLOSING_M_S = 20.0  # [m/s] at which a moving obstacle and the robot come nearer at most
@@ -27,16 +26,13 @@ _MARGIN_M = 0.1  # [m] between two bodies that cannot touch: more than Bullet ke
 
 
 class PybulletSimulator(Simulator):
-    """See Simulator. gui=True opens pybullet's window."""
+    """The robot in Bullet; see Simulator."""
 
-    def __init__(self, robot: Optional[Robot] = None, gui: bool = False, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         self._client: Any = None
         super().__init__(robot, **randomisation)
         self._p = scene.load_pybullet()
-        if gui and not os.environ.get("DISPLAY"):
-            raise SimulatorError("gui is true but there is no display (DISPLAY is not set): give gui:=false")
-        self._window = gui
-        self._client = self._p.connect(self._p.GUI if gui else self._p.DIRECT)
+        self._client = self._p.connect(self._p.DIRECT)
         self._mechanics = m.mechanics(self.robot)
         self._table = wheels.rim_table(self.robot)
         self._lift = np.ones(len(self._mechanics.supports))
@@ -55,7 +51,7 @@ class PybulletSimulator(Simulator):
     def _place(self, pose, new_world):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
         scene.clear(self._p, self._client, STEP)
-        self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world, self._window)
+        self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world)
         self._near = np.zeros(len(self._obstacles), np.bool_)
         self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)

@@ -7,7 +7,7 @@ rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~co
 the odometry's; ~obstacles (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel (the newest
 command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is).
 Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
-~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~gui,
+~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor,
 ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
 ~gazebo (Gazebo's services too: ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map
 (publish a map of the world on map, latched, and its frame).
@@ -56,8 +56,6 @@ class Bridge:
         options = rospy.get_param("~randomisation", {})
         if not isinstance(options, dict):
             raise SimulatorError(f"randomisation is {options!r}: give a dictionary such as {{slip: 1.2}}")
-        if rospy.get_param("~gui", False):
-            options = dict(options, gui=True)
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)

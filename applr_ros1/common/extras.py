@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import Iterator, Optional
 
 EXTRAS = {
-    **dict.fromkeys(("matplotlib", "PIL"), "report"),
+    "matplotlib": "report",
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4"), "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
     "pybullet": "pybullet",

@@ -204,8 +204,7 @@ def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch, raised):
 def test_extras_are_those_of_pyproject():
     tomllib = pytest.importorskip("tomllib")
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    imported = {"pillow": "PIL"}
-    brought = {(imported.get(package, package), name) for name, packages in extras.items() for package in packages}
+    brought = {(package, name) for name, packages in extras.items() for package in packages}
     assert brought | {("lz4", "train")} == set(EXTRAS.items()) | {("matplotlib", "train")}
 
 

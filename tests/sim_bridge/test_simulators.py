@@ -312,7 +312,6 @@ def test_randomised_values_stay_within_their_bounds():
         ("kinematic", {"slipp": 1.0}, "slipp"),
         ("kinematic", {"slip": -1.0}, "slip"),
         ("pybullet", {"latency": (0.2, 0.1)}, "latency"),
-        ("kinematic", {"gui": True}, "gui"),
         ("gazebo", {}, "pybullet or kinematic"),
     ],
 )

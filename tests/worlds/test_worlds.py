@@ -78,14 +78,6 @@ def test_everything_of_a_world_scales(spec):
 
 
 # -- pictures and maps
-@pytest.mark.parametrize("world", [OPEN, TINY], ids=["movers", "nothing"])
-def test_a_world_without_standing_obstacles_has_a_picture(world):
-    picture = draw.top_view(world, world.course.start)
-    assert picture.shape[2] == 3
-    assert picture.shape[1] > picture.shape[0]  # as long as the course, a metre to each side
-    assert picture.min() < 255
-
-
 def test_an_obstacle_fills_the_cells_into_whose_inner_circle_it_reaches():
     post = replace(TINY, cylinders=np.array([[0.0, 0.0, 0.06]]), boxes=np.zeros((0, 5)))
     cells, (left, low) = occupancy(post, 0.1)

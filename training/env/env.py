@@ -19,11 +19,10 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from training.common.options import checked
 from training.env import privileged
-from training.env.episode import Episode, laser_pose
+from training.env.episode import Episode
 from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import DRAWN, PROTOCOLS, TrialSettings, under
-from worlds.draw import top_view
 
 INFO = (  # what info says of an Outcome
     *("theta", "success", "collided", "timeout", "flipped", "aborted", "time_s", "decisions"),
@@ -44,7 +43,6 @@ class ApplrEnv(gymnasium.Env):
         end_on_stall: so does a stall (policy/actor.py).
         critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
         record: keep the driven path in .episode.trace.
-        render_mode: "rgb_array", in which render() returns a picture from above, or None.
         settings: fields of TrialSettings (settings.py): robot, simulator, randomisation, observation, ...; period must
             be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
             reset.
@@ -52,8 +50,6 @@ class ApplrEnv(gymnasium.Env):
     Raises:
         ApplrError: of one line, for what cannot be.
     """
-
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}
 
     def __init__(
         self,
@@ -66,16 +62,12 @@ class ApplrEnv(gymnasium.Env):
         end_on_stall: bool = False,
         critics_know_more: bool = False,
         record: bool = False,
-        render_mode: Optional[str] = None,
         **settings: Any,
     ):
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
-        self.render_mode = render_mode
         self.hidden = privileged.SIZE if critics_know_more else 0
         robot = self.settings.load_robot()
         self.episode = Episode(
@@ -86,7 +78,7 @@ class ApplrEnv(gymnasium.Env):
             period=self.settings.period,
             end_on_collision=end_on_collision,
             end_on_stall=end_on_stall,
-            record=record or render_mode is not None,
+            record=record,
             monitor=self.settings.monitor,
         )
         self.form = form = self.settings.form(robot)
@@ -126,22 +118,6 @@ class ApplrEnv(gymnasium.Env):
     def _observation(self) -> np.ndarray:
         seen = self.form.observe(self.episode.context())
         return np.append(seen, privileged.privileged(self.episode, self.form.scale)) if self.hidden else seen
-
-    def render(self):
-        """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() draws nothing without render_mode: give make() render_mode='rgb_array'")
-            return None
-        episode, state = self.episode, self.episode.simulator.state
-        if episode.outcome is None:
-            raise gymnasium.error.ResetNeeded("call reset() before render()")
-        layout, ranges = episode.layout, episode.context().ranges
-        (x, y, _), yaw = laser_pose(state.pose, episode.robot.laser), state.pose[2]
-        angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
-        near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees
-        points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[near]
-        length, width, _ = episode.robot.body.size
-        return top_view(episode.world, state.pose, episode.trace.pose, points, state.time, (length, width))
 
     def close(self):
         """Close the simulator."""

@@ -11,7 +11,6 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
@@ -345,20 +344,12 @@ def env():
     made.close()
 
 
-def test_made_by_the_packages_name_it_renders_and_passes_the_check():
+def test_made_by_the_packages_name_it_passes_the_check():
     from gymnasium.utils.env_checker import check_env
 
     name = "training.env:applr_ros1/Navigation-v0"
-    made = gymnasium.make(name, worlds="generated:7", render_mode="rgb_array", limit=2)
+    made = gymnasium.make(name, worlds="generated:7", limit=2)
     check_env(made.unwrapped)
-    made.reset(seed=1)
-    before = made.render()
-    assert (before.dtype, before.shape) == (np.uint8, (536, 297, 3))
-    made.step(made.unwrapped.form.action(made.unwrapped.space.theta0).astype(np.float32))
-    after = made.render()
-    assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
-    with pytest.raises(ApplrError, match="render_mode is 'human'"):
-        type(made.unwrapped)(worlds="generated:7", period=2.0, render_mode="human")
     made.close()
 
 
