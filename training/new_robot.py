@@ -20,7 +20,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.common.trees import branch, merged
+from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.robot import FILE, Monitoring, number_at
@@ -93,14 +93,9 @@ def _add_parameters(found: Description, parameters: Parameters) -> None:
     odom, world = frames["local_costmap"], frames["global_costmap"]
     values["frames"].update({"odom": odom} if odom else {})
     values["frames"].update({"map": world} if world not in ("", odom) else {})
-    topics = list(dict.fromkeys(source["topic"].rstrip("/") for source in parameters.scans()))
-    names = {"scan": next(iter(topics), ""), "odometry": parameters.planner.get("odom_topic", "")}
+    topics = (source["topic"].rstrip("/") for source in parameters.scans())
+    names = {"scan": next(topics, ""), "odometry": parameters.planner.get("odom_topic", "")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
-    if len(topics) > 1:
-        found.notes.append(
-            f"of the laser scans of the costmaps {topics[0]} is topics.scan, which is simulated; for the collision "
-            f"monitor on the robot give topics.more_scans: [{', '.join(topics[1:])}]"
-        )
     base, usual = values["base"], Monitoring()
     values["monitor"] = {
         name: min(getattr(usual, name), base[limit]) for limit, name in BRAKES.items() if limit in base
@@ -131,16 +126,11 @@ def _move_base(parameters: Parameters, values: Dict[str, Any], size: int) -> Tup
         section["with_map"] = {}
     if changes or others:
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
-    if "width" in changes.get("global_costmap", {}) and branch(parameters.tree, "global_costmap").get("rolling_window"):
+    if changes or others:
+        kept = f", and none of {', '.join(sorted(others))}" if others else ""
         notes.append(
-            f"without a map, as on courses, the global costmap does not move along with the robot: it is {size} m "
-            "wide, for whole courses; before yours drives so, set rolling_window, width, height, origin_x and origin_y "
-            "in move_base.without_map as you want them"
-        )
-    if others:
-        notes.append(
-            f"without a map, as on courses, the costmaps take nothing from {', '.join(sorted(others))}: the simulated "
-            "robot has one laser; before yours drives so, take observation_sources from move_base.without_map"
+            "without a map, as on courses, move_base.without_map counts, with a global costmap that stands still and "
+            f"the laser alone{kept}: correct it before your robot drives without a map"
         )
     return section, notes
 

@@ -2,7 +2,6 @@
 
 import ast
 import builtins
-import json
 import math
 import os
 import re
@@ -16,7 +15,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from applr_ros1.common import angles, child, files, yaml_files
+from applr_ros1.common import angles, files, yaml_files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
@@ -246,20 +245,3 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     for line in said[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line
         assert line.endswith("pip install '.[train]'"), line
-
-
-def test_a_child_process_has_limits_and_finds_the_packages(tmp_path, monkeypatch):
-    lines = (
-        "import json, resource, sys",
-        "from applr_ros1.common import child",
-        "given = child.taken()",
-        "json.dump([given, resource.getrlimit(resource.RLIMIT_CPU), sys.argv[1:]], sys.stdout)",
-        "sys.exit(given['status'])",
-    )
-    program = tmp_path / "program.py"
-    program.write_text("\n".join(lines))
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(sys, "path", [""])  # as where Python runs what stands on its command line
-    answer = child.run([str(program), "a"], {"status": 0}, {"CPU": 7}, 60.0)
-    assert json.loads(answer) == [{"status": 0}, [7, 7], ["a"]]
-    assert child.run([str(program)], {"status": 3}, {"CPU": 7}, 60.0) is None

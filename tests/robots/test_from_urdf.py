@@ -115,7 +115,7 @@ def make(tmp_path, capsys):
 def fill(folder, **values):
     """Fill in values that are asked for, and take the proposals for the others."""
     text = (folder / "robot.yaml").read_text()
-    for name, value in values.items():
+    for name, value in {"mass": 6.0, "wheel_mass": 0.4, **values}.items():
         text = re.sub(rf"^  # {name}: .*", f"  {name}: {value}", text, flags=re.MULTILINE)
     (folder / "robot.yaml").write_text(re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE))
     robots.folder._read.cache_clear()
@@ -213,7 +213,6 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     assert asked(said) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
     assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; here the planner's max_vel_trans\n", text)
-    assert "  # mass: 6.0" in text
     assert check_robot.main([str(tmp_path / "my_robot")]) == 1
     assert "base.max_speed is missing" in capsys.readouterr().err
     fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
@@ -227,7 +226,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [False, True]
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
-    assert "take nothing from bumps: " in said
+    assert "the laser alone, and none of bumps: correct it before" in said
 
 
 LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/>'
@@ -258,6 +257,7 @@ def test_driven_wheels(make, urdf, more, by):
         assert found["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 
+PLANAR = "<gazebo><plugin name='p' filename='planar_move.so'/></gazebo>"
 KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 0 1", more=LIMIT)
 
 
@@ -268,7 +268,8 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
         (CART.replace("continuous", "fixed"), CONTROLLED, "left_joint is fixed, so make it continuous"),
         (CART + wheel("third", "-.1 0 0"), {}, "left_joint, right_joint, third_joint"),
         (CART + wheel("l2", ".2 .12 0") + wheel("r2", ".2 -.12 0") + IDLE, {}, "not in one or two pairs"),
-        (CART.replace('"left"', '"mecanum_left"'), {}, "left_joint is of a base that also drives sideways"),
+        (CART + wheel("l2", ".2 .12 0") + wheel("r2", ".2 -.12 0") + PLANAR, {}, "planar_move.so is of a base that"),
+        (CART.replace('"left"', '"mecanum_left"'), {}, "mecanum_left is of a base that also drives sideways"),
         (
             CART + KNUCKLE + wheel("steered", "0 0 0", parent="knuckle"),
             {},
@@ -285,7 +286,7 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
             "controller's file names left_joint, which .* does not have",
         ),
     ],
-    ids=["no wheels", "fixed", "third", "six", "mecanum", "steered", "axis", "no such joint"],
+    ids=["no wheels", "fixed", "third", "six", "planar_move", "mecanum", "steered", "axis", "no such joint"],
 )
 def test_odd_wheels_are_asked_for(make, urdf, more, why):
     status, said, found = make(urdf, **more)

@@ -15,7 +15,7 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
-_SIDEWAYS = re.compile(r"mecanum|omni", re.IGNORECASE)  # names of wheels that also roll sideways
+_SIDEWAYS = re.compile(r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE)  # names of wheels and plugins
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # file of Gazebo's plugin that drives wheels
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of Gazebo's sensors for a laser scanner
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
@@ -76,13 +76,7 @@ def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
         tag.text or "" for plugin in plugins for tag in plugin.iter() if re.match("(left|right).*joint", tag.tag, re.I)
     ]
     named = driven or [name for text in texts for name in re.split(r"[\s,]+", text.strip()) if name]
-    by = (
-        "the controller's file"
-        if driven
-        else "the drive plugin"
-        if named
-        else "being continuous, in left and right pairs"
-    )
+    by = "the controller's file" if driven else "the drive plugin" if named else "being continuous, in pairs"
     absent = sorted(set(named) - set(urdf.joints))
     turning = [joint for joint in urdf.joints.values() if joint.type == "continuous" and _is_across(urdf, joint)]
     alone = [joint for joint in turning if all(above.type != "continuous" for above in _carriers(urdf, joint))]
@@ -109,7 +103,9 @@ def _carriers(urdf: UrdfFile, joint: Any) -> List[Any]:
 def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
     """Return why joints are not those of two wheels on one axle or four wheels on two; "" if they are."""
     names = ", ".join(joint.name for joint in joints) or "none"
-    sideways = [joint.name for joint in joints if _SIDEWAYS.search(f"{joint.name} {joint.child}")]
+    parts = [name for joint in joints for name in (joint.name, joint.child)]
+    plugins = [str(plugin.get("filename")) for plugin in urdf.xml.iter("plugin") if len(joints) != 2]
+    sideways = list(filter(_SIDEWAYS.search, parts + plugins))
     if sideways:
         return f"{sideways[0]} is of a base that also drives sideways, of which there is no model"
     for joint in joints:
@@ -134,7 +130,7 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     Args:
         urdf: The robot.
         joints: Joints of the driven wheels.
-        description: Gets the section base, the hint of a wheel's mass, and notes.
+        description: Gets the section base, and notes.
     """
     if not joints:
         return
@@ -149,9 +145,6 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     for name, sizes in (("wheel_radius", radii), ("wheel_width", widths)):
         if all(sizes) and np.ptp(sizes) < SAME_M:
             base[name] = float(np.mean(sizes))
-    masses = [urdf.mass(urdf.parts(joint)) for joint in joints]
-    if all(masses):
-        description.hints["base", "wheel_mass"] = sum(masses) / len(masses), f"the mean in {urdf.name}"
     ahead = float(places[:, 0].mean())
     if abs(ahead) > SAME_M:
         description.notes.append(
@@ -189,7 +182,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
         urdf: The robot.
         joints: Joints of the driven wheels.
         footprint: Outline (n, 2) [m] of the parameter files; empty if they give none.
-        description: Gets the section body, hints of size and mass, and notes.
+        description: Gets the section body, the hint of its size, and notes.
     """
     body, hints, axle = description.values["body"], description.hints, description.values["base"].get("axle_height")
     driven = {joint.name for joint in joints}
@@ -207,9 +200,6 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
         body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
         hints["body", "size"] = [length, width], "length and width of the footprint in the parameter files"
     rest = [name for name, moved in urdf.moving.items() if not driven & {joint.name for joint in moved}]
-    mass = urdf.mass(rest) if joints else 0.0
-    if mass:
-        hints["body", "mass"] = mass, f"the sum in {urdf.name}"
     moving = [name for name in rest if urdf.moving[name] and urdf.links[name].collisions]
     if body.get("size") and moving:
         description.notes.append(f"links that move are left out of the outline: {', '.join(moving)}")

@@ -181,11 +181,6 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     held = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in found.tree]
     if "base_local_planner" not in found.tree and held == [LOCAL_PLANNERS[1]]:  # The launch file names it.
         found.added["base_local_planner"] = held[0]
-    elif "base_local_planner" not in found.tree and len(held) > 1:
-        found.notes.append(
-            f"of {' and '.join(map(namespace, held))} in the files move_base takes the first: if your launch file "
-            "names another one, give it as base_local_planner in move_base.parameters"
-        )
     found.tree = merged(found.tree, found.added)
     found.full = complete(found.tree)
     return found

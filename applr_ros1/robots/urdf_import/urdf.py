@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Set
+from typing import Any, Iterator, List, Mapping
 
 import numpy as np
 from defusedxml import ElementTree
@@ -49,7 +49,6 @@ class UrdfFile:
 
     Attributes:
         path: The file.
-        name: Its name without the folder.
         xml: Its root element.
         base: The link in which positions are given.
         links: Links of yourdfpy by name.
@@ -71,8 +70,7 @@ class UrdfFile:
         """
         import yourdfpy
 
-        self.path, self.name = path, os.path.basename(path)
-        self.lost: Set[str] = set()
+        self.path, self.lost = path, set()  # type: str, Set[str]
         content = read_bytes(path)
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
@@ -167,11 +165,3 @@ class UrdfFile:
             return os.path.join(xacrodoc.packages.get_path(package), inside)
         except xacrodoc.packages.PackageNotFoundError:
             return ""
-
-    def mass(self, links: List[str]) -> float:
-        """Return the mass [kg] of some links; 0 if one that has a collision shape gives none."""
-        given: Dict[str, float] = {
-            name: (self.links[name].inertial.mass or 0.0) if self.links[name].inertial else 0.0 for name in links
-        }
-        whole = all(mass for name, mass in given.items() if self.links[name].collisions)
-        return sum(given.values()) if whole else 0.0

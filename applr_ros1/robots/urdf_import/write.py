@@ -19,9 +19,9 @@ _MODELS: Dict[str, Type[Section]] = {
 }
 _ALSO_ASKED = {"base": ("wheel_mass", "casters"), "monitor": ("deceleration", "yaw_deceleration")}  # despite a default
 _WHERE = {  # to look for what is asked for, by section or field
-    "wheel_mass": "on a scale, or in the maker's data",
+    "wheel_mass": "in the URDF, on a scale, or in the maker's data",
     "casters": "measured from the middle between the driven wheels",
-    "mass": "on a scale, or in the maker's data",
+    "mass": "the sum of those in the URDF if they are true, on a scale, or in the maker's data",
     "size": "measured, or from the maker's drawing",
     "max_speed": "in the base's manual or its driver's parameters",
     "max_yaw_rate": "in the base's manual or its driver's parameters",
