@@ -5,9 +5,10 @@ parameters do not drive it there, it says why and what to change, and ends. CMA-
 then in pybullet; the best sets race there, and of the winner each parameter is put back at the robot's own value where
 nothing is lost by it. In all drives a planner with the defects of the C++ move_base starts with the set, as it will on
 the robot; parameters that mean something else while it runs are left out, so that the method `static` drives the same.
-Courses that the search did not use say in three sentences what the rest is worth. Where that is clearly better,
-ROBOT/tuned.yaml takes it for any move_base, and ROBOT/static.json for `evaluate` and the method `static`. The exit
-status is 0 only then. A stopped run continues with the same command.
+The search drives without the collision monitor. In courses that it did not use the set is then judged twice: without
+the monitor for ROBOT/tuned.yaml, which any move_base loads, and with it for ROBOT/static.json, with which the applr
+node and the method `static` drive. A file is written only where its verdict is clearly better, and the exit status is 0
+only where one is. A stopped run continues with the same command.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from pydantic import Field
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import StorageError, sha256
+from applr_ros1.common.files import StorageError, read_bytes, sha256, write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
@@ -86,13 +87,14 @@ if TYPE_CHECKING:
     from training.report.tables import Table
 
 # until which share of the time the search drives in the kinematic simulator, then in pybullet, the best sets race, and
-# parameters are put back; the rest is the verdict's
+# parameters are put back; the rest is the verdicts'
 COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
+JUDGED = ("tuned.yaml", "without", 0.93), ("static.json", "with", 1.0)  # file, its monitor, until which share
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
 COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
 LIMIT_OPTIMAL_TIMES = 10.0  # after which a drive of the search has failed
 PUT_BACK_BLOCKS = 6  # of drives, at most, in which a parameter is put back
-VERDICT_COURSES = 12  # at least
+VERDICT_COURSES = 12  # at least, of each verdict
 BUSY = 0.5  # share of a processor below which a machine counts as busy with other work
 LINES_S = 10.0, 15.0  # between the lines about long work: until the first, and further ones
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
@@ -205,6 +207,8 @@ def run(options: TuneOptions) -> int:
 def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
     """Search in courses whose trials are kept in `out`, compare, write the set into a folder, and print; as `run`."""
     robot = options.robot
+    from training.report import page
+
     with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
         can, floor = open_floor.check(robot)
     print("\n".join(floor), flush=True)
@@ -225,28 +229,31 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        trials = driven_unseen(options, drives, clock)
-    better, sentences = tuned_verdict(trials, robot.name, str(folder / "tuned.yaml"), options.for_)
-    changed = changes(robot, values, worth)
-    names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
-    from training.report import page
-
-    shown = page.write(drives, above=[*sentences, names], first=[changed])
-    if better:
-        parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
-    lines = [
-        f"  {name}: {tuned} instead of {own}; {gain} s, in the median {median} s"
-        for name, own, tuned, gain, median, _ in changed.rows
-    ]
-    found = (folder if better else drives) / "tuned.yaml"
-    print("\n".join([*sentences, "What each parameter saves per course:", *lines, f"set: {found}", f"page: {shown}"]))
-    return 0 if better else 1
+        changed = changes(robot, values, worth)
+        lines = [
+            f"  {name}: {tuned} instead of {own}; {gain} s, in the median {median} s"
+            for name, own, tuned, gain, median, _ in changed.rows
+        ]
+        print("\n".join(["What each parameter saves per course:", *lines]), flush=True)
+        names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
+        any_better = False
+        for file, monitor, share in JUDGED:
+            trials = driven_unseen(options, drives, monitor, clock, share)
+            better, sentences = tuned_verdict(trials, robot.name, str(folder / file), options.for_)
+            sentences.insert(0, f"{file}, {monitor} the collision monitor:")
+            shown = page.write(drives / monitor, above=[*sentences, names], first=[changed])
+            if better:
+                write_bytes(folder / file, read_bytes(drives / file))
+            found = (folder if better else drives) / file
+            print("\n".join([*sentences, f"set: {found}", f"page: {shown}"]), flush=True)
+            any_better |= better
+    return 0 if any_better else 1
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
     """Return what a search in worlds drives with, but for the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "monitor": True, "loaded": True}
+    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "loaded": True}
     rules["randomisation"] = DRAWN
     return TrialSettings(**rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed))
 
@@ -353,18 +360,21 @@ def warm_starts(robot: Robot) -> np.ndarray:
     return np.array(found)
 
 
-def driven_unseen(options: TuneOptions, drives: Path, clock: Clock) -> pd.DataFrame:
-    """Drive the robot's own parameters and the set in `drives` in the worlds UNSEEN; return paired_trials of both."""
+def driven_unseen(options: TuneOptions, drives: Path, monitor: str, clock: Clock, share: float) -> pd.DataFrame:
+    """Drive the robot's own parameters and the set in `drives` in the worlds UNSEEN; return paired_trials of both.
+
+    monitor: "with" or "without" the collision monitor; names a folder in `drives`. share: of the time, at which it ends.
+    """
     robot = options.robot
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
     how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
-    how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=True, loaded=True, trials=1)
-    evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=UNSEEN, methods=names, out=str(drives))
+    how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
+    evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=UNSEEN, methods=names, out=str(drives / monitor))
 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
         """Yield as many courses with both as there are workers, until the time is over."""
         parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
-        return clock.until(1.0, parts, fewest=-(-VERDICT_COURSES // workers))
+        return clock.until(share, parts, fewest=-(-VERDICT_COURSES // workers))
 
     results = evaluate(evaluation, blocks, clock.took)
     baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)

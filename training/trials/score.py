@@ -26,14 +26,13 @@ def seconds(result: Result, contact_seconds: float = CONTACT_SECONDS) -> float:
 class Aim(NamedTuple):
     """An aim of tune: prices beside a trial's time, in optimal times.
 
-    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time; contact:
-    more where the robot touched something; slower: of each optimal time that it takes beyond the mean with the robot's
-    own parameters; near: of each width of the body by which the mean clearance is short of CLEAR widths; jerk and turn:
-    of the mean change of acceleration and the mean yaw acceleration, over those with its own parameters.
+    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time, also of a
+    drive that touched something; slower: of each optimal time that it takes beyond the mean with the robot's own
+    parameters; near: of each width of the body by which the mean clearance is short of CLEAR widths; jerk and turn: of
+    the mean change of acceleration and the mean yaw acceleration, over those with its own parameters.
     """
 
     failure: float
-    contact: float
     slower: float = 0.0
     near: float = 0.0
     jerk: float = 0.0
@@ -42,8 +41,9 @@ class Aim(NamedTuple):
     def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
         """Return what a trial costs [s]."""
         optimal = result.route_m / robot.base.max_speed
-        price = result.time_s / optimal if result.success else self.failure
-        price += self.slower * max(0.0, price - baseline.pace) * result.success + self.contact * result.collided
+        clean = result.success and not result.collided
+        price = result.time_s / optimal if clean else self.failure
+        price += self.slower * max(0.0, price - baseline.pace) * clean
         price += self.near * (CLEAR - result.mean_clearance_m / robot.body.size[1])
         price += self.jerk * result.mean_jerk / baseline.jerk + self.turn * result.mean_turn / baseline.turn
         return price * optimal
@@ -90,9 +90,9 @@ QUANTITIES = {
     "turn": Quantity("yaw acceleration", "mean_turn", "rad/s^2", -1),
 }
 AIMS = {
-    "fast": Aim(failure=20.0, contact=4.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
-    "careful": Aim(failure=100.0, contact=40.0, slower=10.0, near=60.0),
-    "smooth": Aim(failure=60.0, contact=20.0, slower=10.0, jerk=15.0, turn=10.0),
+    "fast": Aim(failure=20.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
+    "careful": Aim(failure=100.0, slower=10.0, near=60.0),
+    "smooth": Aim(failure=60.0, slower=10.0, jerk=15.0, turn=10.0),
 }
 
 
