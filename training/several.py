@@ -18,7 +18,7 @@ from applr_ros1.robots import load
 from training.common.folders import make_folder
 from training.evaluate import EvaluationOptions, evaluate
 from training.learner.config import TrainConfig
-from training.report.verdict import POLICY, SET, failures, mean_scores, paired_trials, verdict
+from training.report.verdict import POLICY, SET, mean_scores, paired_trials, verdict
 from training.trials.trial import BASELINE
 
 if TYPE_CHECKING:
@@ -67,16 +67,9 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     shutil.copyfile(by_run[str(means.idxmin())], best)
     robot = load(config.robot)
     others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
-    trials = _driven(config, out / "verdict", VERDICT, others, {POLICY: best})
-    method, (arrivals, judged) = verdict(trials, robot.name)
-    more = "record more drives" if config.dataset else "--resume with more --minutes"
-    advice = {
-        POLICY: f"Copy {best} to {robot.folder}/applr.safetensors: the method applr drives with it.",
-        SET: f"Drive with the best single set (method static), or {more}.",
-        BASELINE: f"Keep your parameters, or {more}.",
-    }[method]
+    method, lines = verdict(_driven(config, out / "verdict", VERDICT, others, {POLICY: best}))
     chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
-    return [f"mean scores of the policies: {chosen}", arrivals, judged, advice, *failures(trials)]
+    return [f"mean scores of the policies: {chosen}", *lines, f"drive with: {method}; best policy: {best}"]
 
 
 def _driven(

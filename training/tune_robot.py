@@ -56,7 +56,7 @@ from training.common.options import PLACE, Options, option
 from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate import EvaluationOptions, evaluate
-from training.report.verdict import KEEP, SET, paired_trials, tuned_verdict
+from training.report.verdict import SET, paired_trials, tuned_verdict
 from training.trials.drive import drive
 from training.trials.loaded import loadable_space
 from training.trials.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
@@ -225,7 +225,7 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
         theta, worth = find(options, settings, worlds, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
         if not values:
-            print(f"Nothing better than the parameters of {robot.name} was found. {KEEP}")
+            print("better: no, no other value of a parameter saves anything")
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
@@ -235,17 +235,16 @@ def tuned(options: TuneOptions, out: Path, folder: Path) -> int:
             for name, own, tuned, gain, median, _ in changed.rows
         ]
         print("\n".join(["What each parameter saves per course:", *lines]), flush=True)
-        names = f"Below, {BASELINE} stands for the parameters of {robot.name} as they are, {SET} for the tuned ones."
         any_better = False
         for file, monitor, share in JUDGED:
             trials = driven_unseen(options, drives, monitor, clock, share)
-            better, sentences = tuned_verdict(trials, robot.name, str(folder / file), options.for_)
-            sentences.insert(0, f"{file}, {monitor} the collision monitor:")
-            shown = page.write(drives / monitor, above=[*sentences, names], first=[changed])
+            better, lines = tuned_verdict(trials, options.for_)
+            lines.insert(0, f"{file}, {monitor} the collision monitor:")
+            shown = page.write(drives / monitor, above=lines, first=[changed])
             if better:
                 write_bytes(folder / file, read_bytes(drives / file))
             found = (folder if better else drives) / file
-            print("\n".join([*sentences, f"set: {found}", f"page: {shown}"]), flush=True)
+            print("\n".join([*lines, f"set: {found}", f"page: {shown}"]), flush=True)
             any_better |= better
     return 0 if any_better else 1
 
@@ -363,13 +362,15 @@ def warm_starts(robot: Robot) -> np.ndarray:
 def driven_unseen(options: TuneOptions, drives: Path, monitor: str, clock: Clock, share: float) -> pd.DataFrame:
     """Drive the robot's own parameters and the set in `drives` in the worlds UNSEEN; return paired_trials of both.
 
-    monitor: "with" or "without" the collision monitor; names a folder in `drives`. share: of the time, at which it ends.
+    monitor: "with" or "without" the collision monitor; a folder in `drives`. share: of the time, at which they end.
     """
     robot = options.robot
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
     how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
-    evaluation = EvaluationOptions.model_construct(**how, robot=robot, worlds=UNSEEN, methods=names, out=str(drives / monitor))
+    evaluation = EvaluationOptions.model_construct(
+        **how, robot=robot, worlds=UNSEEN, methods=names, out=str(drives / monitor)
+    )
 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
         """Yield as many courses with both as there are workers, until the time is over."""

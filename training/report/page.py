@@ -1,17 +1,14 @@
 """Writes the report of an evaluation: each table as CSV, each picture as PNG, and all of it in index.html.
 
-The page begins with three sentences: who arrives, who is faster, what the sample can show. evaluate.py and
-tune_robot.py call it.
+The page begins with a line for each comparison with the baseline. evaluate.py and tune_robot.py call it.
 """
 
 from __future__ import annotations
 
 import html
-import math
 from pathlib import Path
 from typing import List, Sequence, Tuple
 
-import pandas as pd
 from tqdm import tqdm
 
 from applr_ros1.common.extras import absent
@@ -22,8 +19,7 @@ from training.env.settings import PROTOCOLS
 from training.report import drives, figures
 from training.report.data import Results
 from training.report.tables import MORE, PAPER, Table
-from training.trials.compare import rate
-from training.trials.score import FAILURE_SECONDS
+from training.trials.compare import LEVEL
 
 FOLDER = "report"
 
@@ -33,7 +29,7 @@ th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-spa
 th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
 .wide{overflow-x:auto}h1,h2,p{overflow-wrap:anywhere}
 #methods+.wide :is(td,th),#changes+.wide :is(td,th):last-child{text-align:left;white-space:normal}
-.verdict{font-size:17px;max-width:900px}.drives{display:inline-block}.drives img{display:block;max-height:320px}
+.verdict{font-size:15px}.drives{display:inline-block}.drives img{display:block;max-height:320px}
 .note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
@@ -43,7 +39,7 @@ def write(folder, above: Sequence[str] = (), first: Sequence[Table] = ()) -> str
 
     Args:
         folder: the folder of an evaluation.
-        above: sentences that the page begins with, instead of the summary.
+        above: lines that the page begins with, instead of the summary.
         first: tables that come before the others.
 
     Raises:
@@ -61,7 +57,7 @@ def write(folder, above: Sequence[str] = (), first: Sequence[Table] = ()) -> str
         print(f"the report is without pictures: {missing}")
     pictures = [] if missing else _pictures(results, out)
     shown = [_picture(*picture) for picture in pictures]
-    verdict = [f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in above or summary(results)]
+    verdict = [f"<pre class=verdict>{html.escape(line)}</pre>" for line in above or summary(results)]
     body = [f"<h1>{html.escape(title)}</h1>", *verdict]
     body += [table.html() for table in tables[:1]] + shown[:1]
     if drives.write(results, out, title):
@@ -113,44 +109,8 @@ def _facts(results: Results) -> List[str]:
 
 
 def summary(results: Results) -> List[str]:
-    """Three sentences over the test worlds where there are at least two of them, else over all worlds.
-
-    Times are compared as in Table I: over all trials of the worlds that both methods have driven, with intervals by
-    bootstrap over worlds.
-    """
-    base = results.baseline
-    test = results.both(results.of_set("Test"), base)
-    worlds, kind = (test, "test worlds") if len(test) > 1 else (results.worlds, "worlds")
-    where = f"{len(worlds)} {kind}" if len(worlds) > 1 else worlds[0]
-    found = {method: results.compare(method, base, worlds) for method in results.rivals}
-    pace = [one.sentence(method, base) for method, one in found.items() if one.worlds]
-    if not pace:
-        pace = [f"there is no other method to compare {base} with"]
-    driven = [trials for trials in (results.of(method, worlds) for method in results.methods) if len(trials)]
-    return [
-        f"In {where} {'; '.join(_ends(trials) for trials in driven)}.",
-        f"Where a failed drive counts as {FAILURE_SECONDS:g} s, {'; '.join(pace)}.",
-        _sample(driven, len(worlds), [(one.gain.high - one.gain.low) / 2 for one in found.values()]),
-    ]
-
-
-def _ends(trials: pd.DataFrame) -> str:
-    """State how many trials of a method arrived, in what time, and how many had a contact."""
-    good, touched = trials[trials.success], trials.collided.sum()
-    how = f"arrived in {len(good) or 'none'} of {len(trials)} drives"
-    how += f", after {good.time_s.mean():.1f} s on average" if len(good) else ""
-    return f"{trials.method.iloc[0]} {how}, and touched something in {touched or 'none'}"
-
-
-def _sample(driven: List[pd.DataFrame], worlds: int, halves: List[float]) -> str:
-    """State which differences and rates of failures the sample leaves open."""
-    if worlds < 2:
-        return "One world is no sample of worlds: this holds for it alone."
-    first = f"The sample is {worlds} worlds, since trials of one world resemble each other"
-    halves = [half for half in halves if math.isfinite(half)]
-    if halves:
-        first += f"; it leaves differences of time uncertain by about ± {100 * max(halves):.0f} %"
-    clean = [rate(~trials.success, trials.world).high for trials in driven if trials.success.all()]
-    if clean:
-        first += f", and a method without a failure may still fail in up to {100 * max(clean):.1f} % of such trials"
-    return f"{first}; it says nothing about worlds of another kind or about a real robot."
+    """Return a line for each method beside the baseline, over the test worlds if there are two, else over all."""
+    test = results.both(results.of_set("Test"), results.baseline)
+    worlds = test if len(test) > 1 else results.worlds
+    compared = {method: results.compare(method, results.baseline, worlds) for method in results.rivals}
+    return [f"{method} beside {results.baseline}, {one.line(LEVEL)}" for method, one in compared.items() if one.worlds]

@@ -34,39 +34,34 @@ class Comparison(NamedTuple):
 
     Attributes:
         worlds: number of worlds.
-        ahead: in how many of them the method has the smaller score.
         difference: mean over worlds of its score less the other's [s]; negative where it is faster.
         gain: share of the other's mean score that it saves.
         p: of the two-sided test of the difference by exchanging the two methods in worlds; nan below two worlds.
     """
 
     worlds: int
-    ahead: int
     difference: Estimate
     gain: Estimate
     p: float
 
-    def sentence(self, method: str, other: str) -> str:
-        """Return how much less time the method takes than the other, without a full stop."""
-        gain, low, high = (100.0 * value for value in self.gain)
-        text = f"{method} took {abs(gain):.1f} % {'less' if gain >= 0.0 else 'more'} time than {other}"
-        if not math.isfinite(low):
-            return text
-        if low <= 0.0 <= high:
-            interval = f"95 % interval: {high:.1f} % less to {-low:.1f} % more"
-            return f"{method} cannot be told from {other} in time ({interval})"
-        near, far = sorted((abs(low), abs(high)))
-        return f"{text} (95 % interval {near:.1f} to {far:.1f} %)"
+    def better(self, level: float) -> bool:
+        """Return whether the method is significantly better than the other."""
+        return self.difference.value < 0.0 and self.p < level
+
+    def line(self, level: float, pays: bool = True) -> str:
+        """Return whether the method is better than the other, and how much it saves; pays: whether it may be."""
+        saved, low, high = -self.difference.value, -self.difference.high, -self.difference.low
+        if saved < 0.0:
+            low, high = -high, -low
+        how = f"{abs(saved):.1f} s {'less' if saved >= 0.0 else 'more'} per course ({low:.1f} to {high:.1f}"
+        return f"better: {'yes' if pays and self.better(level) else 'no'}, {how}, p = {self.p:.2g})"
 
 
 def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:
     """Compare a method's mean scores (n,) [s] in n worlds with another's there; their trials have the same seeds."""
     ours, theirs = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
     difference = ours - theirs
-    ahead = int((difference < 0.0).sum())
-    return Comparison(
-        len(difference), ahead, over_worlds(difference), over_worlds(-difference, theirs), exchanged(difference)
-    )
+    return Comparison(len(difference), over_worlds(difference), over_worlds(-difference, theirs), exchanged(difference))
 
 
 def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:

@@ -50,7 +50,8 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
     assert judged.methods == f"dwa,static,{out}/verdict/applr.safetensors"
     text = capsys.readouterr().out
     assert "seed_3 9.1 s, seed_4 7.1 s" in text
-    assert "The policy pays on jackal" in text
+    assert "applr better: yes, " in text
+    assert f"drive with: applr; best policy: {out}/best.safetensors" in text
     before = (out / "seed_3/checkpoint.json").read_bytes()
     one_line(capsys, arguments, "holds a run already", train.main)
     assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
@@ -58,24 +59,23 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
 
 
 @pytest.mark.parametrize(
-    ("seconds", "says", "advice"),
+    ("seconds", "method"),
     [
-        ({"applr": 7.5, "static": 5.0}, "the tuned parameters do", "Drive with the best single set (method static)"),
-        ({"applr": 7.5, "static": 20.0}, "The policy pays on jackal", "Copy "),
-        ({"applr": 30.0, "static": 20.0}, "The policy does not pay on jackal", "Keep your parameters"),
+        ({"applr": 7.5, "static": 5.0}, "static"),
+        ({"applr": 7.5, "static": 20.0}, "applr"),
+        ({"applr": 30.0, "static": 20.0}, "dwa"),
     ],
 )
-def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, says, advice, tmp_path, evaluated, monkeypatch):
+def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, method, tmp_path, evaluated, monkeypatch):
     for name, value in seconds.items():
         monkeypatch.setitem(SECONDS, name, value)
     policy = tmp_path / "seed_3/best.safetensors"
     policy.parent.mkdir()
     policy.write_bytes(b"a policy")
-    _, arrivals, judged, next_step = several.choose(parse(toy(tmp_path, "--seeds", 2)), tmp_path, [policy])
-    ends = [f"in {seconds.get(name, SECONDS[name]) + 0.1:.1f} s" for name in ("dwa", "static", "applr")]
-    assert [end in arrivals for end in ends] == [True] * 3
-    assert says in judged
-    assert next_step.startswith(advice)
+    _, table, *_, last = several.choose(parse(toy(tmp_path, "--seeds", 2)), tmp_path, [policy])
+    ends = [f"{seconds.get(name, SECONDS[name]) + 0.1:.1f}" for name in ("dwa", "static", "applr")]
+    assert [row.split()[-1] for row in table.splitlines()[1:]] == ends
+    assert last.startswith(f"drive with: {method}; ")
     assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"
 
 
@@ -86,4 +86,4 @@ def test_policies_of_a_dataset_are_judged_in_the_same_way(tmp_path, evaluated, c
     learnt = ["--dataset", tmp_path / "drives", "--gradient-steps", 20, "--seeds", 2, "--seed", 3]
     assert several.train(parse(toy(tmp_path / "runs", *learnt, *NO_EVALUATION)), toy_run) == 0
     assert [options.workers for options in evaluated] == [0, 0]
-    assert "Keep your parameters, or record more drives." in capsys.readouterr().out
+    assert "drive with: dwa; " in capsys.readouterr().out

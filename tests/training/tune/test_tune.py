@@ -113,12 +113,12 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     printed = capsys.readouterr().out
     left = re.findall(r"^putting back .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
-    sentences = [line for line in printed.splitlines() if line.startswith(("Of 12 courses", "The tuned", "Load"))]
-    assert len(sentences) == 6, "without and with the monitor"
-    assert sentences[0].count("finished 12 (100 %, 76 to 100 %) in ") == 1
-    assert "touched something in 0 (0 %, 0 to 24 %) with the tuned parameters" in sentences[0]
-    assert "The tuned parameters are better: by what --for fast counts they cost" in sentences[1]
-    assert f"Load {jackal}/tuned.yaml after your own files" in sentences[2]
+    for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
+        _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
+        _, own, tuned, line, found, _ = table.splitlines()[:6]
+        assert (own.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
+        assert line.startswith("better: yes, ")
+        assert found == f"set: {jackal}/{file}"
     robot = robots.load(str(jackal))
     space = space_of(robot)
     set_ = json.loads((jackal / "static.json").read_text())["parameters"]
@@ -127,7 +127,7 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
     assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
     page = next((tmp_path / "out").glob("fast_*/without/report/index.html")).read_text()
-    said = ("The tuned parameters are better", "Below, dwa stands for", "What changed", "Table")
+    said = ("tuned.yaml, without the collision monitor:", "better: yes, ", "What changed", "Table")
     assert [page.index(words) for words in said] == sorted(page.index(words) for words in said)
     assert "Duration for which each sampled velocity is simulated." in page
     assert "0.5 m/s" in page
@@ -137,7 +137,6 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert not searched & judged
     assert all(LOADED), "the owner loads tuned.yaml"
     assert {task.planner for task in DRIVEN} == {"cpp-like"}
-    assert "with a planner like the C++ move_base" in sentences[1]
     assert "cpp-like, started with the sets" in page
     assert "the collision monitor" not in page.partition("How it was measured")[2]
     padding = space.names.index("footprint_padding")
@@ -213,7 +212,9 @@ def test_a_run_on_a_busy_machine_drives_as_much_as_on_an_idle_one(tmp_path, monk
 def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal, capsys):
     before = sorted(jackal.iterdir())
     assert tune(jackal, runner) == 1
-    assert "Keep your own parameters" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "better: no, " in printed
+    assert "better: yes" not in printed
     assert sorted(jackal.iterdir()) == before
 
 
@@ -234,7 +235,7 @@ def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
     demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
     said = capsys.readouterr()
     assert f"no set arrives in any course, so that there is nothing to compare: {demo}" in said.err
-    assert "Keep your own" not in said.out
+    assert "better:" not in said.out
 
 
 def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
@@ -425,51 +426,46 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     assert space_of(robots.load(str(other), list)).theta0.tolist() == wanted.tolist()
 
 
-@pytest.mark.parametrize(("aim", "other"), [("careful", "smooth"), ("smooth", "careful")])
-def test_the_verdict_names_what_was_asked_for_and_that_must_get_better(aim, other):
+def trials_of(rows):
+    columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
+    return pd.DataFrame(rows, columns=[*columns, "mean_clearance_m", "mean_jerk", "mean_turn"])
+
+
+@pytest.mark.parametrize("aim", ["careful", "smooth"])
+def test_the_verdict_names_what_was_asked_for_and_that_must_get_better(aim):
     rows = []
     for number in range(30):
         off = 0.01 * (number % 5)
         rows.append((f"w{number}", 0, "dwa", True, False, 20.0, "", 20.0, 0.4 + off, 8.0 + off, 1.0))
         jerk = 6.0 if number != 7 else 0.0  # it stands
         rows.append((f"w{number}", 0, "static", number != 7, False, 20.0, "", 10.0 + off, 0.5, jerk, 0.75))
-    columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
-    trials = pd.DataFrame(rows, columns=[*columns, "mean_clearance_m", "mean_jerk", "mean_turn"])
-    words = {
-        "careful": [
-            "the clearance is 0.5 m with them and 0.42 m with its own parameters (95 % interval of the gain: 0.07"
-        ],
-        "smooth": [
-            "the jerk is 6 m/s^3 with them and 8.02 m/s^3 with",
-            "the yaw acceleration is 0.75 rad/s^2 with them",
-        ],
-    }
-    better, sentences = judging.tuned_verdict(trials, "mine", "mine/tuned.yaml", aim)
+    lines = {
+        "careful": ["clearance: 0.5 m, own 0.42, gain 0.08 (0.07"],
+        "smooth": ["jerk: 6 m/s^3, own 8.02, gain 2", "yaw acceleration: 0.75 rad/s^2, own 1, gain 0.25 ("],
+    }[aim]
+    better, (_, *named, last) = judging.tuned_verdict(trials_of(rows), aim)
     assert better
-    assert all(word in sentences[1] for word in words[aim])
-    assert not any(word in sentences[1] for word in words[other])
+    assert [line.startswith(start) for line, start in zip(named, lines)] == [True] * len(lines)
+    assert last.startswith("better: yes, ")
     name, value = {"careful": ("mean_clearance_m", 0.4), "smooth": ("mean_turn", 1.01)}[aim]
+    trials = trials_of(rows)
     worse = trials.assign(**{name: trials[name].where(trials.method == "dwa", value)})
-    better, sentences = judging.tuned_verdict(worse, "mine", "mine/tuned.yaml", aim)
+    better, lines = judging.tuned_verdict(worse, aim)
     assert not better
-    asked = {"careful": "clearance", "smooth": "jerk and yaw acceleration"}[aim]
-    assert sentences[1].startswith(f"Nothing clearly better in {asked} was found: where both arrive, the ")
+    assert lines[-1].startswith("better: no, 10.0 s less per course" if aim == "smooth" else "better: no, ")
 
 
-def test_the_verdict_names_what_gets_worse_although_it_is_faster():
+def test_the_verdict_shows_what_gets_worse_although_it_is_faster():
     rows = []
     for number in range(30):
-        for method, seconds in (("static", 12.0), ("dwa", 30.0)):
+        for method, seconds in (("dwa", 30.0), ("static", 12.0)):
             failed = method == "static" and number == 3
-            rows.append((f"w{number}", 0, method, not failed, False, seconds, "", 50.0 if failed else seconds))
-    columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
-    better, sentences = judging.tuned_verdict(pd.DataFrame(rows, columns=columns), "mine", "mine/tuned.yaml", "fast")
+            score = 50.0 if failed else seconds
+            rows.append((f"w{number}", 0, method, not failed, False, seconds, "", score, 1.0, 1.0, 1.0))
+    better, (table, line) = judging.tuned_verdict(trials_of(rows), "fast")
     assert better
-    assert "although mine arrives less often with them" in sentences[1]
-    assert sentences[0].index("with its own parameters") < sentences[0].index("with the tuned parameters")
-    better, sentences = judging.tuned_verdict(
-        pd.DataFrame(rows, columns=columns).replace({"dwa": "static", "static": "dwa"}), "mine", "x", "fast"
-    )
+    assert [row.split()[1:3] for row in table.splitlines()[1:]] == [["30", "30"], ["30", "29"]]
+    assert line.startswith("better: yes, 16.7 s less per course (")
+    better, (_, line) = judging.tuned_verdict(trials_of(rows).replace({"dwa": "static", "static": "dwa"}), "fast")
     assert not better
-    assert sentences[1].startswith("Nothing clearly better was found: by what --for fast counts they cost")
-    assert sentences[2].startswith("Keep your own parameters")
+    assert line.startswith("better: no, 16.7 s more per course (")
