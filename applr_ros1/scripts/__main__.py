@@ -30,9 +30,7 @@ COMMANDS = {
     "measure_braking": "applr_ros1.nodes.tools.measure_braking",
     "new_robot": "training.new_robot",
     "play": "applr_ros1.nodes.tools.play",
-    "record": "applr_ros1.nodes.tools.record",
     "robot_model": "applr_ros1.robots.rviz_model",
-    "rviz": "applr_ros1.nodes.tools.rviz",
     "train": "training.train",
     "tune_robot": "training.tune_robot",
 }

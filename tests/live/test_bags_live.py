@@ -3,6 +3,9 @@
 What becomes of them (other bag formats, datasets, training, a policy that drives) is tested in tests/training.
 """
 
+import shlex
+import subprocess
+
 import pytest
 import rospy
 from applr_ros1.msg import Decision
@@ -22,7 +25,8 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
     robot = "_world:=" + WORLD, "_simulator:=kinematic"
-    nodes = [ros.node("record", bag)]
+    command = "roslaunch", "--args", "record", "applr_ros1", "jackal_applr.launch", f"record:={bag}"
+    nodes = [ros.spawn(*shlex.split(subprocess.run(command, capture_output=True, text=True, check=True).stdout))]
     nodes.append(ros.node("move_base", "odom:=odometry/filtered"))
     nodes.append(ros.node("sim_bridge", *robot))
     nodes.append(ros.node("applr", "_method:=random", "_seed:=3"))

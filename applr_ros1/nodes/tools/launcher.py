@@ -1,20 +1,23 @@
 """The stack of jackal_applr.launch on a ROS master of its own, for one process alone: the demo's and the playground's.
 
-It is started through roslaunch's parent API. What the nodes print goes to a folder, their errors to this terminal.
+It is started by roslaunch. What the nodes print goes to a folder, their errors to this terminal.
 """
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
+import threading
 import time
-import uuid
 
-import roslaunch
+import rosgraph
 import roslaunch.arg_dump
+import roslaunch.rlutil
 import rospy
 from rosgraph.names import load_mappings
 
@@ -25,17 +28,19 @@ from applr_ros1.robots import NAMES
 
 UP_WITHIN_S = 900.0  # of wall time for one part to come up: the first time it compiles kernels, maybe on a busy machine
 COMPILES = "waiting for {} (its first start compiles kernels, about a minute)"
-roslaunch.launch._TIMEOUT_MASTER_START = 120.0  # s of wall time; its own 10 are too few on a busy machine
+LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
+DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node
 
 
 def say(text):
     """Print one line of progress."""
-    print(f"applr: {text}", flush=True, file=sys.__stdout__)
+    print(f"applr: {text}", flush=True)
 
 
 def launch_arguments():
     """{name: default} of the launch file; None where it has none."""
-    return {name: default for name, (_, default) in roslaunch.arg_dump.get_args([_launch_file()]).items()}
+    file = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))[0]
+    return {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
 
 
 def given_arguments(words, known):
@@ -67,7 +72,7 @@ def free_port():
 
 @contextlib.contextmanager
 def private_stack(given):
-    """A running Stack with these arguments {name: value}; it ends with the block.
+    """A running Stack with these arguments {name: value}; it ends with the block. SIGTERM and SIGHUP act as Ctrl-C.
 
     The folder of what the nodes printed is kept where the block raises ApplrError, whose line says so.
     """
@@ -76,71 +81,59 @@ def private_stack(given):
     for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
         os.environ.pop(name, None)
     say(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
-    stack = Stack(given, port)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
     try:
-        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
-            try:
-                with announced("starting ROS", say, first=5.0):
-                    stack.start()
-                yield stack
-            finally:
-                with contextlib.redirect_stderr(log):  # roslaunch's lines about nodes that take their time to end
-                    stack.stop()
+        stack = Stack(given, port, folder)
+        try:
+            with announced("starting ROS", say, first=5.0):
+                stack.wait(rosgraph.is_master_online, UP_WITHIN_S, "the ROS master does not come up")
+            yield stack
+        finally:
+            stack.stop()
     except ApplrError as problem:
         raise ApplrError(f"{problem}; what the nodes printed is in {folder}") from None
-    except BaseException:
+    except KeyboardInterrupt:
         shutil.rmtree(folder, ignore_errors=True)
-        raise
+        raise KeyboardInterrupt("interrupted, every process has ended") from None
     shutil.rmtree(folder, ignore_errors=True)
 
 
-class Stack(roslaunch.pmon.ProcessListener):
-    """The nodes of the launch file below this process, on a master of their own.
+class Stack:
+    """The nodes of the launch file below this process, on a master of their own; roslaunch starts and ends them.
 
-    Make and start it in the main thread. SIGINT, SIGTERM or SIGHUP make check() raise; while it starts, roslaunch's own
-    handlers end the nodes as well.
+    Args:
+        given: {name: value} of the launch file's arguments.
+        port: Of the master.
+        folder: For what the nodes print.
     """
 
-    def __init__(self, given, port):
-        self._ended, self._interrupted = "", False
-        self._take_signals()
-        self._parent = roslaunch.parent.ROSLaunchParent(
-            str(uuid.uuid1()),
-            [(_launch_file(), [f"{name}:={value}" for name, value in given.items()])],
-            port=port,
-            process_listeners=[self],
-            force_log=True,
-            show_summary=False,
-            sigint_timeout=2.0,
-            sigterm_timeout=0.5,
-        )
+    def __init__(self, given, port, folder):
+        self._died, self._ends = "", False
+        words = [f"{name}:={value}" for name, value in given.items()]
+        options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
+        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log:
+            self._process = subprocess.Popen(
+                ["roslaunch", *options, *LAUNCH_FILE, *words],
+                stdout=log,
+                stderr=subprocess.PIPE,
+                encoding="utf-8",
+                errors="replace",
+                start_new_session=True,  # a Ctrl-C ends it by `stop`
+            )
+        threading.Thread(target=self._pass_errors_on, daemon=True).start()
 
-    def _take_signals(self):
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._interrupt)
-
-    def _interrupt(self, *_):
-        self._interrupted = True
-
-    def process_died(self, process_name, exit_code):
-        """Called by roslaunch for a process that ended, also for one that it starts again."""
-        if exit_code:
-            self._ended = self._ended or f"{process_name.rpartition('-')[0]} ended with status {exit_code}"
-
-    def start(self):
-        """Start master and nodes. Raises ApplrError for a launch file that cannot be loaded."""
-        try:
-            self._parent.start(auto_terminate=False)
-        except roslaunch.RLException as error:
-            raise ApplrError(" ".join(str(error).split())) from None
-        self._take_signals()
+    def _pass_errors_on(self):
+        for line in self._process.stderr:
+            died = DIED.search(line)
+            self._died = self._died or (died.group(1) + " has died" if died else "")
+            if not self._ends:  # roslaunch's lines about nodes that take their time to end
+                print(line, end="", file=sys.stderr)
 
     def check(self):
-        """Raises KeyboardInterrupt after a Ctrl-C, ApplrError when a node has ended by itself."""
-        if self._interrupted:
-            raise KeyboardInterrupt("interrupted, every process has ended")
-        if self._ended or self._parent.pm.is_shutdown:
-            raise ApplrError(self._ended or "the stack ended by itself")
+        """Raise ApplrError if a node has died."""
+        if self._died or self._process.poll() is not None:
+            raise ApplrError(self._died or "the stack ended by itself")
 
     def wait(self, condition, seconds, otherwise, pause=0.02):
         """Wait in wall time until condition() is true; raises as check() does, and ApplrError(otherwise)."""
@@ -158,9 +151,7 @@ class Stack(roslaunch.pmon.ProcessListener):
 
     def stop(self):
         """End all processes."""
+        self._ends = True
         rospy.signal_shutdown("the program that started the stack has ended")
-        self._parent.shutdown()
-
-
-def _launch_file():
-    return roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])[0]
+        self._process.send_signal(signal.SIGINT)
+        self._process.wait()
