@@ -23,7 +23,6 @@ from applr_ros1.robots import Robot, geometry
 from worlds import Mover, World
 
 from .mechanics import GRAVITY, mechanics
-from .simulator import SimulatorError
 
 CASTER_MASS_KG = 0.001  # [kg], taken from the body
 OBSTACLE_TOP_M = 1.0  # BARN's cylinders reach .5 m; the robot never sees over them
@@ -44,10 +43,6 @@ def load_pybullet() -> Any:
         import pybullet
 
         ctypes.CDLL(None).fflush(None)  # a banner on stdout would still sit in C's buffer
-    except ImportError as error:
-        raise SimulatorError(
-            f"pybullet cannot be imported ({error}): pip install pybullet, or take the kinematic simulator"
-        ) from None
     finally:
         for fd, copy in kept:
             os.dup2(copy, fd)

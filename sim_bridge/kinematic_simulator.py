@@ -7,9 +7,8 @@ robot's description, wheel_rub, body_rub and undo, which are fitted to PybulletS
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import atan2, ceil, cos, hypot, inf, sin
-from typing import Any, Optional, Tuple
+from typing import Any, Optional
 
 import numpy as np
 
@@ -53,22 +52,6 @@ class KinematicSimulator(Simulator):
         c, s = cos(pose[2]), sin(pose[2])
         com_x, com_y = self._mechanics.com
         self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
-
-    def set_motion(
-        self, twist: Tuple[float, float, float], wheels_twist: Tuple[float, float], angles: Tuple[float, float]
-    ) -> None:
-        """Give the robot where it stands the motion of a recorded one.
-
-        Args:
-            twist: of base_link ahead, to the left [m/s] and its yaw rate [rad/s].
-            wheels_twist: what the wheels turn for [m/s, rad/s].
-            angles: of the left and right wheels [rad].
-        """
-        (u, s, w), (com_x, com_y) = twist, self._mechanics.com
-        self._body[U], self._body[S], self._body[W] = u - w * com_y, s + w * com_x, w
-        self._rolling[[wheels.RAMP_V, wheels.RAMP_W]] = wheels_twist
-        self._rolling[wheels.ANGLE : wheels.ANGLE + 2] = angles
-        self.state = replace(self.state, twist=(u, w))
 
     def _drive(self, steps):
         circles = self._circles

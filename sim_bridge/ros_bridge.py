@@ -7,8 +7,8 @@ rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~co
 the odometry's; ~obstacles (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel (the newest
 command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is).
 Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
-~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor,
-~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
+~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor;
+~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
 ~gazebo (Gazebo's services too: ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map
 (publish a map of the world on map, latched, and its frame).
 
@@ -21,7 +21,7 @@ import gc
 import threading
 import time
 from math import isfinite
-from typing import Any, Callable
+from typing import Any
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -30,14 +30,13 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 import worlds
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import load
 
 from . import make
 from .ros_topics import BridgeTopics
-from .simulator import SimulatorError, warm_up
+from .simulator import warm_up
 
 TICK_S = 0.01  # simulated seconds between clocks; data every second one
 BASE_TIME_S = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
@@ -50,18 +49,16 @@ class Bridge:
     """The node's state: the simulator, the newest velocity command and ROS time."""
 
     def __init__(self):
-        self.factor = _parameter("real_time_factor", 1.0, 1e6)  # 0: as fast as it goes
-        self.seed = int(_parameter("seed", 0, 2**31 - 1))
+        factor, seed = rospy.get_param("~real_time_factor", 1.0), rospy.get_param("~seed", 0)
+        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0: as fast as it goes
+        self.seed = int(number_within("seed", seed, 0, 2**31 - 1))
         name = rospy.get_param("~simulator", "pybullet")
-        options = rospy.get_param("~randomisation", {})
-        if not isinstance(options, dict):
-            raise SimulatorError(f"randomisation is {options!r}: give a dictionary such as {{slip: 1.2}}")
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
         self.scale = robot.world_scale
         world = self._load(str(rospy.get_param("~world", "generated:0")))
-        self.simulator = make(name, **dict(options, robot=robot))
+        self.simulator = make(name, robot)
         start = str(rospy.get_param("~start", ""))
         self.start = pose("start", start) if start else None
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
@@ -72,7 +69,6 @@ class Bridge:
         self.newest = None  # newest command (v, w) not yet given to the simulator
         self.driven = False  # whether velocity commands come in
         self.period, self.due = 0.0, 0.0  # of the commands [s]; simulated time at which the next one is due
-        self.refused = 0
         self.touched = False
         self.running = threading.Event()  # simulated time goes on
         if not rospy.get_param("~paused", False):
@@ -82,7 +78,9 @@ class Bridge:
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):
-            _offer_gazebo_services(self)
+            from .ros_gazebo import GazeboInterface  # needs gazebo_msgs, which a robot does not have
+
+            GazeboInterface(self)
         self._connect()
         if not rospy.get_param("/use_sim_time", False):
             rospy.logwarn(
@@ -113,7 +111,7 @@ class Bridge:
     @until_shutdown()
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
-        pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
+        pace, ticks, robot = RealTimeRate(), 0, self.simulator.robot
         every, every_scan = (max(1, round(1.0 / TICK_S / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
             if not self.running.is_set():
@@ -166,12 +164,10 @@ class Bridge:
         """Store a velocity command for the simulating thread; refuse one that is not finite."""
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
-            self.refused += 1
-            why = f"it must be finite ({self.refused} so far)"
-            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) refused: {why}")
+            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) refused: it must be finite")
             return
         if not self.driven:  # who commands from now on may do so at another rate
-            self.period = 1.0 / _control_frequency()
+            self.period = 1.0 / float(rospy.get_param("move_base/controller_frequency", CONTROL_FREQUENCY_HZ))
         with self.arrived:
             self.newest, self.driven = (v, w), True
             self.arrived.notify()
@@ -179,10 +175,6 @@ class Bridge:
     def on_set_pose(self, message: Any) -> None:
         """Set the odometry's estimate of the pose; the robot stays where it is."""
         p, q = message.pose.pose.position, message.pose.pose.orientation
-        values = (p.x, p.y, q.x, q.y, q.z, q.w)
-        if not all(map(isfinite, values)) or abs(sum(value * value for value in values[2:]) - 1.0) > 0.1:
-            rospy.logwarn("sim_bridge: /set_pose refused: give finite numbers and a quaternion of length 1")
-            return
         with self.lock:
             self.simulator.set_odometry((p.x, p.y, yaw_of(q)))
 
@@ -236,15 +228,9 @@ class Bridge:
 
 
 class RealTimeRate:
-    """Keeps simulated and wall time in step.
+    """Keeps simulated and wall time in step."""
 
-    Args:
-        warn: is called with a line when this machine is too slow for the rate: a second is lost, or twice as much.
-    """
-
-    def __init__(self, warn: Callable[[str], None]):
-        self.warn = warn
-        self.late, self._reported = 0.0, 0.5
+    def __init__(self):
         self.begin()
 
     def begin(self) -> None:
@@ -258,53 +244,22 @@ class RealTimeRate:
         if self.next > now:
             time.sleep(self.next - now)
         elif now - self.next > 0.2:
-            self.late += now - self.next
             self.next = now
-            if report and self.late > 2.0 * self._reported:
-                self._reported = self.late
+            if report:
                 busy = f"this machine is too busy for real_time_factor {factor:g}: the simulation runs slower"
-                self.warn(f"{busy}, {self.late:.1f} s so far")
+                rospy.logwarn_throttle(60.0, "sim_bridge: " + busy)
 
 
-def _clear_costmaps(patience=2.0):
-    """Ask move_base, if there is one, to clear its costmaps; wait no longer than `patience` wall seconds."""
+def _clear_costmaps():
+    """Ask move_base, if there is one, to clear its costmaps."""
     name = rospy.resolve_name("move_base/clear_costmaps")
-
-    def call():
-        try:
-            rospy.wait_for_service(name, 0.1)
-            rospy.ServiceProxy(name, Empty)()
-        except rospy.ROSException:
-            pass  # no move_base: nothing to clear
-        except rospy.ServiceException as error:
-            rospy.logwarn("sim_bridge: costmaps not cleared: %s", str(error).split("\n")[0])
-
-    worker = threading.Thread(target=call, daemon=True)
-    worker.start()
-    worker.join(patience)
-    if worker.is_alive():
-        rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
-
-
-def _control_frequency():
-    """Return the frequency [Hz] at which move_base commands, by its parameter."""
     try:
-        return number_within("controller_frequency", rospy.get_param("move_base/controller_frequency"), 0.1, 1e3)
-    except (KeyError, ApplrError):
-        return CONTROL_FREQUENCY_HZ
-
-
-def _parameter(name, default, most):
-    """Return a private parameter of this node, a number from 0 to `most`."""
-    return number_within(name, rospy.get_param("~" + name, default), 0, most)
-
-
-def _offer_gazebo_services(bridge):
-    try:
-        from .ros_gazebo import GazeboInterface
-    except ImportError as error:
-        raise SimulatorError(f"gazebo is true but its messages are missing ({error}): run ./applr setup") from None
-    GazeboInterface(bridge)
+        rospy.wait_for_service(name, 0.1)
+        rospy.ServiceProxy(name, Empty)()
+    except rospy.ROSException:
+        pass  # no move_base: nothing to clear
+    except rospy.ServiceException as error:
+        rospy.logwarn("sim_bridge: costmaps not cleared: %s", error)
 
 
 def main() -> int:

@@ -9,15 +9,12 @@ that people and vehicles cross, of DynaBARN's three kinds in turn, slow, medium 
 from __future__ import annotations
 
 import csv
-import io
 import math
 import os
 from typing import Dict, List, NamedTuple, Optional, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-
-from applr_ros1.common import files
 
 from .sdf import numbers
 from .world import Course, KeyFrame, Mover, World, WorldError
@@ -37,42 +34,16 @@ class Animation(NamedTuple):
     frames: Tuple[Tuple[float, float, float], ...]
 
 
-def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: str) -> Animation:
-    """An Animation whose times start at 0 or later and never fall. `what` names it in the WorldError."""
-    if len(frames) < 2:
-        raise WorldError(f"{what} are {len(frames)}; there must be at least 2")
-    times = [row[0] for row in frames]
-    if times[0] < 0.0 or any(later < earlier for earlier, later in zip(times, times[1:])) or not length > 0.0:
-        raise WorldError(f"{what} must have a length above 0 and times that rise from 0; correct them")
-    return Animation(length, repeat, tuple((t, x, y) for t, x, y in frames))
-
-
 def read_table(path: str) -> Dict[str, Animation]:
-    """{plugin: Animation} of a table. Raises WorldError with one line that names the row."""
-    text = files.read_bytes(path).decode("utf-8-sig", "replace")
-    rows = csv.reader(io.StringIO(text))
-    groups: Dict[str, List[Tuple[float, ...]]] = {}
+    """Return {plugin: Animation} of a table."""
     heads: Dict[str, Tuple[float, bool]] = {}
-    try:
-        header = next(rows, [])
-        if tuple(name.strip() for name in header) != COLUMNS:
-            raise WorldError(f"{path} must begin with the line {','.join(COLUMNS)}")
-        for row in rows:
-            what = f"line {rows.line_num} of {path}"
-            if not row:
-                continue
-            if len(row) != len(COLUMNS) or row[2].strip() not in ("0", "1"):
-                raise WorldError(f"{what} must be {','.join(COLUMNS)} with repeat 0 or 1")
-            plugin = row[0].strip()
-            length, *frame = (numbers(cell, 1, what)[0] for cell in (row[1], *row[3:]))
-            head = (length, row[2].strip() == "1")
-            if heads.setdefault(plugin, head) != head:
-                raise WorldError(f"{what}: length and repeat differ from the earlier rows of {plugin}")
-            groups.setdefault(plugin, []).append(tuple(frame))
-    except csv.Error as error:
-        raise WorldError(f"{path} is no table ({error}); make it again") from None
-    named = {plugin: f"key frames of {plugin} in {path}" for plugin in groups}
-    return {plugin: checked(*heads[plugin], frames, named[plugin]) for plugin, frames in groups.items()}
+    frames: Dict[str, List[KeyFrame]] = {}
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        for row in csv.DictReader(file):
+            heads[row["plugin"]] = float(row["length"]), row["repeat"] == "1"
+            frame = float(row["time"]), float(row["x"]), float(row["y"])
+            frames.setdefault(row["plugin"], []).append(frame)
+    return {plugin: Animation(*heads[plugin], tuple(rows)) for plugin, rows in frames.items()}
 
 
 class Animations:
@@ -90,7 +61,10 @@ class Animations:
         """Return a model's animation or None without a plugin. Raises WorldError where the table lacks its plugin."""
         stated = model.find(f"{{{self.namespace}}}waypoints")
         if stated is not None:
-            return self._stated(stated, f"waypoints of model {model.get('name')!r} in {self.path}")
+            count = len((stated.text or "").split()) // 3 * 3
+            flat = numbers(stated.text, count, f"waypoints of model {model.get('name')!r} in {self.path}")
+            frames = tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3))
+            return Animation(float(stated.get("length") or frames[-1][0]), stated.get("repeat") != "0", frames)
         plugin = model.find("plugin")
         name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
         if plugin is None or name.startswith("libgazebo_ros_"):  # which moves nothing that nobody commands
@@ -104,16 +78,6 @@ class Animations:
             where = f"{which}, which has no rows in {NAME} beside the world"
             raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md says")
         return self._table[name]
-
-    def _stated(self, element: Element, what: str) -> Animation:
-        """As sdf_writer puts it into a file: t x y t x y ..., with length and repeat where they are not the usual."""
-        values = (element.text or "").split()
-        flat = numbers(element.text, len(values) // 3 * 3, what)
-        frames = [tuple(flat[i : i + 3]) for i in range(0, len(flat), 3)]
-        length = frames[-1][0] if frames else 0.0
-        if element.get("length") is not None:
-            length = numbers(element.get("length"), 1, "length of " + what)[0]
-        return checked(length, element.get("repeat") != "0", frames, what)
 
 
 def arena_course(planner_ends: bool = False) -> Course:

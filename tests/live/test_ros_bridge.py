@@ -1,7 +1,6 @@
 """The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, mistakes, factors."""
 
 import itertools
-import threading
 import time
 from math import hypot, pi
 from types import SimpleNamespace
@@ -202,15 +201,6 @@ def test_reset_puts_robot_and_odometry_back_and_clears_the_costmaps(robot):
     service.shutdown("done")
 
 
-def test_reset_does_not_wait_for_a_move_base_that_hangs(robot):
-    over = threading.Event()
-    service = rospy.Service("/move_base/clear_costmaps", Empty, lambda _: over.wait(LONGEST) and EmptyResponse())
-    reset = rospy.ServiceProxy("/sim_bridge/reset", Empty)
-    robot.wait(lambda: reset() and "costmaps not cleared" in robot.process.text)
-    over.set()
-    service.shutdown("done")
-
-
 def test_set_pose_sets_what_the_odometry_believes(robot):
     message = PoseWithCovarianceStamped()
     message.pose.pose.position.x, message.pose.pose.position.y, message.pose.pose.orientation.w = 1.0, 2.0, 1.0
@@ -219,9 +209,6 @@ def test_set_pose_sets_what_the_odometry_believes(robot):
     robot.set_pose.publish(message)
     robot.wait(lambda: robot.place == pytest.approx((1.0, 2.0), abs=0.01))
     assert robot.true_place == pytest.approx(truth, abs=1e-3)
-    message.pose.pose.orientation.w = 0.0  # no rotation at all
-    robot.set_pose.publish(message)
-    robot.wait(lambda: "/set_pose refused" in robot.process.text)
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
     robot.wait(lambda: robot.place == (0.0, 0.0))
 
@@ -296,10 +283,8 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     """A planner that commands when its cycle is due, or a tick before, is waited for then alone, and never in vain."""
     from sim_bridge import ros_bridge
 
-    monkeypatch.setattr(rospy, "get_param", lambda name: hertz)
-    bridge = SimpleNamespace(
-        driven=False, newest=None, period=0.0, due=0.0, refused=0, arrived=MagicMock(), commands=[], waits=[]
-    )
+    monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)
+    bridge = SimpleNamespace(driven=False, newest=None, period=0.0, due=0.0, arrived=MagicMock(), commands=[], waits=[])
     bridge.simulator = SimpleNamespace(
         state=SimpleNamespace(time=0.0), command=lambda *_: bridge.commands.append(bridge.simulator.state.time)
     )

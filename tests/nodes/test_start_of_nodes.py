@@ -82,8 +82,7 @@ BODIES = {"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]]
         (MONITOR, {"deceleration": 0}, "deceleration is 0"),
         (APPLR, {"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
         (BRIDGE, {"world": "nowhere.world"}, "nowhere.world"),
-        (BRIDGE, {"world": "physical_course", "gui": True, "simulator": "kinematic"}, "gui"),
-        (BRIDGE, {"randomisation": 5}, "randomisation is 5: give a dictionary"),
+        (BRIDGE, {"world": "physical_course", "simulator": "gazebo"}, "give pybullet or kinematic"),
     ],
 )
 def test_parameters_that_are_of_no_use_are_one_line(module, given, line, tmp_path, monkeypatch):

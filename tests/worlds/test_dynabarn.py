@@ -43,24 +43,6 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     assert [once.position(t) for t in (0.0, 2.0, 50.0)] == [(0.0, 1.0), (4.0, 1.0), (4.0, 1.0)]
 
 
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [
-        (("a,10,1,0,0,0", "a,10,1,nan,0,0"), "line 3"),
-        (("a,10,1,0,0,0", "a,11,1,1,0,0"), "length and repeat differ"),
-        (("a,10,1,2,0,0", "a,10,1,1,0,0"), "rise from 0"),
-        (("a,10,yes,2,0,0",), "repeat 0 or 1"),
-        (("a,0,1,0,0,0", "a,0,1,1,0,0"), "length above 0"),
-        (None, "must begin with the line plugin,length"),
-    ],
-)
-def test_wrong_tables_are_refused_in_a_line(tmp_path, rows, words):
-    path = table(tmp_path, *rows or ())
-    if rows is None:
-        Path(path).write_text("plugin;time\n")
-    refused_world(put(tmp_path, sdf(moving("easylibobs_1")), "world_0.world"), words, path)
-
-
 def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
     cells = np.column_stack([np.full(66, 15), np.arange(66)])  # of BARN's world of the same number
