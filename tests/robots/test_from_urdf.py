@@ -292,7 +292,9 @@ def test_odd_wheels_are_asked_for(make, urdf, more, why):
     status, said, found = make(urdf, **more)
     assert status == 0
     assert re.search(f"remark: the driven wheels are asked for: .*{why}", said), said
-    assert {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size"} <= set(asked(said))
+    assert {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size", "body.bottom"} <= set(
+        asked(said)
+    )
     assert "drive" not in (found["base"] or {})
 
 
@@ -315,17 +317,23 @@ def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     assert "links that move are left out of the outline: roller, arm" in said
 
 
-@pytest.mark.parametrize("shape", ["", '<mesh filename="package://far/hull.stl"/>'])
-def test_without_collision_shapes_the_footprint_is_the_outline(make, tmp_path, shape):
-    urdf = (
-        CART.replace('<box size=".3 .2 .1"/>', shape)
-        if shape
-        else CART.replace(HULL, link("base_link")).replace(SCANNER, link("scanner") + joint("scanner", ".05 0 .15"))
-    )
-    _, said, found = make(urdf)
+BARE = link("base_link")
+
+
+@pytest.mark.parametrize(
+    ("hull", "why"),
+    [
+        (HULL.replace('<box size=".3 .2 .1"/>', '<mesh filename="package://far/hull.stl"/>'), "package://far/hull.stl"),
+        (HULL.replace("-.05 0 .06", "-.05 0 0"), "reach down to the ground"),
+        (BARE, "narrower than half the track"),
+    ],
+    ids=["a lost mesh", "on the ground", "a laser alone"],
+)
+def test_an_odd_outline_is_asked_for_with_the_footprint(make, tmp_path, hull, why):
+    _, said, found = make(CART.replace(HULL, hull))
+    assert re.search(f"the outline is asked for: .*{why}", said)
     assert found["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
-    assert ("meshes that are not there: package://far/hull.stl" in said) == bool(shape)
 
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):

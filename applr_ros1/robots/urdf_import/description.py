@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from math import atan2, isfinite
+from math import atan2, inf, isfinite
 from typing import Any, Dict, Iterable, List, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, meant
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
 _SIDEWAYS = re.compile(r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE)  # names of wheels and plugins
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # file of Gazebo's plugin that drives wheels
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of Gazebo's sensors for a laser scanner
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
+CLEARANCE_M = 0.005  # least clearance below a body [m]; what is lower carries it
 _TAGS = {  # of a ray sensor, by field of robot.yaml
     "beams": ".//horizontal/samples",
     "first_angle": ".//horizontal/min_angle",
@@ -184,25 +185,31 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
         footprint: Outline (n, 2) [m] of the parameter files; empty if they give none.
         description: Gets the section body, the hint of its size, and notes.
     """
-    body, hints, axle = description.values["body"], description.hints, description.values["base"].get("axle_height")
-    driven = {joint.name for joint in joints}
+    base, body, notes = description.values["base"], description.values["body"], description.notes
+    axle, driven = base.get("axle_height", inf), {joint.name for joint in joints}
     fixed = [name for name, moved in urdf.moving.items() if not moved]
-    shapes = [shape for name in fixed for shape in urdf.shapes(name)]
-    shapes = [shape for shape in shapes if axle is not None and shape[:, 2].max() > axle]
+    shapes = [shape for name in fixed for shape in urdf.shapes(name) if shape[:, 2].max() > axle]
+    low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
+    problem = "there are no fixed collision shapes above the axles" if not shapes else ""
     if urdf.lost:
-        lost = ", ".join(sorted(urdf.lost))
-        description.notes.append(f"meshes that are not there: {lost}; put their packages beside that of the URDF")
-    if shapes and not urdf.lost:
-        low, high = np.concatenate(shapes).min(axis=0), np.concatenate(shapes).max(axis=0)
+        problem = f"put the packages of {', '.join(sorted(urdf.lost))} beside that of the URDF"
+    elif shapes and low[2] < axle - base.get("wheel_radius", inf) + CLEARANCE_M:
+        problem = "the fixed collision shapes reach down to the ground, as casters do"
+    elif shapes and high[1] - low[1] < base["track"] / 2:
+        problem = "the fixed collision shapes are narrower than half the track"
+    if not problem:
         body.update(size=(high - low).tolist(), centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2]))
-    elif len(footprint):
+    else:
+        notes.append(f"the outline is asked for: {problem}")
+    if problem and len(footprint):
         length, width = np.ptp(footprint, axis=0).tolist()
         body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
-        hints["body", "size"] = [length, width], "length and width of the footprint in the parameter files"
-    rest = [name for name, moved in urdf.moving.items() if not driven & {joint.name for joint in moved}]
-    moving = [name for name in rest if urdf.moving[name] and urdf.links[name].collisions]
-    if body.get("size") and moving:
-        description.notes.append(f"links that move are left out of the outline: {', '.join(moving)}")
+        origin = "length and width of the footprint in the parameter files"
+        description.hints["body", "size"] = [length, width], origin
+    moving = [name for name, moved in urdf.moving.items() if moved and not driven & {joint.name for joint in moved}]
+    left_out = [name for name in moving if urdf.links[name].collisions]
+    if left_out and not problem:
+        notes.append(f"links that move are left out of the outline: {', '.join(left_out)}")
 
 
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
@@ -217,11 +224,10 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
     sensors: Dict[str, List[Any]] = {}
     for holder in urdf.xml.findall("gazebo"):
         for sensor in (sensor for sensor in holder.findall("sensor") if sensor.get("type") in _RAYS):
-            frame = (sensor.findtext("plugin/frameName") or "").strip()
-            sensors.setdefault(frame if frame in urdf.links else str(holder.get("reference")), []).append(sensor)
+            sensors.setdefault(str(holder.get("reference")), []).append(sensor)
     link = laser or sensor_frame or (next(iter(sensors)) if len(sensors) == 1 else "")
-    if laser:
-        urdf.check_link(laser)
+    if laser and laser not in urdf.links:
+        raise ApplrError(f"{urdf.path} has no link {laser}: {meant(laser, urdf.links, 'give one that it has')}")
     if link not in urdf.links:
         held = f"; these links have ray sensors: {', '.join(sensors)}" if sensors else ""
         no = f"{urdf.path} has no link {link}, which the costmaps name as sensor_frame" if link else "no file names it"
@@ -241,8 +247,6 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
     if pose[2, 2] < 0.0:  # The laser is mounted upside down.
         found["first_angle"], found["last_angle"] = -found["last_angle"], -found["first_angle"]
     values.update((name, int(x) if name == "beams" else x) for name, x in found.items() if isfinite(x))
-    topic = (sensor.findtext("plugin/topicName") or "").strip()
-    description.values["topics"].update({"scan": topic} if topic else {})
 
 
 def _number(sensor: Any, place: str) -> float:

@@ -98,17 +98,14 @@ class Parameters:
             observation_sources of the layers that wait for other topics as well, nested, and those topics.
         """
         changes: Dict[str, Any] = {}
-        kept: Dict[str, List[str]] = {}
-        others: Dict[str, Set[str]] = {}
-        for path, name, source in self.sources():
-            same = source["topic"].strip("/") == topic.strip("/")
-            kept.setdefault(path, []).extend([name] if same else [])
-            others.setdefault(path, set()).update(set() if same else {source["topic"]})
-        for path in (path for path, topics in others.items() if topics):
-            costmap = path.partition("/")[0]
-            place = path if "plugins" in branch(self.tree, costmap) else costmap
-            branch(changes, place, create=True)["observation_sources"] = " ".join(kept[path])
-        return changes, set().union(*others.values())
+        found = [(path, name, source["topic"].strip("/")) for path, name, source in self.sources()]
+        others = {(path, other) for path, _, other in found if other != topic.strip("/")}
+        for layer in sorted({path for path, _ in others}):
+            costmap = layer.partition("/")[0]
+            place = layer if "plugins" in branch(self.tree, costmap) else costmap
+            kept = [name for path, name, other in found if path == layer and (path, other) not in others]
+            branch(changes, place, create=True)["observation_sources"] = " ".join(kept)
+        return changes, {other for _, other in others}
 
     def without_map(self, odom: str, size: int) -> Dict[str, Any]:
         """Return what differs on a course without a map: the laser fills an empty costmap in the odometry's frame.

@@ -13,7 +13,7 @@ from typing import Any, Iterator, List, Mapping
 import numpy as np
 from defusedxml import ElementTree
 
-from applr_ros1.common.errors import ApplrError, meant
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import plain_xml, read_bytes
 
 BASES = ("base_link", "base_footprint")  # usual names of a base frame, the first that exists counts
@@ -86,13 +86,12 @@ class UrdfFile:
             raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
         self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
-        usual = [name for name in BASES if name in self.links]
-        self.base = base_frame or (usual or [self._urdf.base_link])[0]
+        usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
+        self.base = base_frame or usual
         if self.base not in self.links:
             raise ApplrError(
                 f"{path} has no link {self.base}, which the parameter files name as robot_base_frame: add it to the "
-                f"URDF with a fixed joint, or write robot_base_frame: {(usual or [self._urdf.base_link])[0]} into a "
-                "copy of the parameter file"
+                f"URDF with a fixed joint, or write robot_base_frame: {usual} into a copy of the parameter file"
             )
         own = {joint.name for joint in self._above(self.base)}
         self.moving = {
@@ -106,12 +105,6 @@ class UrdfFile:
         while link in joint_to:
             yield joint_to[link]
             link = joint_to[link].parent
-
-    def check_link(self, name: str) -> None:
-        """Raise ApplrError if there is no link of this name."""
-        if name not in self.links:
-            advice = meant(name, self.links, f"give one of {', '.join(self.links)}")
-            raise ApplrError(f"{self.path} has no link {name}: {advice}")
 
     def pose(self, link: str) -> np.ndarray:
         """Return the pose (4, 4) of a link in the base frame."""

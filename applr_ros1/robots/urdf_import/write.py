@@ -17,12 +17,16 @@ _MODELS: Dict[str, Type[Section]] = {
     "monitor": Monitoring,
     "simulation": Simulation,
 }
-_ALSO_ASKED = {"base": ("wheel_mass", "casters"), "monitor": ("deceleration", "yaw_deceleration")}  # despite a default
+_ALSO_ASKED = {  # although they have a default
+    "base": ("wheel_mass", "casters"),
+    "body": ("bottom",),
+    "monitor": ("deceleration", "yaw_deceleration"),
+}
 _WHERE = {  # to look for what is asked for, by section or field
     "wheel_mass": "in the URDF, on a scale, or in the maker's data",
     "casters": "measured from the middle between the driven wheels",
     "mass": "the sum of those in the URDF if they are true, on a scale, or in the maker's data",
-    "size": "measured, or from the maker's drawing",
+    "body": "measured, or from the maker's drawing",
     "max_speed": "in the base's manual or its driver's parameters",
     "max_yaw_rate": "in the base's manual or its driver's parameters",
     "max_acceleration": "in the base's manual or its driver's parameters",
