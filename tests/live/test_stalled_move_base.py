@@ -18,8 +18,7 @@ from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Path
 from std_msgs.msg import String
 
-from applr_ros1.nodes.conversions import path, twist
-from applr_ros1.nodes.monitor.stalled_move_base import PlanEnds
+from applr_ros1.nodes.conversions import PackedPath, path, twist
 from tests.support.fake_jackal import FakeJackal
 from tests.support.jackal import tree
 from tests.support.move_base_stack import finish, goal
@@ -147,8 +146,8 @@ def moved(jackal, since):
 
 
 def test_the_plan_is_read_from_end_to_end():
-    assert PlanEnds().deserialize(packed([(1.0, 2.0), (0.0, 9.0), (4.0, 6.0)])).straight == 5.0
-    assert PlanEnds().deserialize(packed([])).straight is None
+    assert PackedPath().deserialize(packed([(1.0, 2.0), (0.0, 9.0), (4.0, 6.0)])).straight == 5.0
+    assert PackedPath().deserialize(packed([])).straight is None
 
 
 def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_way(stack):

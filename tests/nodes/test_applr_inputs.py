@@ -14,6 +14,7 @@ from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import transforms as module
 from applr_ros1.nodes.applr.inputs import RobotInputs
+from applr_ros1.nodes.conversions import PackedPath
 from applr_ros1.policy.observation import ObservationError
 from tests.support.fake_jackal import transform
 from tests.support.refusals import refused
@@ -27,7 +28,7 @@ def stamped(message, now, frame):
 def packed(message):
     buff = io.BytesIO()
     message.serialize(buff)
-    return SimpleNamespace(_buff=buff.getvalue(), _connection_header={"type": message._type, "topic": "topic"})
+    return PackedPath().deserialize(buff.getvalue())
 
 
 class Beside:
@@ -70,7 +71,7 @@ class Beside:
 
     def snapshot(self, scanned=None):
         scan = LaserScan(angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 501)
-        self.inputs._on_scan(packed(stamped(scan, self.time if scanned is None else scanned, "front_laser")))
+        self.inputs._on_scan(stamped(scan, self.time if scanned is None else scanned, "front_laser"))
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
         self.inputs._on_odometry(odometry)

@@ -1,13 +1,9 @@
 """The applr node's inputs: scan, pose, twist, global plan, goal and what moves.
 
 As in move_base, the pose comes from tf and only the twist from the odometry. Callbacks only keep the latest message.
-
-Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
-cost a sixth of a core.
 """
 
 import math
-import struct
 import threading
 from dataclasses import dataclass, field
 
@@ -15,7 +11,7 @@ import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.common.angles import transform_point
@@ -76,8 +72,8 @@ class RobotInputs:
         self._lock = threading.Lock()
         self.clear()
         big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
-        rospy.Subscriber(names["scan"], rospy.AnyMsg, self._on_scan, **big)
-        rospy.Subscriber(names["plan"], rospy.AnyMsg, self._on_plan, **big)
+        rospy.Subscriber(names["scan"], LaserScan, self._on_scan, **big)
+        rospy.Subscriber(names["plan"], conversions.PackedPath, self._on_plan, **big)
         rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=1, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
@@ -87,7 +83,7 @@ class RobotInputs:
         """Forget everything: the clock jumped back."""
         self._transforms.buffer.clear()
         with self._lock:
-            self._scan = self._plan = self._movers = self._odometry = None
+            self._scan = self._plan = self._planned = self._movers = self._odometry = None
             self._goal, self._goal_heard, self._goal_since = None, None, None
             self._current_goal = self._former_goal = None  # as move_base stated them
 
@@ -109,19 +105,18 @@ class RobotInputs:
         Raises ObservationError with one line about what is missing or odd.
         """
         with self._lock:
-            packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
+            scan, plan, planned = self._scan, self._plan, self._planned
+            since, goal = self._goal_since, self._current_goal
             former, movers, odometry = self._former_goal, self._movers, self._odometry
-        if packed_scan is None:
+        if scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
-        scan = _unpack(packed_scan[0], LaserScan)
-        scan.header.stamp = scan.header.stamp or packed_scan[1]  # 0: the driver gives none
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
         if odometry is None:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
         _check_age("odometry", self._names["odometry"], now, odometry.header.stamp)
         beams = self._mount.beams(scan, self._base)
-        plan = None if packed_plan is None else _unpack(packed_plan[0], Path)
-        early = 0.0 if plan is None or since is None else (since - packed_plan[1]).to_sec()
+        plan = None if plan is None else plan.unpacked()
+        early = 0.0 if plan is None or since is None else (since - planned).to_sec()
         if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
             raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
@@ -162,17 +157,18 @@ class RobotInputs:
             self._movers = msg
 
     def _on_scan(self, msg):
+        msg.header.stamp = msg.header.stamp or rospy.Time.now()  # 0: the driver gives none
         with self._lock:
-            self._scan = msg, rospy.Time.now()
+            self._scan = msg
 
     def _on_odometry(self, msg):
         with self._lock:
             self._odometry = msg
 
     def _on_plan(self, msg):
-        if _is_type(msg, Path) and _poses(msg._buff):  # a failed plan is published empty: the old one stands
+        if msg.straight is not None:  # a failed plan is published empty: the old one stands
             with self._lock:
-                self._plan = msg, rospy.Time.now()
+                self._plan, self._planned = msg, rospy.Time.now()
 
     def _on_current_goal(self, msg):
         with self._lock:
@@ -193,27 +189,6 @@ def _nearer(pose, former, goal):
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
     return away[0] < away[1]
-
-
-def _is_type(msg, message_class):
-    return msg._connection_header.get("type") == message_class._type
-
-
-def _unpack(msg, message_class):
-    if not _is_type(msg, message_class):
-        raise ObservationError(
-            f"{msg._connection_header.get('topic')} carries {msg._connection_header.get('type')}: "
-            f"{message_class._type} is needed"
-        )
-    result = message_class()
-    result.deserialize(msg._buff)
-    return result
-
-
-def _poses(packed):
-    """Return the number of poses of a packed nav_msgs/Path: behind seq, stamp and frame_id."""
-    (length,) = struct.unpack_from("<I", packed, 12)
-    return struct.unpack_from("<I", packed, 16 + length)[0]
 
 
 def _check_age(what, topic, now, stamp):

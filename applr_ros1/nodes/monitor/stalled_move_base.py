@@ -5,38 +5,16 @@ From its status comes the goal under way, from its global plan how far the robot
 
 from __future__ import annotations
 
-import math
-import struct
 from typing import Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
-from nav_msgs.msg import Path
 
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
+from applr_ros1.nodes.conversions import PackedPath
 
 STATUS_AGE_S = 1.0  # s after which a status counts no more: move_base repeats it five times a second
-POSE_BYTES = 56  # seven float64
 NEVER = rospy.Time(0)
-
-
-class PlanEnds(Path):
-    """A nav_msgs/Path of which only the ends are read; a thousand poses would take 6 ms, twenty times a second.
-
-    Attributes:
-        straight: way [m] from the first pose to the last one; None where there are none.
-    """
-
-    straight: Optional[float] = None
-
-    def deserialize(self, buff: bytes) -> PlanEnds:
-        """Read the message, as rospy asks for it: seq, stamp and frame, and so again before each pose."""
-        poses = 16 + struct.unpack_from("<I", buff, 12)[0]
-        if struct.unpack_from("<I", buff, poses)[0]:
-            first = poses + 20 + struct.unpack_from("<I", buff, poses + 16)[0]
-            (x, y), (end_x, end_y) = (struct.unpack_from("<2d", buff, at) for at in (first, len(buff) - POSE_BYTES))
-            self.straight = math.hypot(end_x - x, end_y - y)
-        return self
 
 
 class StalledMoveBase:
@@ -50,7 +28,7 @@ class StalledMoveBase:
         self._planner = StalledPlanner(tolerance)
         self.forget()
         rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
-        rospy.Subscriber("move_base/NavfnROS/plan", PlanEnds, self._take_plan, queue_size=1, buff_size=2**24)
+        rospy.Subscriber("move_base/NavfnROS/plan", PackedPath, self._take_plan, queue_size=1, buff_size=2**24)
         self.report_held = self._planner.report_held
 
     def forget(self) -> None:
@@ -77,5 +55,5 @@ class StalledMoveBase:
         active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
         self._goal = rospy.get_rostime(), active[-1] if active else None  # none where it is being cancelled
 
-    def _take_plan(self, message: PlanEnds) -> None:
+    def _take_plan(self, message: PackedPath) -> None:
         self._left = rospy.get_rostime(), message.straight
