@@ -57,7 +57,7 @@ class Mechanics:
 
 @lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> Mechanics:
-    """Return the mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/rules.py)."""
+    """Return the mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/check.py)."""
     base, body = robot.base, robot.body
     n = base.wheels
     mass, com, loads = geometry.balance(robot)

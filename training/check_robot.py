@@ -1,9 +1,9 @@
 """Checks the description of a robot, says in short what the package makes of it, and drives it on open floor.
 
 Started as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "error" name
-what the robot cannot drive with, lines that begin with "remark" what it will not drive well with or what is given in
-vain. Each has the file, the key, its value, and what to give. Where the robot's own parameters do not drive it on open
-floor, the last lines say why and what to change. docs/tutorials/your_robot.md says how to write a description.
+what the robot cannot drive with, lines that begin with "remark" what it will not drive well with or what has no effect.
+Each has the name, its value, and what to give. If the robot's own parameters do not drive it on open floor, the last
+lines say why and what to change. docs/tutorials/your_robot.md says how to write a description.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
-from applr_ros1.robots.check import findings
-from applr_ros1.robots.folder import read
+from applr_ros1.robots import check as rules
+from applr_ros1.robots.folder import RobotError, read
 from training import open_floor
 from training.common.command_line import parsed
 from training.common.options import Options, argument
@@ -51,13 +51,17 @@ def summary(described: Robot) -> List[str]:
 
 def check(name_or_folder: str) -> int:
     """Print all that there is to say about a robot; exit status 1 where it has an error or does not drive."""
-    described, found = read(name_or_folder)
-    found = findings(described, found)
-    lines = [f"{finding.severity}: {finding}" for finding in found]
-    if found and found[0].severity == "error":
-        print("\n".join(lines), file=sys.stderr)
+    try:
+        described = read(name_or_folder)
+        setups = [False] if described.move_base.with_map is None else [False, True]
+        errors = [line for with_map in setups for line in rules.check(described, with_map)]
+    except RobotError as refused:
+        errors = list(refused.lines)
+    if errors:
+        print("\n".join(f"error: {line}" for line in dict.fromkeys(errors)), file=sys.stderr)
         return 1
-    print("\n".join(summary(described) + lines), flush=True)
+    lines = [f"remark: {line}" for with_map in setups for line in rules.remarks(described, with_map)]
+    print("\n".join(summary(described) + list(dict.fromkeys(lines))), flush=True)
     drives, lines = open_floor.check(described)
     print("\n".join(lines))
     return 0 if drives else 1

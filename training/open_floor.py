@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -19,8 +18,6 @@ import sim_bridge
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import Robot
-from applr_ros1.robots.check import place_of
-from applr_ros1.robots.robot import LoadedFile
 from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
 from worlds import Course, World
 
@@ -47,10 +44,8 @@ class Change(NamedTuple):
     path: str
     tree: Dict[str, Any]
 
-    def entered(self, robot: Robot) -> str:
-        """Return what to enter, and where."""
-        file, key = place_of(robot, self.path)
-        return f"enter {key}: {self.value:g} instead of {self.instead_of:g} in {file}"
+    def __str__(self) -> str:
+        return f"give {self.path} {self.value:g} instead of {self.instead_of:g}"
 
 
 def courses(robot: Robot, margin: float = DOOR_MARGINS_M[0]) -> List[World]:
@@ -150,12 +145,12 @@ def check(robot: Robot) -> Tuple[bool, List[str]]:
         passed = next((world.name for world in wider if not floor.drive(world)), None)
     if passed:
         limit = f"with its own parameters it turns or stands before {door.partition('through ')[2]}"
-        more = f"; to drive through both, {found.entered(robot)}" if found else ""
+        more = f"; to drive through both, {found}" if found else ""
         return True, [*lines, f"remark: {limit}, as the C++ planner would, and can {passed}{more}"]
     failed = "; ".join(f"it cannot {', '.join(what)}: {why}" for why, what in cannot.items())
     remedy = "No single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml."
     if found:
-        remedy = f"All four drives arrive if you {found.entered(robot)}."
+        remedy = f"All four drives arrive if you {found}."
     lines = [f"The set-up of {robot.name} is wrong. On open floor, with its own parameters, {failed}.", *lines, remedy]
     return False, [*lines, "What courses said about other parameters, or the policy, would not hold."]
 
@@ -190,6 +185,4 @@ def changes(robot: Robot) -> Iterator[Change]:
 
 def with_change(robot: Robot, change: Change) -> Robot:
     """Return the robot with a changed parameter, under a name that says so."""
-    files = (*robot.move_base.without_map, LoadedFile("", "", change.tree))
-    name = f"{robot.name} with {change.name} {change.value:g}"
-    return replace(robot, name=name, move_base=replace(robot.move_base, without_map=files))
+    return robot.with_parameters(change.tree, f"{robot.name} with {change.name} {change.value:g}")

@@ -8,11 +8,10 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any, Callable, Iterable, Literal, NamedTuple, Optional
+from typing import Any, Callable, Iterable, Optional
 
 from applr_ros1.common.extras import absent
 
-MEANT = "did you mean"
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 
 
@@ -25,47 +24,10 @@ class ApplrError(ValueError):
     exit_status = 1
 
 
-class Finding(NamedTuple):
-    """A fault or a remark that a check found in what a user wrote.
-
-    key: the name of the value, in its file once that is known. value: what stands there, such as "is 0.3" or "is
-    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with, a warning is
-    about what was probably meant otherwise, a remark about all else that people should know.
-    """
-
-    key: str
-    value: str = ""
-    advice: str = ""
-    severity: Literal["error", "warning", "remark"] = "error"
-    file: str = ""
-
-    def __str__(self) -> str:
-        place = f"{self.file}: {self.key}" if self.file else self.key
-        return f"{place} {self.value}".rstrip() + (f": {self.advice}" if self.advice else "")
-
-    def below(self, path: str) -> Finding:
-        """Return the same, with the key below a path."""
-        return self._replace(key=f"{path}/{self.key}" if path else self.key)
-
-
-def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
-    """Return the advice on an unknown name: "did you mean NAME?" where a known one is like it."""
-    close = difflib.get_close_matches(str(name), list(known), 1)
-    return f"{MEANT} {close[0]}?" if close else otherwise
-
-
-def misspelt(name: str, known: Iterable[str]) -> str:
-    """Return the known name that differs from this one by a letter or two; "" where there is none.
-
-    A minimum's name is not that of a maximum misspelt.
-    """
-    for other in difflib.get_close_matches(name, list(known), 3, 0.7):
-        if name.replace("max_", "min_") == other.replace("max_", "min_"):
-            continue
-        changes = difflib.SequenceMatcher(None, name, other, autojunk=False).get_opcodes()
-        if sum(max(a - b, c - d) for what, b, a, d, c in changes if what != "equal") <= 2:
-            return other
-    return ""
+def did_you_mean(name: Any, known: Iterable[str]) -> str:
+    """Return "did you mean NAME?" with the known name that is most like an unknown one; "" if none is."""
+    close = difflib.get_close_matches(str(name), list(known), 1, 0.75)
+    return f"did you mean {close[0]}?" if close else ""
 
 
 def reason(error: BaseException) -> str:

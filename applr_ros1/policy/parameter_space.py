@@ -15,7 +15,7 @@ from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
-from applr_ros1.robots.check import space_findings
+from applr_ros1.robots.check import space_errors
 from applr_ros1.robots.robot import Setting
 
 
@@ -233,8 +233,8 @@ def space_of(robot):
         ParameterError: The robot's parameter files cannot be used.
     """
     tree = robot.all_parameters()
-    for finding in space_findings(robot, tree):
-        raise ApplrError(f"robot {robot.name}: {finding}")
+    for line in space_errors(robot, tree):
+        raise ApplrError(f"robot {robot.name}: {line}")
     theta0 = [branch(tree, p.sets[0].server)[p.sets[0].name] for p in robot.space]
     low, high = ([getattr(parameter, bound) for parameter in robot.space] for bound in ("low", "high"))
     arrays = [np.array(column, dtype=np.float64) for column in (low, high, theta0)]

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import copy
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
 from typing_extensions import Annotated, Literal, get_args
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.robots.parameter_files import read_parameters
@@ -39,6 +39,15 @@ class Section(BaseModel):
     """A mapping in robot.yaml: its names are the fields of the derived class."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_known(cls, content: Any) -> Any:
+        for name in content if isinstance(content, dict) else ():
+            if name not in cls.model_fields:
+                advice = did_you_mean(name, cls.model_fields) or "give one of " + ", ".join(cls.model_fields)
+                raise ValueError(f"{name} is unknown: {advice}")
+        return content
 
 
 def real(unit: str, low: float, high: float, about: str, default: Any = ...) -> Any:
@@ -277,18 +286,6 @@ class SpaceParameter(Section):
         return self
 
 
-class LoadedFile(NamedTuple):
-    """A file of move_base parameters. values: nested dicts, which stand below `namespace`.
-
-    problem: why it cannot be read, in one line; "" where it can.
-    """
-
-    file: str
-    namespace: str
-    values: Dict[str, Any]
-    problem: str = ""
-
-
 class ParameterFile(Section):
     """A file in the robot's folder, and the namespace below which its parameters stand."""
 
@@ -301,12 +298,12 @@ class ParameterFile(Section):
             raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
         return self
 
-    def loaded(self, folder: str) -> LoadedFile:
-        """The file in a folder; without values where it cannot be read."""
-        try:
-            return LoadedFile(self.file, self.namespace, read_parameters(os.path.join(folder, self.file)))
-        except ApplrError as problem:
-            return LoadedFile(self.file, self.namespace, {}, str(problem))
+    def loaded(self, folder: str) -> Dict[str, Any]:
+        """Return the nested parameters of the file in a folder. ApplrError if it cannot be read."""
+        tree = read_parameters(os.path.join(folder, self.file))
+        for part in reversed(list(filter(None, self.namespace.split("/")))):
+            tree = {part: tree}
+        return tree
 
 
 class FileGroup(Section):
@@ -315,9 +312,11 @@ class FileGroup(Section):
     files: Tuple[ParameterFile, ...] = ()
     parameters: Dict[str, Any] = {}
 
-    def loaded(self, folder: str) -> Tuple[LoadedFile, ...]:
-        """The files in a folder, and robot.yaml with the parameters."""
-        return (*(file.loaded(folder) for file in self.files), LoadedFile(FILE, "", self.parameters))
+    def loaded_over(self, tree: Dict[str, Any], folder: str) -> Dict[str, Any]:
+        """Return a tree with the parameters of the files in a folder on top."""
+        for file in self.files:
+            tree = merged(tree, file.loaded(folder))
+        return merged(tree, self.parameters)
 
 
 class MoveBaseSection(FileGroup):
@@ -326,11 +325,11 @@ class MoveBaseSection(FileGroup):
     with_map: Optional[FileGroup] = None
     without_map: FileGroup = FileGroup()
 
-    def setup(self, folder: str) -> MoveBaseSetup:
-        """The files in `folder` that the section names."""
-        always = self.loaded(folder)
-        with_map = None if self.with_map is None else always + self.with_map.loaded(folder)
-        return MoveBaseSetup(always + self.without_map.loaded(folder), with_map)
+    def loaded(self, folder: str) -> MoveBaseSetup:
+        """Return the parameters of the files in `folder` that the section names."""
+        always = self.loaded_over({}, folder)
+        with_map = None if self.with_map is None else self.with_map.loaded_over(always, folder)
+        return MoveBaseSetup(self.without_map.loaded_over(always, folder), with_map)
 
 
 class RobotFile(Section):
@@ -365,12 +364,11 @@ class RobotFile(Section):
         return dict(content, parameter_space=named)
 
 
-@dataclass(frozen=True)
-class MoveBaseSetup:
-    """The robot's move_base parameters: the files in the order in which its launch file loads them."""
+class MoveBaseSetup(NamedTuple):
+    """The robot's move_base parameters, nested, as its launch file loads them."""
 
-    without_map: Tuple[LoadedFile, ...]
-    with_map: Optional[Tuple[LoadedFile, ...]] = None  # None where robot.yaml describes no setup with a map
+    without_map: Dict[str, Any]
+    with_map: Optional[Dict[str, Any]] = None  # None if robot.yaml describes no setup with a map
 
 
 @dataclass(frozen=True)
@@ -394,37 +392,29 @@ class Robot:
     @property
     def local_planner(self) -> str:
         """The local planner that its files name, without the package."""
-        return str(self._tree().get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+        return str(self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
 
     @property
     def goal_tolerance(self) -> float:
         """Distance from a goal [m] within which its planner takes the goal's place for reached."""
         return float(branch(self.all_parameters(), self.local_planner)["xy_goal_tolerance"])
 
-    def files(self, with_map: bool = False) -> Tuple[LoadedFile, ...]:
-        """Its parameter files; ApplrError where there is no setup with a map."""
-        if not with_map:
-            return self.move_base.without_map
-        if self.move_base.with_map is None:
-            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
-        return self.move_base.with_map
-
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
-        """The move_base parameters of its files, nested, later values before earlier ones; a copy."""
-        return copy.deepcopy(self._tree(with_map))
+        """Return the move_base parameters of its files, a copy; ApplrError if there is no setup with a map."""
+        tree = self.move_base.with_map if with_map else self.move_base.without_map
+        if tree is None:
+            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
+        return copy.deepcopy(tree)
+
+    def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
+        """Return the robot under another name, with more parameters of move_base on top of its own."""
+        return replace(
+            self, name=name, move_base=self.move_base._replace(without_map=merged(self.move_base.without_map, tree))
+        )
 
     def all_parameters(self) -> Dict[str, Any]:
         """Return the parameters without a map with every absent one at its default (check.complete); a copy."""
         return complete(self.parameters())
-
-    def _tree(self, with_map: bool = False) -> Dict[str, Any]:
-        joined: Dict[str, Any] = {}
-        for file in self.files(with_map):
-            tree = file.values
-            for part in reversed(list(filter(None, file.namespace.split("/")))):
-                tree = {part: tree}
-            joined = merged(joined, tree)
-        return joined
 
 
 def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:

@@ -11,14 +11,15 @@ from pydantic import BeforeValidator, Field, InstanceOf
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots import NAMES, Robot, load, tell
+from applr_ros1.robots import NAMES, Robot, load
 from training.common.options import O, add_options, checked
 from worlds.loading import FORMS
 
 # Options of several commands. A command gives a default where none is here, and a help text where it means more.
 # fmt: off
 WorldNames = Annotated[str, Field(description=f"Worlds to drive in: {FORMS}; several are separated by commas.")]
-AnyRobot = Annotated[InstanceOf[Robot], BeforeValidator(lambda name: load(name, tell)), Field("jackal", description=
+Loaded = BeforeValidator(lambda name: load(name, report=True))
+AnyRobot = Annotated[InstanceOf[Robot], Loaded, Field("jackal", description=
     f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
     "(docs/tutorials/your_robot.md).")]
 SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(description="Simulator to drive in.")]

@@ -20,7 +20,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
 from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import NAMES, load, tell
+from applr_ros1.robots import NAMES, load
 from training.common.command_line import Monitor, Movers, Parser, Planner, Seed, SimulatorName, words
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import settings
@@ -220,7 +220,7 @@ class TrainConfig(
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        load(self.robot, tell)
+        load(self.robot, report=True)
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")

@@ -14,7 +14,6 @@ from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.policy.distance_weights import PLANNER
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
-from applr_ros1.robots.robot import LoadedFile
 
 
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -44,8 +43,7 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
 
 def with_set(robot: Robot, values: Mapping[str, Any]) -> Robot:
     """Return the robot whose own files are followed by a set {name: value}."""
-    files = (*robot.move_base.without_map, LoadedFile("", "", move_base_parameters(robot, values)))
-    return replace(robot, move_base=replace(robot.move_base, without_map=files))
+    return robot.with_parameters(move_base_parameters(robot, values), robot.name)
 
 
 def loadable_space(robot: Robot) -> Space:

@@ -67,7 +67,7 @@ def described(robot: Robot) -> Dict[str, Any]:
 
 def content(robot: Robot) -> str:
     """Return the SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
-    trees = json.dumps(vars(robot.move_base), sort_keys=True, default=str)
+    trees = json.dumps(robot.move_base, sort_keys=True, default=str)
     return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
 
 

@@ -34,7 +34,7 @@ from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
 from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
-from applr_ros1.planner.parameters.check import check, warnings
+from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
@@ -391,8 +391,8 @@ def main() -> int:
         return 1
     for logger in ("rosout", "rospy.internal"):
         logging.getLogger(logger).addFilter(_OwnFootprints())
-    for finding in warnings(tree):
-        rospy.logwarn("parameter %s", finding)
+    for line in remarks(tree):
+        rospy.logwarn("parameter %s", line)
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:

@@ -32,7 +32,7 @@ from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import load, tell
+from applr_ros1.robots import load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from . import send_goal
@@ -91,7 +91,7 @@ def prepare(words):
     writable = os.access(os.path.dirname(os.path.abspath(picture)), os.W_OK)
     if picture != "none" and not (picture.endswith(".png") and writable):
         raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
-    robot = load(values["robot"], tell)
+    robot = load(values["robot"], report=True)
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)

@@ -64,8 +64,8 @@ class Configuration:
                 if names:
                     wanted.update(dict.fromkeys(p.names, wanted[(changed or names)[0]]))
         new = {**has, **wanted}
-        for finding in CONTRADICTIONS[server](new) if server in CONTRADICTIONS else ():
-            raise ParameterError(finding.below(server))  # the first
+        for line in CONTRADICTIONS[server](new) if server in CONTRADICTIONS else ():
+            raise ParameterError(f"{server}/{line}")  # the first
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
                 new[name] = self._start[server][name]  # nothing else can be loaded: it stays

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator
 
-from applr_ros1.common.errors import ApplrError, Finding
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import MAX_CELLS
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag, listing, real, text, whole
 
@@ -151,22 +151,21 @@ STATIC_STATIC_MAP = (
 DATA_TYPES = ("LaserScan", "PointCloud2", "PointCloud")
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
-    """Values of a costmap that cannot be run together: its size, its outline."""
+def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each size or outline of a costmap that cannot be run."""
     from applr_ros1.planner.costmap import footprint  # needs numpy
 
     width, height, resolution = (values[name] for name in ("width", "height", "resolution"))
     columns, rows = width / resolution, height / resolution
-    size = f"are {width} x {height} m at a resolution of {resolution:g} m"
+    size = f"width, height are {width} x {height} m at a resolution of {resolution:g} m"
     if not (columns >= 1 and rows >= 1):
-        yield Finding("width, height", f"{size}, which has no cells", "give at least one each way")
+        yield f"{size}, which has no cells: give at least one each way"
     elif columns * rows > MAX_CELLS:
-        yield Finding("width, height", f"{size}, {columns * rows:.3g} cells", f"give at most {MAX_CELLS:g}")
+        yield f"{size}, {columns * rows:.3g} cells: give at most {MAX_CELLS:g}"
     outline = values["footprint"]
     try:
         good = all(abs(place) < 100.0 for point in footprint.parse(outline) for place in point)
     except ApplrError:
         good = False
     if not good:
-        shown = outline if len(outline) < 60 else outline[:57] + "..."
-        yield Finding("footprint", f"is {shown}", "give at least three points, [[x, y], ...] in metres")
+        yield f"footprint is {outline:.60}: give at least three points, [[x, y], ...] in metres"

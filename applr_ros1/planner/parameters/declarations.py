@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Tuple
 
-from applr_ros1.common.errors import Finding
 from applr_ros1.planner.parameters import costmap_parameters, dwa_planner_parameters, trajectory_planner_parameters
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
@@ -66,8 +65,8 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
 
-# what the values of a place cannot say together: yields findings whose keys are names in that place
-CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[Finding]]] = {
+# by place: yields a line for each value, by its name there, that cannot be run together with the others
+CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
     "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
     "DWAPlannerROS": dwa_planner_parameters.contradictions,
     **dict.fromkeys(COSTMAPS, costmap_parameters.contradictions),

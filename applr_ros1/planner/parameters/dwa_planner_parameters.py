@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator
 
-from applr_ros1.common.errors import Finding
 from applr_ros1.planner.parameters.parameter import (
     INF,
     INT_MAX,
@@ -129,29 +128,11 @@ STATIC_DWA_PLANNER = (
 # fmt: on
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
-    """Values that cannot be run together: too many samples or points."""
+def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each value with which there are too many samples or points."""
     counts = tuple(values[name] for name in SAMPLES)
     most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
     if most > MOST_SAMPLES:
-        yield Finding(
-            ", ".join(SAMPLES), f"are {counts}, up to {most} samples", f"give at most {MOST_SAMPLES} together"
-        )
+        yield f"{', '.join(SAMPLES)} are {counts}, up to {most} samples: give at most {MOST_SAMPLES} together"
     yield from too_many_points(values, "sim_granularity", ["max_vel_trans"], values["sim_time"])
     yield from too_many_points(values, "angular_sim_granularity", ["max_vel_theta"], values["sim_time"])
-
-
-def without_effect(values: Dict[str, Any], latches: bool) -> Iterator[Finding]:
-    """What is without effect, or more dangerous than it looks, in the values that parameter files give.
-
-    latches: latch_xy_goal_tolerance of move_base itself.
-    """
-    sideways = values.get("min_vel_y", -0.1), values.get("max_vel_y", 0.1)
-    if any(sideways):
-        advice = "samples that drive sideways are chosen, which this base cannot: give 0"
-        yield Finding("min_vel_y, max_vel_y", f"are {sideways}", advice, "warning")
-    if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
-        yield Finding("latch_xy_goal_tolerance", "is without effect here", "give it below move_base itself", "remark")
-    for name in ("occdist_scale", "path_distance_bias"):
-        if values.get(name) == 0:
-            yield Finding(name, "is 0", "trajectories that only this critic refuses are driven", "remark")

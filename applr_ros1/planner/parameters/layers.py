@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
-from applr_ros1.common.errors import Finding
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
@@ -90,13 +89,9 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
         good = isinstance(plugins, list) and isinstance(entry, dict) and entry.get("name")
         if not good or not all(isinstance(entry.get(key), str) for key in ("name", "type")):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
-            if isinstance(plugins, list) and isinstance(entry, str):
-                advice += f"; names alone are Nav2's form, in ROS 1 it is {{name: {entry}, type: TYPE}}"
-            raise ParameterError(Finding(f"{name}/plugins", f"has {entry!r}", advice))
+            raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
         if any(layer.name == entry["name"] for layer in found):
-            raise ParameterError(
-                Finding(f"{name}/plugins", f"has two layers named {entry['name']}", "give each its own")
-            )
+            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each its own")
         _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
         kind = _kind(entry, costmap)
         if kind:
@@ -104,20 +99,18 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     return found
 
 
-def replaced(tree: Dict[str, Any]) -> Iterator[Finding]:
-    """The layers of a tree's costmaps whose types are not here, and what drives in their place."""
+def replaced(tree: Dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each layer of a tree's costmaps whose type is not here, with what drives in its place."""
     for name in COSTMAPS:
         costmap = branch(tree, name)
         if costmap.get("map_type") == "voxel" and "plugins" not in costmap:
-            yield Finding(f"{name}/map_type", "is voxel", "an obstacle layer stands for the voxel layer", "remark")
+            yield f"{name}/map_type is voxel: an obstacle layer stands for the voxel layer"
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
             given = entry.get("type") if isinstance(entry, dict) else None
-            if given == VOXEL_LAYER:
-                yield Finding(f"{name}/plugins", f"has {given}", "an obstacle layer stands for it", "remark")
-            elif isinstance(given, str) and given not in TYPES:
+            if isinstance(given, str) and given not in TYPES:
                 instead = "an obstacle layer stands for it" if _kind(entry, costmap) else "the costmap is without it"
-                yield Finding(f"{name}/plugins", f"has {given}", f"that layer is not here, {instead}", "warning")
+                yield f"{name}/plugins has {given}: that layer is not here, {instead}"
 
 
 def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
@@ -134,7 +127,7 @@ def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> Non
     taken = name in INHERITED or any(name in p.names for p in parameters) and name not in UNREAD
     if not NAME.fullmatch(name) or taken:
         advice = "give one of letters, digits and _ that is no parameter's"
-        raise ParameterError(Finding(label, f"has the name {name!r}", advice))
+        raise ParameterError(f"{label} has the name {name!r}: {advice}")
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Dict, Iterable, Iterator, Optional, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
 
-from applr_ros1.common.errors import ApplrError, Finding
+from applr_ros1.common.errors import ApplrError
 
 INF = math.inf
 INT_MAX = 2147483647
@@ -23,11 +23,7 @@ _GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or 
 
 
 class ParameterError(ApplrError):
-    """A name or value that cannot be taken; the message is one line with the remedy. `finding`: the same in fields."""
-
-    def __init__(self, finding: Union[Finding, str]):
-        super().__init__(str(finding))
-        self.finding = finding if isinstance(finding, Finding) else Finding(finding)
+    """A name or value that cannot be taken; the message is one line with the remedy."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +83,11 @@ class Parameter:
         label = label or self.name
         number = self.type in ("double", "int")
         if not self.reads(value) or number and not math.isfinite(value):
-            raise ParameterError(Finding(label, f"is {value!r}", self.give))
+            raise ParameterError(f"{label} is {value!r}: {self.give}")
         if not number:
             return str(value) if self.type == "str" else value
         if self.not_zero and value == 0:
-            raise ParameterError(Finding(label, "is 0, which cannot work", "give a number above it"))
+            raise ParameterError(f"{label} is 0, which cannot work: give a number above it")
         return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds
 
     def taken(self, value: Any, label: str = "") -> Any:
@@ -104,21 +100,19 @@ class Parameter:
             return value
         moved = min(max(value, self.min), self.max)
         if self.not_zero and moved == 0:
-            raise ParameterError(
-                Finding(label or self.name, f"is {value!r}, which cannot work", "give a number above 0")
-            )
+            raise ParameterError(f"{label or self.name} is {value!r}, which cannot work: give a number above 0")
         return moved
 
 
 def too_many_points(
     values: Dict[str, Any], spacing: str, names: Iterable[str], time: Optional[float] = None
-) -> Iterator[Finding]:
+) -> Iterator[str]:
     """The first of the values, which is a speed if a time [s] is given, with too many points at `values[spacing]`."""
     for name in names:
         if abs(values[name]) * (1.0 if time is None else time) > MOST_POINTS * values[spacing]:
             what = f"{name} {values[name]:g}" + ("" if time is None else f" and sim_time {time:g} s")
             advice = f"with {what} there are more than {MOST_POINTS} points, give a larger one"
-            yield Finding(spacing, f"is {values[spacing]:g}", advice)
+            yield f"{spacing} is {values[spacing]:g}: {advice}"
             return
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator
 
-from applr_ros1.common.errors import Finding
 from applr_ros1.planner.parameters.parameter import (
     GOAL,
     INF,
@@ -115,11 +114,14 @@ STATIC_TRAJECTORY_PLANNER = (
 # fmt: on
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
-    """Values that cannot be run together. heading_scoring counts seconds: as a speed of 1 where it is on."""
+def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each value that cannot be run together with the others.
+
+    heading_scoring counts seconds: as a speed of 1 if it is on.
+    """
     speeds = ("max_vel_x", "min_vel_x", "escape_vel", "heading_scoring")
     yield from too_many_points(values, "sim_granularity", speeds, values["sim_time"])
     turns = ("max_vel_theta", "min_vel_theta", "min_in_place_vel_theta")
     yield from too_many_points(values, "angular_sim_granularity", turns)
     if values.get("world_model", "costmap") != "costmap":
-        yield Finding("world_model", f"is {values['world_model']}", "give costmap")
+        yield f"world_model is {values['world_model']}: give costmap"

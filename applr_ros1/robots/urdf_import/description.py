@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterable, List, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError, meant
+from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
 _SIDEWAYS = re.compile(r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE)  # names of wheels and plugins
@@ -227,7 +227,8 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
             sensors.setdefault(str(holder.get("reference")), []).append(sensor)
     link = laser or sensor_frame or (next(iter(sensors)) if len(sensors) == 1 else "")
     if laser and laser not in urdf.links:
-        raise ApplrError(f"{urdf.path} has no link {laser}: {meant(laser, urdf.links, 'give one that it has')}")
+        advice = did_you_mean(laser, urdf.links) or "give one that it has"
+        raise ApplrError(f"{urdf.path} has no link {laser}: {advice}")
     if link not in urdf.links:
         held = f"; these links have ray sensors: {', '.join(sensors)}" if sensors else ""
         no = f"{urdf.path} has no link {link}, which the costmaps name as sensor_frame" if link else "no file names it"

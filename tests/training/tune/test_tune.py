@@ -423,7 +423,7 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     ]
     other = shutil.copytree(folder, tmp_path / "other" / name)
     (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
-    assert space_of(robots.load(str(other), list)).theta0.tolist() == wanted.tolist()
+    assert space_of(robots.folder.read(str(other))).theta0.tolist() == wanted.tolist()
 
 
 def trials_of(rows):
