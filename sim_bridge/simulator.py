@@ -110,7 +110,7 @@ class Simulator(ABC):
         self.randomisation = Randomisation(**randomisation)
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
-        self._lidar: Optional[Lidar] = None
+        self._lidar: Any = None
         self._command = _Command()
 
     # -- for everybody -----------------------------------------------------------------------------

@@ -11,8 +11,7 @@ from typing import List, Tuple
 
 import numpy as np
 
-from . import course as courses
-from . import search
+from . import occupancy, search
 from .world import Course, World
 
 NAME = "physical_course"
@@ -22,6 +21,8 @@ START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
 FINISH_Y_M = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
 GOAL_TOLERANCE_M = 0.4
+CELL_M = 0.10  # side of a cell of the grid in which the path is searched [m]
+ROBOT_RADIUS_M = 0.30  # space kept free around the path: half a Jackal's diagonal and a little [m]
 
 # Rows of cardboard boxes across the lane: y, from x, to x [m]. What they leave open, from left to right:
 ROWS = (
@@ -73,10 +74,10 @@ def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
 
 
 def _course(boxes: np.ndarray) -> Course:
-    low, high = np.zeros(2), np.array([LANE_WIDTH_M, LANE_LENGTH_M])
-    free = courses.free_grid(low, high, np.zeros((0, 3)), boxes)
-    ends = [(int(p[0] / courses.SEARCH_CELL_M), int(p[1] / courses.SEARCH_CELL_M)) for p in (START, GOAL)]
-    cells = search.shortest_path(free, ends[:1], ends[1:])
+    low, free = np.zeros(2), np.ones((round(LANE_LENGTH_M / CELL_M), round(LANE_WIDTH_M / CELL_M)), dtype=bool)
+    for block, distance, least in occupancy.around(free, low, CELL_M, np.zeros((0, 3)), boxes, ROBOT_RADIUS_M):
+        block &= distance >= least
+    ends = [(int(p[0] / CELL_M), int(p[1] / CELL_M)) for p in (START, GOAL)]
+    cells = search.shortest_path(free.T, ends[:1], ends[1:])
     assert cells is not None, "the boxes leave a way"
-    path = low + courses.SEARCH_CELL_M * (cells + 0.5)
-    return Course(start=START, goal=GOAL, finish_y=FINISH_Y_M, goal_tolerance=GOAL_TOLERANCE_M, path=path)
+    return Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, CELL_M * (cells + 0.5))

@@ -31,7 +31,7 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
     """World from a .world file. What is not read is logged as one warning.
 
     The course leads along points (n, 2) [m] where they are given. Else it comes from the file itself where our writer
-    put one, else from path_files/path_N.npy beside it, else from a search. Raises WorldError with one line.
+    put one, else from path_files/path_N.npy beside it, else from a search on BARN's grid. Raises WorldError.
     """
     name = os.path.splitext(os.path.basename(path))[0]
     root = parse(path)

@@ -38,7 +38,7 @@ def checkout(tmp_path):
     (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
     (static / "world_2.world").write_text(as_barn(load("generated:2")))
     np.save(static / "path_files" / "path_2.npy", fields()[2][1])
-    (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1")))
+    (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1"), ""))
     rows = dynabarn.COLUMNS, ("easylibobs_1", "10", "1", "0", "-5", "7"), ("easylibobs_1", "10", "1", "10", "5", "7")
     (dynamic / dynabarn.NAME).write_text("\n".join(map(",".join, rows)))
     return root

@@ -31,10 +31,15 @@ def box(name, x, y, z, *size, yaw=0):
     return model(name, f"{x} {y} {z} 0 0 {yaw}", "<box><size>%s %s %s</size></box>" % size)
 
 
-def sdf(body):
+COURSE = """<applr:course xmlns:applr='applr'><applr:start>0 -9 1.57</applr:start><applr:goal>0 9 1.57</applr:goal>
+<applr:goal_tolerance>0.4</applr:goal_tolerance><applr:path>0 -9 0 9</applr:path></applr:course>"""
+
+
+def sdf(body, course=COURSE):
+    """The text of a world file; course: its element of this package, "" for none."""
     ground = model("ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>")
     light = "<light name='sun' type='directional'/>"
-    return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}</world></sdf>"
+    return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}{course}</world></sdf>"
 
 
 def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
@@ -58,7 +63,7 @@ def as_barn(world):
         "<link name='link'><pose frame=''>{1:f} {2:f} 0 0 0 0</pose></link></model>".format(n, x, y)
         for n, (x, y) in enumerate(xy)
     )
-    return sdf(models + "<state world_name='default'>%s</state>" % states)
+    return sdf(models + "<state world_name='default'>%s</state>" % states, "")
 
 
 def put(folder, text, name="world_7.world", cells=None):

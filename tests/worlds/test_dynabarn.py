@@ -46,7 +46,7 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
 def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
     cells = np.column_stack([np.full(66, 15), np.arange(66)])  # of BARN's world of the same number
-    course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1")), "world_7.world", cells=cells)).course
+    course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)).course
     assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
     assert not course.arrived(-7.9, 0.0)

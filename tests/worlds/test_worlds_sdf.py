@@ -43,7 +43,7 @@ def test_a_slab_on_which_all_stands_is_floor_and_a_kerb_is_none(tmp_path):
     room = "".join(box(f"wall{k}", *wall) for k, wall in enumerate([*walls, (1, 0, 0.5, 2, 0.2, 1)]))
     kerb, slab = box("kerb", -2, 2, 0.03, 1, 1, 0.06), box("slab", 0, 0, 0.0, 9, 9, 0.1)
     world = worlds.load(put(tmp_path, sdf(room + slab + kerb), "w.world"))
-    assert (len(world.boxes), np.abs(world.course.path).max() < 4.0) == (5, True)
+    assert len(world.boxes) == 5
     world = worlds.load(put(tmp_path, sdf(room + kerb), "v.world"))
     assert world.boxes[-1].tolist() == [-2.0, 2.0, 0.0, 1.0, 1.0]
 
@@ -85,17 +85,6 @@ def test_degrees_and_the_empty_pose(tmp_path):
         "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
     )
     assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]])
-
-
-def test_search_finds_the_gap_in_any_world(tmp_path):
-    wall = box("left", -2.5, 2, 0.5, 5.0, 0.3, 1) + box("right", 4.5, 2, 0.5, 7.0, 0.3, 1)  # gap from x = 0 to 1
-    course = worlds.load(put(tmp_path, sdf(wall), "w.world")).course
-    at_wall = course.path[np.argmin(np.abs(course.path[:, 1] - 2.0))]
-    assert 0.3 <= at_wall[0] <= 0.7
-    assert course.start[1] < 1.85
-    assert course.goal[1] > 2.15
-    assert course.finish_y is None
-    assert course.planner_ends, "nothing but the search says where it ends"
 
 
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
@@ -162,55 +151,13 @@ def test_what_is_not_read_is_named_in_one_line_and_the_rest_drives(tmp_path, cap
     assert "\n" not in record.getMessage()
 
 
-def room(x=8.0, y=8.0, at=(0.0, 0.0), door=0.0):
-    """Walls all around x by y metres, and two half walls in them where the room is high enough."""
-    walls = [(side * (x + door) / 4, y / 2, (x - door) / 2, 0.1) for side in (-1, 1)]
-    walls += [(0, -y / 2, x, 0.1), (x / 2, 0, 0.1, y + 0.1), (-x / 2, 0, 0.1, y + 0.1)]
-    halves = [(-0.19 * x, 1, 0.62 * x, 0.1), (0.19 * x, -1, 0.62 * x, 0.1)] if y > 4 else []
-    numbered = enumerate(walls + halves)
-    return "".join(box(f"w{n}", cx + at[0], cy + at[1], 0.5, sx, sy, 1) for n, (cx, cy, sx, sy) in numbered)
-
-
-HERE, THERE = (0.0, 0.0), (20.0, -5.0)
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "at", "door", "beside"),
-    [
-        (8.0, 8.0, HERE, 0.0, ""),
-        (12.0, 3.0, HERE, 0.0, ""),
-        (6.0, 9.0, THERE, 0.0, ""),
-        (8.0, 8.0, HERE, 0.9, cylinder(15, 0)),
-        (8.0, 8.0, THERE, 2.0, ""),
-        (8.0, 8.0, HERE, 0.0, "<model name='r'><plugin name='p' filename='libgazebo_ros_diff_drive.so'/></model>"),
-    ],
-)
-def test_a_course_lies_inside_walls_and_their_doors(tmp_path, x, y, at, door, beside):
-    course = worlds.load(put(tmp_path, sdf(room(x, y, at, door) + beside), "room.world")).course
-    assert (np.abs(course.path - at) < (x / 2, y / 2)).all()
-    assert np.ptp(course.path, axis=0).max() > max(x, y) - 2.0  # from one end to the other
-    if y > 4:
-        assert np.ptp(course.path[:, 0]) > 0.3 * x  # around both half walls
-
-
 def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
-    hall = put(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0)), "hall.world")
-    refused_world(hall, "too large .*: python -m worlds.sdf_writer .* --course X Y X Y")
+    hall = put(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0), ""), "hall.world")
+    refused_world(hall, "has no course; give one: python -m worlds.sdf_writer .* --course X Y X Y")
     out = str(tmp_path / "out.world")
     monkeypatch.setattr("sys.argv", ["sdf_writer", hall, out, "--course", "0", "2", "30", "3", "60", "2"])
     assert sdf_writer.main() == 0, capsys.readouterr()
     assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
-
-
-def test_a_ring_of_pillars_is_no_room(tmp_path):
-    pillars = [cylinder(4 * np.cos(a), 4 * np.sin(a), 0.3) for a in np.arange(16) * np.pi / 8]
-    course = worlds.load(put(tmp_path, sdf("".join(pillars)), "ring.world")).course
-    assert course.start[1] < -4 < 4 < course.goal[1]
-
-
-def test_walls_that_are_no_room_are_not_driven_along_outside(tmp_path):
-    path = put(tmp_path, sdf(room(8.0, 4.0, door=7.0)), "room.world")
-    refused_world(path, "no passage of 0.60 m along y; .* --course X Y X Y")
 
 
 def test_bytes_that_gazebos_parser_passes_over(tmp_path):

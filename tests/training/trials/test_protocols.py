@@ -36,7 +36,7 @@ def dynabarn(folder, crossing):
     body += "".join(map(moving, tracks))
     rows = [(name, frames[-1][0], 1, *frame) for name, frames in tracks.items() for frame in frames]
     (folder / NAME).write_text("\n".join(",".join(map(str, row)) for row in [COLUMNS, *rows]))
-    return put(folder, sdf(body), "world_3.world")
+    return put(folder, sdf(body, ""), "world_3.world")
 
 
 def test_dynabarn_is_driven(tmp_path):
