@@ -90,14 +90,12 @@ def parse(arguments: Optional[Sequence[str]] = None) -> EvaluationOptions:
 def evaluate(
     options: EvaluationOptions,
     blocks: Optional[Callable[[List[Trial]], Iterable[Sequence[Trial]]]] = None,
-    took: Callable[[float, float], None] = lambda processor_s, wall_s: None,
 ) -> Dict[Trial, Result]:
     """Drive trials of the plan that the folder options.out does not hold, and return the results of all of them.
 
     Args:
         options: what to drive, and how.
         blocks: those of the plan, each asked for when the last one is done; None: one, the whole plan.
-        took: called with the processor time and the wall time [s] of each trial that was driven.
 
     Raises:
         ApplrError: with one line; what was driven so far is kept.
@@ -125,7 +123,7 @@ def evaluate(
         bar = tqdm(total=total, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:
             with bar, Pool(workers, options.ray_address) as pool:
-                return drive(pool, runner, table, blocks(plan) if blocks else [plan], show, took)
+                return drive(pool, runner, table, blocks(plan) if blocks else [plan], show)
         finally:
             if done < len(plan):
                 seconds = time.monotonic() - began

@@ -28,15 +28,13 @@ class Lock:
     Args:
         folder: to lock.
         who: works in it, for people.
-        name: of the file in it that is locked; "": the folder itself, in which nothing is written.
     """
 
     _file = -1
 
-    def __init__(self, folder, who: str = "train.py", name: str = "lock"):
-        how = os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK if name else os.O_RDONLY
+    def __init__(self, folder, who: str = "train.py"):
         try:
-            self._file = os.open(Path(folder) / name, how, 0o644)
+            self._file = os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT, 0o644)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(f"{folder}: another {who} works in this folder; wait, or give another --out") from None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from functools import partial
 from typing import Callable, Dict, Iterable, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
@@ -20,7 +18,6 @@ def drive(
     table: Trials,
     blocks: Iterable[Sequence[Trial]],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
-    took: Callable[[float, float], None] = lambda processor_s, wall_s: None,
 ) -> Dict[Trial, Result]:
     """Return the results of trials, of which those are driven that the table does not hold; equal ones once.
 
@@ -30,7 +27,6 @@ def drive(
         table: where trials are kept, so that what was stopped comes to where it was and to the same result.
         blocks: trials; the next block is asked for when the last one is done, so that time or results may end the plan.
         show: called with each trial that was driven, after it was kept.
-        took: called with the processor time and the wall time [s] of each, before that.
 
     Raises:
         ApplrError: a trial failed by an error.
@@ -38,19 +34,10 @@ def drive(
     results: Dict[Trial, Result] = {}
     for block in blocks:
         missing = [trial for trial in dict.fromkeys(block) if table.find(trial) is None]
-        for trial, future in pool.unordered(partial(timed, run), missing):
+        for trial, future in pool.unordered(run, missing):
             try:
-                found, *times = future.result()
-                took(*times)
-                show(trial, table.add(trial, *found))
+                show(trial, table.add(trial, *future.result()))
             except CallFailed as error:
                 raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
         results.update((trial, kept) for trial in block if (kept := table.find(trial)))
     return results
-
-
-def timed(run: Run, trial: Trial) -> Tuple[Tuple[Result, bytes], float, float]:
-    """Return what a trial gives, and its processor time and wall time [s]."""
-    processor, began = time.process_time(), time.monotonic()
-    found = run(trial)
-    return found, time.process_time() - processor, time.monotonic() - began

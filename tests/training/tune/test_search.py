@@ -1,22 +1,13 @@
 """The search for one set: races between candidates on common trials, and what pays of a set."""
 
-from functools import partial
-
 import numpy as np
 
-from applr_ros1 import robots
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support.trial_tables import kept
-from training.env.settings import TrialSettings
-from training.trials import runner
 from training.trials.compare import clearly_worse
-from training.trials.drive import drive
 from training.trials.periodic import CHOOSING
 from training.trials.score import AIMS
-from training.trials.table import Trials
 from training.trials.trial import Result, seed_of
-from training.tune.search import blocks_of, finalists, last_race, plan_sets, race, search, without_idle
-from training.workers.pool import Pool
+from training.tune.search import plan_sets, race, without_idle
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -160,30 +151,3 @@ def test_a_search_never_drives_evaluates_seeds():
     ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [0], 3, "kinematic")
     assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
     assert searched.seed not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
-
-
-def test_a_search_that_was_stopped_comes_to_the_same_result(tmp_path):
-    """A generation and the last race of the Jackal, driven as the command drives them."""
-    table = tmp_path / "trials.csv"
-    settings = TrialSettings(simulator="kinematic", robot=robots.JACKAL.folder)
-    starts = [SPACE.theta0, SPACE.from_dict({"max_vel_x": 2.0, "inflation_radius": 0.1})]
-
-    def result():
-        def run(sets, block, seed):
-            plan = plan_sets(SPACE, [("generated:140", "generated:140")], sets, block, seed, "kinematic")
-            results = drive(pool, partial(runner.run, settings), trials, plan)
-            return [[results[trial] for trial in of_set] for of_set in plan]
-
-        with Trials(tmp_path, {}) as trials, Pool(0) as pool:
-            ((_, mean),) = search(SPACE, 1, [run], starts, time_of, seed=0, sigma=0.1, population=4, worlds_per_set=1)
-            return last_race(run, finalists(SPACE, starts, [mean]), blocks_of(1, 0), time_of, 0)
-
-    raced = result()
-    sets = [one.theta.tolist() for one in raced]
-    assert all(start.tolist() in sets for start in starts)
-    assert raced[0].cost == min(one.cost for one in raced)
-    driven = kept(table)
-    assert len(driven) > 4
-    kept(table, first=4)  # as if killed then
-    assert [one.theta.tolist() for one in result()] == sets
-    assert kept(table) == driven
