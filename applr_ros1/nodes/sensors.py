@@ -1,8 +1,6 @@
 """Input of the move_base node: pose and localisation from tf, twist from odometry, sensor data.
 
 Callbacks only store; the node's thread asks once per cycle. What is wrong is said in one line, at most every second.
-A clock that steps back, however little, makes everything void that came before: by the new time it would be from the
-future, and what comes now would count as old beside it.
 """
 
 from __future__ import annotations
@@ -35,9 +33,20 @@ MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud":
 ADJUSTMENT_S = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 
 
-def jumped_back(last: rospy.Time, now: rospy.Time) -> bool:
-    """Return whether ROS time has jumped back since `last`: if simulated at all, else by more than ADJUSTMENT_S."""
-    return now < last and (not is_wallclock() or (last - now).to_sec() > ADJUSTMENT_S)
+class Clock:
+    """ROS time as it was read last, and whether it went back. `Sensors.forget` then drops what came before.
+
+    Attributes:
+        now: The time.
+    """
+
+    def __init__(self) -> None:
+        self.now = rospy.get_rostime()
+
+    def went_back(self) -> bool:
+        """Read the time; return whether it went back: if simulated at all, else by more than ADJUSTMENT_S."""
+        last, self.now = self.now, rospy.get_rostime()
+        return self.now < last and (not is_wallclock() or (last - self.now).to_sec() > ADJUSTMENT_S)
 
 
 class Ages:
@@ -86,7 +95,6 @@ class Sensors:
         self._on_news, self._no_return = on_news, no_return
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # when the newest odometry came
-        self._last = rospy.Time(0)  # the time at the last look
         self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # of the newest ones
         self.pose_trouble = ""  # the last thing that was wrong, for who says why the robot stands
         self._topics = {topic: _Topic(topic, kind, origins.get(topic, ""), on_news) for topic, kind in topics.items()}
@@ -106,16 +114,10 @@ class Sensors:
         if any(topic.waits for topic in self._topics.values()):
             self._on_news()
 
-    def _follow_clock(self) -> None:
-        now = rospy.get_rostime()
-        if now < self._last:
-            self.forget()
-        self._last = now
-
     def forget(self) -> None:
         """Forget what is older than a clock that went back."""
         self.transforms.buffer.clear()
-        self._heard = self._last = rospy.Time(0)
+        self._heard = rospy.Time(0)
         self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
         for topic in self._topics.values():
             topic.forget()
@@ -183,7 +185,6 @@ class Sensors:
         return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S))
 
     def _newest_pose(self, target, source, now, oldest, most_ahead):
-        self._follow_clock()
         self.pose_trouble = ""
         try:
             transform = self.transforms.at(target, source, rospy.Time(0))
@@ -197,7 +198,6 @@ class Sensors:
 
     def observations(self) -> Dict[str, Any]:
         """Return {topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
-        self._follow_clock()
         found = {name: topic.newest(self._use) for name, topic in self._topics.items()}
         return {name: observation for name, observation in found.items() if observation is not None}
 

@@ -109,8 +109,11 @@ def test_when_the_next_scan_is_expected(robot):
 
 
 @pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
-def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messages(robot, step):
+def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messages(robot, step, monkeypatch):
+    monkeypatch.setattr(module, "is_wallclock", lambda: False)
     robot.time(100.5)
+    clock = module.Clock()
+    assert not clock.went_back()
     robot.tf(100.5)
     robot.odometry(100.5)
     robot.scan(100.5)
@@ -118,6 +121,8 @@ def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messag
     assert robot.sensors.pose(rospy.Time.from_sec(100.49), 0.3)[0] == pytest.approx(0.5)  # who looked earlier asks
     robot.scan(100.51)  # waits
     now = robot.time(100.5 - step)
+    assert clock.went_back()
+    robot.sensors.forget()
     assert robot.sensors.pose(now, 0.3) is None
     assert robot.sensors.observations() == {}
     assert robot.sensors.odometry_trouble(now, 0.5)

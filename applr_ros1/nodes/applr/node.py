@@ -17,7 +17,7 @@ from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.progress import Throttled
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.nodes.sensors import jumped_back
+from applr_ros1.nodes.sensors import Clock
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import ObservationError
 from applr_ros1.policy.parameter_space import space_of
@@ -94,13 +94,14 @@ class ApplrNode:
         """Run until shutdown. A clock that jumps back starts afresh."""
         self.client.start()
         rospy.on_shutdown(self.shutdown)
-        beat = report = last = rospy.Time(0)
+        beat = report = rospy.Time(0)
+        clock = Clock()
         while not rospy.is_shutdown():
             try:
-                now = rospy.Time.now()
-                if jumped_back(last, now):  # rospy notices it while it sleeps, and of a simulated clock only
-                    raise rospy.exceptions.ROSTimeMovedBackwardsException(now - last)
-                last = now
+                if clock.went_back():
+                    self._clock_jumped()
+                    beat = report = rospy.Time(0)
+                now = clock.now
                 if now >= beat:
                     self.topics.heartbeat(now)
                     beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
@@ -110,8 +111,7 @@ class ApplrNode:
                 self.tick(now)
                 rospy.sleep(self._nap(now))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
-                self._clock_jumped()
-                beat = report = last = rospy.Time(0)
+                continue
             except rospy.exceptions.ROSInterruptException:
                 return
 

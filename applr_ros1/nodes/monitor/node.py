@@ -32,7 +32,7 @@ from applr_ros1.common.ros_node import init_node, private_parameters, until_shut
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.sensors import Ages, Sensors
+from applr_ros1.nodes.sensors import Ages, Clock, Sensors
 from applr_ros1.robots import JACKAL, Robot, load
 
 from .guard import Heartbeat
@@ -72,7 +72,7 @@ class CollisionMonitorNode:
         self.monitor = CollisionMonitor(settings, more_scans)
         self._tolerance = tolerance
         self._lock = threading.Lock()
-        self._now, self._moved = rospy.get_rostime(), time.monotonic()  # ROS time at the last look; when it last moved
+        self._clock, self._moved = Clock(), time.monotonic()  # when the clock last moved
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
         self._ages = Ages()
@@ -119,16 +119,16 @@ class CollisionMonitorNode:
             time.sleep(LOOK_S)
 
     def _take_scans(self) -> None:
-        now = rospy.get_rostime()
-        if now < self._now:  # by however little: what is known is not as old as it looks
+        last = self._clock.now
+        if self._clock.went_back():
             self._report_jump("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)
             if self._stalls is not None:
                 self._stalls.forget()
-        if now != self._now:
-            self._now, self._moved = now, time.monotonic()
+        if self._clock.now != last:
+            self._moved = time.monotonic()
         for topic, scan in self.sensors.observations().items():
             first = scan.frame == self._frames.setdefault(topic, scan.frame)  # lasers may share a topic
             name = "" if topic == self._scan else topic
@@ -142,7 +142,7 @@ class CollisionMonitorNode:
     def _break_silence(self) -> None:
         """Brake to zero while no command comes. A base that stands gets LAST_ZEROS more, then others may drive it."""
         silence = self.monitor.silence
-        if (self._now - self._commanded).to_sec() <= silence and not self._stalled:
+        if (self._clock.now - self._commanded).to_sec() <= silence and not self._stalled:
             return
         if time.monotonic() < self._zero_due:
             return
@@ -153,14 +153,14 @@ class CollisionMonitorNode:
             return
         if self._zeros < LAST_ZEROS:
             stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
-            stands &= not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
+            stands &= not self.sensors.odometry_trouble(self._clock.now, self.monitor.settings.scan_timeout)
             self._zeros = self._zeros + 1 if stands else 0
             self._out.publish(conversions.twist(*self._braked()))
         self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
 
     def _braked(self) -> Tuple[float, float]:
         """Return the (v, w) of a stop. On a clock that stands nothing falls with time."""
-        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._now.to_sec(), self.sensors.twist()[0])
+        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist()[0])
 
     def _say(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
@@ -171,7 +171,7 @@ class CollisionMonitorNode:
         with self._lock, until_shutdown():
             try:
                 self._take_scans()
-                self._commanded, self._heard, self._zeros = self._now, time.monotonic(), 0
+                self._commanded, self._heard, self._zeros = self._clock.now, time.monotonic(), 0
                 command = message.linear.x, message.angular.z
                 motion = self._escape(command)
                 self._drive(motion or command, motion is None)
@@ -182,7 +182,7 @@ class CollisionMonitorNode:
         """Return the motion (v, w) of the monitor's own that takes the place of a command; None for the command."""
         if self._stalls is None or self._stalled:
             return None
-        return self._stalls.instead(self._now, command)
+        return self._stalls.instead(self._clock.now, command)
 
     def _drive(self, command: Tuple[float, float], planned: bool) -> None:
         """Give the base what may be given of the planner's command, or of a motion of the monitor's own."""

@@ -19,7 +19,7 @@ import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes.sensors import jumped_back
+from applr_ros1.nodes.sensors import Clock
 
 STALLED_S = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
 LONGEST_DELAY_S = 0.2  # s for which a long request gives way to control cycles
@@ -116,21 +116,20 @@ class PlannerThread:
 
     def _run(self) -> None:
         due: Optional[rospy.Time] = None
-        last = rospy.Time(0)
-        last_change, reported = time.monotonic(), False
+        clock, last_change, reported = Clock(), time.monotonic(), False
         while not rospy.is_shutdown():
             self._news = False
-            now = rospy.get_rostime()
+            last = clock.now
+            if clock.went_back():
+                self._went_back()
+            now = clock.now
             if now < last:
                 due = None
-                if jumped_back(last, now):
-                    self._went_back()
             if now != last:
                 last_change, reported = time.monotonic(), False
             elif not is_wallclock() and not reported and time.monotonic() - last_change > STALLED_S:
                 reported = True
                 self._stalled()
-            last = now
             if now.is_zero():  # simulated time that has not begun
                 if not self._serve(1.0):
                     self._sleep(0.1)

@@ -25,7 +25,7 @@ from applr_ros1.movers.prediction import Prediction
 from applr_ros1.movers.tracker import warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.sensors import Sensors, jumped_back
+from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -40,7 +40,7 @@ class MoversNode:
 
     def __init__(self, robot: Robot, prefix: str):
         self._prediction, self._news = Prediction(robot), threading.Event()
-        self._frame, self._scan, self._now = prefix + robot.frames.odom, robot.topics.scan, rospy.get_rostime()
+        self._frame, self._scan, self._clock = prefix + robot.frames.odom, robot.topics.scan, Clock()
         self._laser = ""
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
@@ -59,10 +59,9 @@ class MoversNode:
         while not rospy.is_shutdown():
             self._news.wait(LOOK_S)
             self._news.clear()
-            now = rospy.get_rostime()
-            if jumped_back(self._now, now):
+            if self._clock.went_back():
+                self._sensors.forget()
                 self._prediction.reset()
-            self._now = now
             scan = self._sensors.observations().get(self._scan)
             if scan is not None and scan.frame == (self._laser or scan.frame):
                 self._laser = scan.frame  # the first of those that share the topic
