@@ -1,6 +1,6 @@
 """A course for a world that was read from a file.
 
-It is stated in the file, taken from BARN's path file beside it, or searched for on BARN's grid. `sdf_reader` calls it.
+It is stated in the file, or taken from BARN's path file beside it. `sdf_reader` calls it.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def from_element(element: Element, path: str) -> Course:
     return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2), own)
 
 
-def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -> Course:
-    """The course of the world file `path`: from its path file, DynaBARN's, or searched on BARN's grid."""
+def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
+    """Return the course of the world file `path`: from its path file, or DynaBARN's."""
     if movers and not len(cylinders):  # DynaBARN's numbers are BARN's too: a path file beside it is of another world
         return dynabarn.arena_course()
     number = re.search(r"(\d+)$", os.path.splitext(os.path.basename(path))[0])
@@ -49,8 +49,6 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
             return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
-    if _is_barns(cylinders, boxes):
-        return _searched_on_barns_grid(path, cylinders)
     raise WorldError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
 
 
@@ -69,25 +67,6 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
         raise WorldError(
             f"{file} runs into an obstacle at cell {cell}: no passage there; {PATH_REMEDY} or clear the way"
         )
-    return barn.paper_course(barn.to_xy(cells))
-
-
-def _is_barns(cylinders: np.ndarray, boxes: np.ndarray) -> bool:
-    """Return true for cylinders on BARN's cells, between BARN's two walls."""
-    if len(boxes) or not len(cylinders):
-        return False
-    cells = barn.to_cells(cylinders[:, :2])
-    on_grid = np.abs(barn.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn.CELL_M
-    return bool(on_grid and set(cells[:, 0]) <= set(range(barn.ROWS)) and barn.fill_of(cylinders)[[0, -1]].all())
-
-
-def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
-    free = search.free_space(barn.fill_of(cylinders), barn.CLEARANCE_CELLS)
-    ends = [(r, c) for c in (0, barn.COLS - 1) for r in range(barn.ROWS)]
-    cells = search.shortest_path(free, ends[: barn.ROWS], ends[barn.ROWS :])
-    if cells is None:
-        passage = f"passage of {barn.CELL_M * (2 * barn.CLEARANCE_CELLS + 1):.2f} m through its field"
-        raise WorldError(f"{path} has no {passage}; clear a way or give another world")
     return barn.paper_course(barn.to_xy(cells))
 
 

@@ -6,7 +6,7 @@ Called by the simulated robot on ROS, which publishes it, and by tests.
 from __future__ import annotations
 
 import math
-from typing import Iterator, Tuple
+from typing import Tuple
 
 import numpy as np
 
@@ -39,34 +39,14 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     low = np.floor(low / resolution) * resolution
     nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
     cells = np.zeros((ny, nx), np.int8)
-    for block, distance, least in around(cells, low, resolution, world.cylinders, boxes, 0.5 * resolution):
-        block[distance <= least] = OCCUPIED
-    return cells, (float(low[0]), float(low[1]))
-
-
-def around(
-    cells: np.ndarray, low: np.ndarray, resolution: float, cylinders: np.ndarray, boxes: np.ndarray, reach: float
-) -> Iterator[Tuple[np.ndarray, np.ndarray, float]]:
-    """For each obstacle the cells near it, the distances of their centres, and the distance within which it reaches.
-
-    Args:
-        cells: (ny, nx) of a grid.
-        low: its lower corner (x, y) [m].
-        resolution: edge of a cell [m].
-        cylinders: (n, 3) as in World.
-        boxes: (m, 5) as in World.
-        reach: from an obstacle's edge [m]; cells nearer than that are among those yielded.
-
-    Yields:
-        (block, distance, least): a view of `cells`; distances [m] of its cells from the middle of a cylinder or from
-        the edge of a box; and the cylinder's radius and `reach`, or `reach`.
-    """
-    for x, y, radius in cylinders.tolist():
-        block, dx, dy = _window(cells, low, resolution, x, y, radius + reach)
-        yield block, np.hypot(dx, dy), radius + reach
+    inner = 0.5 * resolution
+    for x, y, radius in world.cylinders.tolist():
+        block, dx, dy = _window(cells, low, resolution, x, y, radius + inner)
+        block[np.hypot(dx, dy) <= radius + inner] = OCCUPIED
     for x, y, yaw, size_x, size_y in boxes.tolist():
-        block, dx, dy = _window(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + reach)
-        yield block, np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)), reach
+        block, dx, dy = _window(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + inner)
+        block[np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) <= inner] = OCCUPIED
+    return cells, (float(low[0]), float(low[1]))
 
 
 def _window(cells, low, resolution, x, y, reach):

@@ -11,7 +11,6 @@ from typing import List, Tuple
 
 import numpy as np
 
-from . import occupancy, search
 from .world import Course, World
 
 NAME = "physical_course"
@@ -21,8 +20,15 @@ START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
 FINISH_Y_M = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
 GOAL_TOLERANCE_M = 0.4
-CELL_M = 0.10  # side of a cell of the grid in which the path is searched [m]
-ROBOT_RADIUS_M = 0.30  # space kept free around the path: half a Jackal's diagonal and a little [m]
+CELL_M = 0.10  # side of a cell of the grid on which the path lies [m]
+# Corners of the reference path, in cells: the cheapest way that keeps 0.3 m from the boxes
+# fmt: off
+PATH_CORNERS = (
+    (20, 8), (20, 14), (22, 16), (22, 22), (28, 28), (28, 37), (22, 43), (22, 44), (12, 54), (12, 70),
+    (20, 78), (20, 87), (19, 88), (19, 93), (20, 94), (20, 116), (19, 117), (19, 121), (30, 132), (30, 141),
+    (14, 157), (14, 160), (13, 161), (13, 177), (17, 181), (17, 190), (20, 193),
+)
+# fmt: on
 
 # Rows of cardboard boxes across the lane: y, from x, to x [m]. What they leave open, from left to right:
 ROWS = (
@@ -52,7 +58,8 @@ LOOSE = (
 def world() -> World:
     """The course, the same every time."""
     boxes = np.array(_walls() + [box for row in ROWS for box in _row(*row)] + list(LOOSE))
-    return World(name=NAME, cylinders=np.zeros((0, 3)), boxes=boxes, course=_course(boxes))
+    course = Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, _path())
+    return World(name=NAME, cylinders=np.zeros((0, 3)), boxes=boxes, course=course)
 
 
 def _walls() -> List[Tuple[float, ...]]:
@@ -73,11 +80,8 @@ def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
     return [(low + (n + 0.5) * side, y + 0.5 * a, a, side, 0.4) for n, a in enumerate(askew)]
 
 
-def _course(boxes: np.ndarray) -> Course:
-    low, free = np.zeros(2), np.ones((round(LANE_LENGTH_M / CELL_M), round(LANE_WIDTH_M / CELL_M)), dtype=bool)
-    for block, distance, least in occupancy.around(free, low, CELL_M, np.zeros((0, 3)), boxes, ROBOT_RADIUS_M):
-        block &= distance >= least
-    ends = [(int(p[0] / CELL_M), int(p[1] / CELL_M)) for p in (START, GOAL)]
-    cells = search.shortest_path(free.T, ends[:1], ends[1:])
-    assert cells is not None, "the boxes leave a way"
-    return Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, CELL_M * (cells + 0.5))
+def _path() -> np.ndarray:
+    """Return the reference path (k, 2) [m]: the centres of the cells from corner to corner."""
+    corners = np.array(PATH_CORNERS)
+    legs = [a + np.sign(b - a) * np.arange(np.abs(b - a).max())[:, None] for a, b in zip(corners[:-1], corners[1:])]
+    return CELL_M * (np.concatenate([*legs, corners[-1:]]) + 0.5)

@@ -31,19 +31,19 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
     """World from a .world file. What is not read is logged as one warning.
 
     The course leads along points (n, 2) [m] where they are given. Else it comes from the file itself where our writer
-    put one, else from path_files/path_N.npy beside it, else from a search on BARN's grid. Raises WorldError.
+    put one, else from path_files/path_N.npy beside it. Raises WorldError.
     """
     name = os.path.splitext(os.path.basename(path))[0]
     root = parse(path)
     world = root if root.tag == "world" else root.find("world")
     if world is None:
         raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
-    cylinders, boxes, movers = obstacles = _Reader(path, world).read()
+    cylinders, boxes, movers = _Reader(path, world).read()
     stated = world.find(f"{{{course.NAMESPACE}}}course")
     if points is not None:
         way = course.given(path, points)
     else:
-        way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
+        way = course.beside(path, cylinders, movers) if stated is None else course.from_element(stated, path)
     return World(name, cylinders, boxes, way, movers)
 
 

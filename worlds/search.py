@@ -1,13 +1,10 @@
-"""Reference paths on a grid: BARN's own search, move for move, and an exact A* for worlds that come without a path.
-
-The generator uses the first, `worlds.course` the second; both keep a robot's width from what is filled.
-"""
+"""Reference paths on a grid by BARN's own search, move for move. The generator uses it."""
 
 from __future__ import annotations
 
 import heapq
 import math
-from typing import Dict, Iterable, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 import scipy
@@ -49,7 +46,7 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
     penalty = obstacle_penalty(free)
     rows, columns = free.shape
     spent: Dict[Cell, float] = {start: 0.0}
-    parent: Dict[Cell, Tuple[Optional[Cell], int]] = {start: (None, -1)}
+    parent: Dict[Cell, Tuple[Cell, int]] = {start: (start, -1)}
     rank: Dict[Cell, float] = {start: 0.0}
     number: Dict[Cell, int] = {start: 0}  # ties: the cell met first
     queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
@@ -60,7 +57,10 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
             continue
         closed.add(cell)
         if cell == goal:
-            return _trace(cell, lambda c: parent[c][0])
+            path = [cell]
+            while path[-1] != start:
+                path.append(parent[path[-1]][0])
+            return np.array(path[::-1], dtype=np.int64)
         for turn in _turns(parent[cell][1]):
             r, c = cell[0] + MOVES[turn][0], cell[1] + MOVES[turn][1]
             if not (0 <= r < rows and 0 <= c < columns and free[r, c]) or (r, c) in closed:
@@ -78,46 +78,3 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
             spent[r, c], parent[r, c] = cost, (cell, turn)
             heapq.heappush(queue, (rank[r, c], number[r, c], (r, c)))
     return None
-
-
-def shortest_path(free: np.ndarray, starts: Iterable[Cell], goals: Iterable[Cell]) -> Optional[np.ndarray]:
-    """The cheapest path from any of the starts to any of the goals, or None: length in cells plus penalties on the way.
-
-    free     (rows, columns) bool
-    returns  (k, 2) int64 cells; consecutive moves differ by at most 45 degrees.
-    A state is a cell and the move that led into it, so the rule on turns costs no exactness. Every state is opened at
-    most once: time and memory are bounded by 8 x the number of cells.
-    """
-    extra = obstacle_penalty(free)
-    rows, columns = free.shape
-    ends = {(int(r), int(c)) for r, c in goals if free[r, c]}
-    best = np.full((8, rows, columns), np.inf)
-    came_from: Dict[Tuple[int, int, int], Tuple[int, int, int]] = {}
-    queue = [(0.0, n, int(s[0]), int(s[1]), -1) for n, s in enumerate(starts) if free[tuple(s)]]
-    heapq.heapify(queue)
-    order = len(queue)
-    while queue:
-        cost, _, r, c, heading = heapq.heappop(queue)
-        if (r, c) in ends:
-            return _trace((r, c, heading), came_from.get)
-        if heading >= 0 and cost > best[heading, r, c]:
-            continue
-        for turn in _turns(heading):
-            nr, nc = r + MOVES[turn][0], c + MOVES[turn][1]
-            if not (0 <= nr < rows and 0 <= nc < columns and free[nr, nc]) or not (free[nr, c] or free[r, nc]):
-                continue
-            reached = cost + LENGTHS[turn] + extra[nr, nc]
-            if reached < best[turn, nr, nc]:
-                best[turn, nr, nc] = reached
-                came_from[nr, nc, turn] = (r, c, heading)
-                order += 1
-                heapq.heappush(queue, (reached, order, nr, nc, turn))
-    return None
-
-
-def _trace(state, previous) -> np.ndarray:
-    cells = []
-    while state is not None:
-        cells.append(state[:2])
-        state = previous(state)
-    return np.array(cells[::-1], dtype=np.int64)

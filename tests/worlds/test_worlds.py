@@ -13,6 +13,7 @@ from tests.support.worlds_sdf import refused_world
 from worlds import barn, draw, dynabarn, sdf_writer
 from worlds.dynabarn import arena_course
 from worlds.occupancy import occupancy
+from worlds.world import clearance
 
 JACKAL_RATIO = 0.75 / 0.53
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5)))
@@ -75,6 +76,11 @@ def test_everything_of_a_world_scales(spec):
     assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
     assert (half.course.start[2], half.course.goal[0]) == (world.course.start[2], 0.5 * world.course.goal[0])
     assert (worlds.scaled(world, 1.3) is world) == (spec == "dynamic:0")  # a room of moving obstacles never grows
+
+
+def test_the_path_of_the_physical_course_keeps_from_its_boxes():
+    world = worlds.load("physical_course")
+    assert clearance(world, world.course.path).min() >= 0.3
 
 
 # -- pictures and maps

@@ -91,46 +91,6 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
     assert (search.obstacle_penalty(free)[4, 5], search.obstacle_penalty(free)[5, 5]) == (2.5, 0.0)
     free[:, 12] = False
     assert search.barn_path(free, (3, 0), (3, 29)) is None
-    assert search.shortest_path(free, [(3, 0)], [(3, 29)]) is None
-
-
-def test_shortest_path_is_cheapest_by_brute_force():
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        free = rng.random((7, 7)) > 0.25
-        free[3, 0] = free[3, 6] = True
-        path = search.shortest_path(free, [(3, 0)], [(3, 6)])
-        best = _cheapest(free, (3, 0), (3, 6))
-        assert (path is None) == (best is None)
-        if path is not None:
-            assert _cost(free, path) == pytest.approx(best)
-
-
-def _cost(free, path):
-    extra = search.obstacle_penalty(free)
-    return sum(np.hypot(*(b - a)) + extra[tuple(b)] for a, b in zip(path[:-1], path[1:]))
-
-
-def _cheapest(free, start, goal):
-    """Bellman-Ford over (cell, heading), by relaxation until nothing changes."""
-    extra, cost = search.obstacle_penalty(free), {(start, -1): 0.0}
-    while True:
-        changed = False
-        for (cell, heading), spent in list(cost.items()):
-            for turn, move in enumerate(search.MOVES):
-                new = (cell[0] + move[0], cell[1] + move[1])
-                if heading >= 0 and min((turn - heading) % 8, (heading - turn) % 8) > 1:
-                    continue
-                if not (0 <= new[0] < 7 and 0 <= new[1] < 7 and free[new]):
-                    continue
-                if not (free[new[0], cell[1]] or free[cell[0], new[1]]):
-                    continue
-                value = spent + np.hypot(*move) + extra[new]
-                if value < cost.get((new, turn), np.inf) - 1e-12:
-                    cost[new, turn], changed = value, True
-        if not changed:
-            ends = [v for (cell, _), v in cost.items() if cell == goal]
-            return min(ends) if ends else None
 
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
