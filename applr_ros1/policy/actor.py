@@ -2,8 +2,7 @@
 
 A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. Networks of the same
 sizes can stand side by side in it, along the first axis of each tensor: the answer is the mean of their outputs. `load`
-is the only reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes
-are bounded, and every way in which a file can be wrong is one line.
+is the only reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS
-from applr_ros1.policy.form import PAPER, Form, Mirror, PaperForm, check_robot, short, with_mirror_images
+from applr_ros1.policy.form import PAPER, Form, Mirror, PaperForm, check_robot, with_mirror_images
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
@@ -100,7 +99,7 @@ class Policy(_FromFile):
 
     Args:
         form: What it sees and sets.
-        layers: Of the network, checked (network.layers_of).
+        layers: Of the network (layers_of).
         metadata: {str: JSON value} of its file.
     """
 
@@ -117,10 +116,9 @@ class Policy(_FromFile):
         form: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the form.
         """
         form, metadata = form or PaperForm(JACKAL), metadata or {}
-        layers = layers_of(weights, form.size, form.actions, "its network")
+        layers = _fitting(weights, form.size, form.actions)
         if metadata.get("with_mirror_images"):  # which the file leaves out
-            weights = with_mirror_images(weights, form.mirror)
-            layers = layers_of(weights, form.size, form.actions, "its network")
+            layers = layers_of(with_mirror_images(weights, form.mirror))
         return cls(form, layers, metadata)
 
     @property
@@ -167,19 +165,8 @@ class Policy(_FromFile):
 
         Returns:
             (m,) or (k, m) float32 in [-1, 1], and `state`.
-
-        Raises:
-            ApplrError: The observation has another size, or holds NaN or inf.
         """
-        seen, size = np.asarray(observation, dtype=np.float32), self.form.size
-        if seen.ndim not in (1, 2) or seen.shape[-1] != size:
-            raise ApplrError(
-                f"observation has shape {seen.shape}: ({size},) or (k, {size}) needed; "
-                "make the environment with **policy.environment"
-            )
-        if not np.isfinite(seen).all():
-            raise ApplrError("observation holds NaN or inf: give what the environment returned")
-        return self.action(seen), state
+        return self.action(observation), state
 
 
 class ContextPolicy(_FromFile):
@@ -194,7 +181,7 @@ class ContextPolicy(_FromFile):
     def __init__(self, contexts: Weights, weights: Weights, space: Space, layout: Layout):
         self.names, self.space, self.layout = list(contexts), space, layout
         self.sets = np.array([space.fill(space.chosen.clip(theta)) for theta in contexts.values()])
-        self.layers = layers_of(weights, layout.beams, len(self.names), "its network")
+        self.layers = _fitting(weights, layout.beams, len(self.names))
 
     @classmethod
     def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
@@ -202,9 +189,9 @@ class ContextPolicy(_FromFile):
         space = space_of(robot)
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
-            raise ApplrError(f"its sets are of {short(metadata['names'])}, not of {', '.join(space.chosen.names)}")
+            raise ApplrError(f"its sets are of {metadata['names']}, not of {', '.join(space.chosen.names)}")
         contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
-        return cls(contexts, weights, space, Layout.from_dict(metadata["layout"], 0))
+        return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
     def context(self, observation: Any) -> int:
         """Return the index of the context that an observation (729,), or its first 720 entries, shows."""
@@ -228,8 +215,7 @@ def load(
         kinds: What it may hold, of KINDS.
 
     Raises:
-        ApplrError: It is absent, damaged, of other shapes, made for another robot or parameter space, of
-            another kind.
+        ApplrError: It is absent, made for another robot or parameter space, or of another kind.
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path), path)
@@ -246,8 +232,6 @@ def load(
             found = ContextPolicy.of(weights, metadata, robot)
         else:
             found = Policy.of(weights, FORMS[kind].of(metadata, robot), metadata)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ApplrError(f"{path}: its metadata are damaged ({error}); copy or make it again") from None
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
     found.metadata, found.path = metadata, path
@@ -289,7 +273,7 @@ def save_contexts(
     weights = _float32(weights)
     ContextPolicy(contexts, weights, space, layout)
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
-    described = {"robot": space.robot, "names": space.chosen.names, "layout": layout.to_dict(0), "contexts": entries}
+    described = {"robot": space.robot, "names": space.chosen.names, "layout": layout.to_dict(), "contexts": entries}
     _write(path, weights, CONTEXTS_FORMAT, {**(metadata or {}), **described})
 
 
@@ -320,37 +304,21 @@ def _value(text: str) -> Any:
         return text
 
 
-def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str) -> Layers:
-    """Return [(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
+def layers_of(weights: Weights) -> Layers:
+    """Return the layers of a network, or of k networks side by side, each of which has a first axis more, of k.
 
     Args:
-        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}. Of k networks side
-            by side each has a first axis more, of k.
-        inputs: Width of the input.
-        outputs: Width of the output.
-        name: What the error's line begins with, a file's path for instance.
+        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}.
     """
-    layers: Layers = []
-    width, count = inputs, len(weights) // 2
-    names = {"%d.%s" % (i, kind) for i in range(count) for kind in ("weight", "bias")}
-    if not count or set(weights) != names:
-        there = ", ".join(sorted(weights)[:6])
-        raise ApplrError("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
-    side_by_side = weights["0.weight"].shape[:-2][:1]
-    for i in range(count):
-        weight, bias = weights["%d.weight" % i], weights["%d.bias" % i]
-        rows = outputs if i == count - 1 else bias.shape[-1] if bias.ndim else 0
-        needed = (*side_by_side, rows, width), (*side_by_side, rows)
-        if (weight.shape, bias.shape) != needed or 0 in side_by_side:
-            raise ApplrError(
-                "%s: layer %d has shapes %s and %s, %s and %s needed" % (name, i, weight.shape, bias.shape, *needed)
-            )
-        if weight.dtype != np.float32 or bias.dtype != np.float32:
-            raise ApplrError("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
-        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise ApplrError("%s: layer %d holds NaN or inf; train or copy it again" % (name, i))
-        layers.append((weight, bias))
-        width = rows
+    return [(weights[f"{i}.weight"], weights[f"{i}.bias"]) for i in range(len(weights) // 2)]
+
+
+def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
+    """Return the layers of a network. Raises ApplrError if it has another number of inputs or outputs."""
+    layers = layers_of(weights)
+    found = layers[0][0].shape[-1], layers[-1][0].shape[-2]
+    if found != (inputs, outputs):
+        raise ApplrError(f"its network has {found} inputs and outputs, {(inputs, outputs)} are needed")
     return layers
 
 

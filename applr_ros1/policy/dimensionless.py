@@ -20,7 +20,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.policy.decision import Context, period_of
-from applr_ros1.policy.form import PAPER, Form, PaperForm, short
+from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import TURN_RAD, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
@@ -101,13 +101,8 @@ class DimensionlessForm(Form):
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessForm:
         """Make the form of a file, for any robot."""
         if stated["observation"] != VERSION:
-            raise ApplrError(f"its observation is {short(stated['observation'])}, {VERSION} is needed")
-        if "period_s" not in stated:
-            raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
-        base = stated.get("base") or {}
-        if not isinstance(base, dict) or not all(isinstance(v, (int, float)) for v in base.values()):
-            raise ApplrError(f"its base is {short(base)}: values of parameters by name are needed")
-        return cls(robot, period_of(stated), base)
+            raise ApplrError(f"its observation is {stated['observation']}, {VERSION} is needed")
+        return cls(robot, period_of(stated), stated["base"])
 
     def reset(self) -> None:
         """Begin a course: there is no decision before."""

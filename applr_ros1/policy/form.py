@@ -6,7 +6,6 @@ a form, and never which one it is.
 
 from __future__ import annotations
 
-import json
 from typing import Any, ClassVar, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -105,10 +104,7 @@ class Form:
 
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> Form:
-        """Make the form that a policy's file states, for a robot.
-
-        Raises ApplrError where it is for another robot, KeyError or TypeError where it is damaged.
-        """
+        """Make the form that a policy's file states, for a robot. Raises ApplrError if it is for another robot."""
         raise NotImplementedError
 
     def reset(self) -> None:
@@ -155,7 +151,7 @@ class PaperForm(Form):
     def stated(self) -> Dict[str, Any]:
         """Return robot, space and layout; a policy's file may state the period beside them."""
         space = self.space.chosen
-        return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict(len(space))}
+        return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict()}
 
     @classmethod
     def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperForm:
@@ -165,12 +161,8 @@ class PaperForm(Form):
         for key, value in space.to_dict().items():
             has = stated["space"].get(key)
             if key != "theta0" and has != value:
-                raise ApplrError(
-                    f"made for another parameter space: {key} is {short(has)}, here {short(value)}; "
-                    "train one for this parameter space"
-                )
-        layout = Layout.from_dict(stated["layout"], len(space))
-        return cls(robot, period_of(stated), layout=layout)
+                raise ApplrError(f"made for another parameter space: {key} is {has}, here {value}; train one for this")
+        return cls(robot, period_of(stated), layout=Layout.from_dict(stated["layout"]))
 
     def observe(self, context: Context) -> np.ndarray:
         """Return the observation that a Context holds."""
@@ -188,10 +180,4 @@ class PaperForm(Form):
 def check_robot(stated: Mapping[str, Any], robot: Robot) -> None:
     """Raise ApplrError where a policy's file states another robot."""
     if stated.get("robot") != robot.name:
-        raise ApplrError(f"it is for the robot {short(stated.get('robot'))}: here {robot.name} runs; make one for it")
-
-
-def short(value: Any) -> str:
-    """Return a JSON value as text of at most 120 characters."""
-    text = json.dumps(value)
-    return text if len(text) <= 120 else text[:117] + "..."
+        raise ApplrError(f"it is for the robot {stated.get('robot')}: here {robot.name} runs; make one for it")

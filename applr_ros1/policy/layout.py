@@ -18,8 +18,6 @@ from applr_ros1.common.errors import ApplrError
 
 ANGLE_TOLERANCE_RAD = 0.02  # by which a scan may end before the layout does
 COARSEST_RAD = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
-MAX_BEAMS = 8192
-ORDER = ["scan", "phi", "theta"]  # of the parts of an observation
 TURN_RAD = 2.0 * math.pi
 
 
@@ -45,52 +43,26 @@ class Layout:
     range_cap: float = 2.0
     lookahead: float = 1.0
 
-    def __post_init__(self):
-        if isinstance(self.beams, bool) or not isinstance(self.beams, int) or not 2 <= self.beams <= MAX_BEAMS:
-            raise ObservationError("layout: beams is %r; give 2 to %d" % (self.beams, MAX_BEAMS))
-        for name in ("angle_min", "angle_max", "range_cap", "lookahead"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-                raise ObservationError("layout: %s is %r; give a finite number" % (name, value))
-        if not 0.0 < self.angle_max - self.angle_min <= TURN_RAD:
-            raise ObservationError(
-                "layout: angles go from %g to %g rad; give growing ones, a full turn at most"
-                % (self.angle_min, self.angle_max)
-            )
-        if self.range_cap <= 0.0 or self.lookahead <= 0.0:
-            raise ObservationError(
-                "layout: range_cap is %g, lookahead %g; give metres above 0" % (self.range_cap, self.lookahead)
-            )
-
     @property
     def step(self) -> float:
         """Angle between two beams [rad]."""
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
-    def to_dict(self, parameters: int) -> Dict[str, Any]:
-        """Return what a policy's file holds of it, JSON values. parameters: how many numbers theta has."""
+    def to_dict(self) -> Dict[str, Any]:
+        """Return what a policy's file holds of it, JSON values."""
         return {
             "beams": self.beams,
             "range_cap_m": self.range_cap,
             "angle_min_rad": self.angle_min,
             "angle_max_rad": self.angle_max,
-            "order": ORDER,
             "lookahead_m": self.lookahead,
-            "size": self.beams + 1 + parameters,
         }
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any], parameters: int) -> "Layout":
-        """Make the layout that to_dict described. Raises ObservationError for one that cannot be."""
+    def from_dict(cls, values: Mapping[str, Any]) -> "Layout":
+        """Make the layout that to_dict described."""
         names = ("beams", "angle_min_rad", "angle_max_rad", "range_cap_m", "lookahead_m")
-        missing = [name for name in names if name not in values]
-        if missing:
-            raise ObservationError("layout: %s is missing" % ", ".join(missing))
-        layout = cls(*(values[name] for name in names))
-        for name, value in (("order", ORDER), ("size", layout.beams + 1 + parameters)):
-            if values.get(name) != value:
-                raise ObservationError("layout: %s is %r; %r is needed" % (name, values.get(name), value))
-        return layout
+        return cls(*(values[name] for name in names))
 
     def sector(self, bearing: float, width: float) -> np.ndarray:
         """Return indices of the beams within width / 2 of a bearing [rad]."""

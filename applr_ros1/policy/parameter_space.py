@@ -166,13 +166,8 @@ class Space:
         values = stated.get("parameters", stated) if isinstance(stated, dict) else stated
         if not isinstance(values, dict):
             raise ApplrError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
-        meter_scoring = stated.get("meter_scoring")
-        if meter_scoring not in (None, False):
-            raise ApplrError(
-                f"{path}: meter_scoring is {meter_scoring!r}: sets count per cell; give false or leave it out"
-            )
         try:
-            return self.from_dict(values), meter_scoring is False
+            return self.from_dict(values), stated.get("meter_scoring") is False
         except ApplrError as e:
             raise ApplrError(f"{path}: {e}") from None
 
@@ -183,17 +178,9 @@ class Space:
 
     @classmethod
     def stated(cls, values, robot):
-        """The space that a dict from to_dict describes; without targets, for it belongs to no move_base.
-
-        Raises ApplrError where it describes none.
-        """
-        try:
-            low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
-            integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
-        except (KeyError, TypeError, ValueError):
-            raise ApplrError("parameter space: names, low, high, integer or theta0 are missing or damaged") from None
-        if any(column.shape != (len(names),) for column in (low, high, integer, theta0)):
-            raise ApplrError("parameter space: names, low, high, integer and theta0 differ in length")
+        """The space that a dict from to_dict describes; without targets, for it belongs to no move_base."""
+        low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
+        integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
         return cls(names, low, high, integer, theta0, robot=str(robot))
 
     def _check(self, vector, what):

@@ -144,12 +144,6 @@ def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     decided = method.space.as_dict(method.theta(context(JACKAL, np.random.default_rng(0))))
     assert (decided["min_in_place_vel_theta"], decided["footprint_padding"]) == (0.9, 0.14)
     assert decided["max_vel_x"] != 0.3
-    stated = DimensionlessForm(JACKAL, 1.0).stated()
-    for wrong in ({"sim_time": "long"}, [1.0]):
-        with pytest.raises(ApplrError, match="values of parameters by name"):
-            DimensionlessForm.of({**stated, "base": wrong}, JACKAL)
-    with pytest.raises(ApplrError, match="states no period_s"):
-        DimensionlessForm.of({"observation": stated["observation"]}, JACKAL)
 
 
 def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():

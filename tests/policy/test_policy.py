@@ -194,40 +194,30 @@ def _raw(weights, **metadata):
     return safetensors.numpy.save(weights, metadata=metadata)
 
 
-def _damaged_files():
+def _wrong_files():
     good = make_weights()
-    space, layout = json.dumps(SPACE.chosen.to_dict()), json.dumps(LAYOUT.to_dict(len(SPACE.chosen)))
+    space, layout = json.dumps(SPACE.chosen.to_dict()), json.dumps(LAYOUT.to_dict())
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     other = json.loads(space)
     other["high"][0] = 1.0
-    nan = dict(good, **{"0.bias": np.full(32, np.nan, dtype=np.float32)})
-    wide = make_weights(inputs=721)
     return {
         "truncated": (whole[: len(whole) // 2], "cut short"),
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
-        "no space": (_raw(good, **{key: header[key] for key in header if key != "space"}), "metadata"),
-        "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "size is 729"),
-        "half a layout": (_raw(good, **dict(header, layout="{}")), "beams, angle_min_rad"),
-        "shapes": (_raw(wide, **header), "layer 0"),
-        "nan": (_raw(nan, **header), "NaN"),
+        "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs, .*729, 8"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no policy of ours"),
-        "names": (_raw({"x": np.zeros(3, np.float32)}, **header), "tensors are"),
         "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS_FORMAT)), "of the kind contexts"),
-        "no text": (_raw(good, **dict(header, observation="3")), "its observation is 3"),
-        **{
-            f"period {period}": (_raw(good, **header, period_s=json.dumps(period)), "period_s")
-            for period in (0.0, -1.0, "2", True, 1e9)
-        },
+        "version": (_raw(good, **dict(header, observation="3")), "its observation is 3"),
+        "period": (_raw(good, **header, period_s="0.0"), "period_s"),
     }
 
 
-@pytest.mark.parametrize("case", sorted(_damaged_files()))
-def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
+@pytest.mark.parametrize("case", sorted(_wrong_files()))
+def test_what_is_no_policy_for_the_robot_is_refused_in_one_line(case, tmp_path):
     import builtins
 
-    data, expected = _damaged_files()[case]
+    data, expected = _wrong_files()[case]
     path = tmp_path / "actor.safetensors"
     path.write_bytes(data)
     refused(lambda: load(path), expected, str(path))
@@ -237,7 +227,7 @@ def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
 def test_saving_is_whole_or_not_at_all(tmp_path):
     for path in (tmp_path / "none.safetensors", tmp_path):
         refused(lambda path=path: load(path), str(path))
-    refused(lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)), "layer")
+    refused(lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)), "its network has")
     refused(lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()), "cannot be written")
     assert list(tmp_path.iterdir()) == []
 
@@ -340,5 +330,3 @@ def test_a_loaded_policy_predicts_what_its_method_decides(name):
     decided = method.theta(environment.unwrapped.episode.context())
     np.testing.assert_allclose(environment.unwrapped.form.theta(action), decided, rtol=1e-6)
     assert environment.unwrapped.episode.period == method.period
-    refused(lambda: policy.predict(np.zeros(3)), r"observation has shape \(3,\): \(\d+,\) or \(k, \d+\) needed")
-    refused(lambda: policy.predict(np.full(seen.shape, np.nan)), "holds NaN or inf")

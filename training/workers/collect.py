@@ -124,9 +124,7 @@ class PolicyWeights:
 
     def __init__(self, weights: bytes):
         arrays, _ = unpack(weights, "weights")
-        count = len(arrays) // 2
-        ends = arrays["0.weight"].shape[-1], arrays[f"{count - 1}.weight"].shape[-2]
-        self.layers = layers_of(arrays, *ends, "weights")
+        self.layers = layers_of(arrays)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Observation (n,) → action (m,) float32 in [-1, 1]."""

@@ -154,5 +154,5 @@ def test_shipped_file_drives():
     found = actor.load(path, kinds=(actor.CONTEXTS,))
     assert 2 <= len(found.names) <= 8
     assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
-    refused(lambda: methods.make(path, load("husky")), 'for the robot "jackal": here husky runs')
+    refused(lambda: methods.make(path, load("husky")), "for the robot jackal: here husky runs")
     assert np.array_equal(methods.make("appld").sets, found.sets)
