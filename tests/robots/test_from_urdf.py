@@ -80,6 +80,7 @@ DWAPlannerROS:
    acc_lim_x: 1.0, acc_lim_theta: 3.0, min_vel_theta: !degrees 6.0}
 """
 CONTROLLER = """\
+joint_publisher: {type: joint_state_controller/JointStateController, publish_rate: 50}
 crate_controller:
   type: diff_drive_controller/DiffDriveController
   left_wheel: [left_joint]
@@ -254,6 +255,7 @@ def test_driven_wheels(make, urdf, more, by):
     if more:
         assert [base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")] == [0.6, 25.0, 0.5]
         assert "base.max_yaw_rate" in asked(said)
+        assert "control.yaml" not in [one["file"] for one in found["move_base"]["files"]]
         assert found["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 
@@ -390,7 +392,7 @@ NO_PLANNER = PLACES[:-1]
         (
             '<link name="$(find no_such)"/>',
             {"name": "a.xacro"},
-            "xacro refuses it: .*no_such.*; .*put the packages",
+            "xacro refuses it: .*no_such.*; .*put packages",
         ),
         (
             CART.replace("base_footprint", "foot"),
@@ -450,13 +452,3 @@ def test_a_round_body_is_no_box(make, tmp_path):
     assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
     assert (ends[:, 0].max(), len(MonitorSettings.of(robot).body)) == (pytest.approx(0.15), 24)
     assert 'cylinder radius="0.15"' in urdf_of(robot)
-
-
-def test_casters_below_the_axle_alone_are_refused(make, tmp_path, capsys):
-    make(CART)
-    text = (tmp_path / "my_robot/robot.yaml").read_text()
-    for place, status in (("[[0.0, 0.1], [0.005, -0.1]]", 1), ("[[-0.15, 0.0]]", 0)):
-        (tmp_path / "my_robot/robot.yaml").write_text(text)
-        fill(tmp_path / "my_robot", casters=place)
-        assert check_robot.main([str(tmp_path / "my_robot")]) == status
-        assert ("base.casters is [0, 0.1], [0.005, -0.1]: " in capsys.readouterr().err) == status

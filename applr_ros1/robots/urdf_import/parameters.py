@@ -158,11 +158,9 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     for path, _, place in (text.partition(":") for text in given):
         place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
         whole = nested(path)
-        controllers += _controllers(whole)
-        values = of_move_base(whole)
-        if values is whole:
-            values = {name: value for name, value in whole.items() if not _is_controller(value)}
-        if not values:
+        values, own = of_move_base(whole), list(_controllers(whole))
+        controllers += own
+        if own and not place and not set(values) & {*_NAMES[""], *_PLACES}:
             continue
         _check_namespace(path, place, values)
         found.files.append((path, place))

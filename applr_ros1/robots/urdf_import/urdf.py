@@ -6,9 +6,10 @@ description.py takes a robot's wheels, outline and laser from it.
 from __future__ import annotations
 
 import io
+import logging
 import os
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping
+from typing import Any, Iterator, List, Mapping, Set
 
 import numpy as np
 from defusedxml import ElementTree
@@ -39,8 +40,8 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
         return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
     except Exception as error:  # an expression may raise anything
         raise ApplrError(
-            f"{path}: xacro refuses it: {' '.join(str(error).split())}; give its arguments as NAME:=VALUE, and put "
-            "the packages that it names beside its own"
+            f"{path}: xacro refuses it: {' '.join(str(error).split())}; give its arguments as NAME:=VALUE and put "
+            "packages beside its own, or give what the robot has: rosparam get -p /robot_description > robot.urdf"
         ) from error
 
 
@@ -70,7 +71,8 @@ class UrdfFile:
         """
         import yourdfpy
 
-        self.path, self.lost = path, set()  # type: str, Set[str]
+        self.path = path
+        self.lost: Set[str] = set()
         content = read_bytes(path)
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
@@ -84,6 +86,7 @@ class UrdfFile:
             raise ApplrError(f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF, whose is <robot>")
         if self.xml.find("link") is None:
             raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
+        logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # It warns of joints that mimic others.
         self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
