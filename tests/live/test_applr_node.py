@@ -52,10 +52,10 @@ def stack(robot, tmp_path):
     ros, started, clients = session(), [], []
     robot.reset()
 
-    def start_fake(*args, until="all up"):
+    def start_fake(*args):
         fake = ros.node("tests.support.fake_move_base", *args)
         started.append(fake)
-        fake.until(until)
+        fake.until("all up")
         return fake
 
     def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):

@@ -3,7 +3,7 @@
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
 The ROS parameters /fake/refuse, /fake/hold and /fake/lie name servers (a list) that raise an error, keep their old
 values and say so, or say that they have taken the new ones; /fake/late those that publish what they have .2 s later;
-/fake/absent those that start, and /fake/hang those that answer, when they are no longer in it.
+/fake/hang those that answer when they are no longer in it.
 """
 
 import argparse
@@ -67,19 +67,13 @@ class Liar(Server):
         return ReconfigureResponse(encode_config({**self.config, **asked}))
 
 
-def wait_while(switch, name):
-    """Waits until the parameter /fake/<switch> no longer names a server."""
-    while name in rospy.get_param("/fake/" + switch, []):
-        rospy.rostime.wallsleep(0.05)
-
-
 def serve(name, parameters, code=""):
     """Starts the server `name`."""
     begun = []
 
     def callback(config, level):
-        if begun:
-            wait_while("hang", name)
+        while begun and name in rospy.get_param("/fake/hang", []):
+            rospy.rostime.wallsleep(0.05)
         if begun and name in rospy.get_param("/fake/refuse", []):
             raise RuntimeError("refused on request")
         if begun and name in rospy.get_param("/fake/hold", []):
@@ -110,11 +104,7 @@ def main():
             served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
     renamed = KINETIC if args.spelling == "kinetic" else {}
     named = {rospy.get_name() + ("/" + name if name else ""): parameters for name, parameters in served.items()}
-    absent = rospy.get_param("/fake/absent", [])
-    for full, parameters in sorted(named.items(), key=lambda item: item[0] in absent):
-        if full in absent:
-            print("partly up", flush=True)
-        wait_while("absent", full)
+    for full, parameters in named.items():
         serve(full, [(renamed.get(p.name, p.name), p) for p in parameters], args.text)
     print("all up", flush=True)
     rospy.spin()
