@@ -10,10 +10,7 @@ import pytest
 import rospy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from visualization_msgs.msg import MarkerArray
 
-from applr_ros1.movers.tracker import Movers
-from applr_ros1.nodes.movers.node import shown
 from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
@@ -90,24 +87,6 @@ def test_a_header_that_is_there_twice_is_refused(viewer, header):
 def state(viewer):
     viewer.draw()
     return viewer.text
-
-
-def test_movers_have_an_arrow_each_and_their_marks_are_drawn(viewer):
-    row = np.array([[7.0, 1.0, 2.0, 0.0, 1.5, 0.3, 0.1]]).T  # at (1, 2), to the left at 1.5 m/s
-    said = SimpleNamespace(movers=Movers(*row), marks=np.array([(1.0, 2.5, 0.2), (1.0, 3.0, 0.2)], np.float32))
-    publisher, scene = rospy.Publisher("applr/movers", MarkerArray, queue_size=1), viewer.scene
-
-    def drawn():
-        publisher.publish(shown(said, "odom", rospy.get_rostime()))
-        scene.draw(True)
-        return scene._arrows.handle.visible
-
-    wait_for(drawn, "an arrow")
-    np.testing.assert_allclose(sorted(scene._arrows.handle.points[0, :, :2].tolist()), [(1.0, 2.0), (1.0, 3.5)])
-    np.testing.assert_allclose(scene._marks.points[:, :2], said.marks[:, :2])
-    said.movers, said.marks = Movers(*row[:, :0]), said.marks[:0]
-    wait_for(lambda: not drawn(), "no arrow where nothing moves")
-    assert not scene._marks.visible
 
 
 def test_a_click_on_the_ground_sets_a_goal(ros, viewer):

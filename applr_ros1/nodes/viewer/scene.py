@@ -21,18 +21,16 @@ from applr_ros1.nodes.conversions import MessageError, check_scan, pose_of
 from applr_ros1.robots import Robot
 
 from .listening import Listener
-from .shapes import Costmap, Lines, Model, arrow, colours, lifted, put
+from .shapes import Costmap, Lines, Model, colours, lifted, put
 
 PLAN, GOAL = "move_base/NavfnROS/plan", "move_base/current_goal"
 CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # of the local planner
 COSTMAPS = {"local costmap": "move_base/local_costmap/costmap", "global costmap": "move_base/global_costmap/costmap"}
 OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
-TRACKED = "applr/movers"  # an arrow for each
-LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories", "movers")
+LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories")
 HIDDEN = ("global costmap",)  # at first
 JUMP_M = 0.5  # distance between two points of different sampled trajectories [m]
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
-MARKS = (215, 25, 180)  # where movers will be
 SIDES = 20  # of a drawn cylinder
 VIEW = (3.5, 2.5, 1.0)  # camera: distance behind the robot, height, and distance ahead of the point looked at [m]
 
@@ -61,13 +59,11 @@ class Scene:
         self.layers = {name: layer("/" + name, visible=name not in HIDDEN) for name in LAYERS}
         self._model = Model(scene, "/robot", robot, ROBOT)
         self._world = scene.add_frame("/world", show_axes=False)
-        look = {"point_size": 0.03, "visible": False}
-        self._scan = scene.add_point_cloud("/scan/points", np.zeros((1, 3)), (220, 40, 40), **look)
+        nothing = np.zeros((1, 3))
+        self._scan = scene.add_point_cloud("/scan/points", nothing, (220, 40, 40), point_size=0.03, visible=False)
         self._plan = Lines(scene, "/global plan/line", (60, 120, 230), 0.03)
         self._chosen = Lines(scene, "/trajectories/chosen", (20, 160, 60), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
-        self._marks = scene.add_point_cloud("/movers/marks", np.zeros((1, 3)), MARKS, **look)
-        self._arrows = Lines(scene, "/movers/arrows", MARKS, 0.05)
         self._costmaps = {name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
@@ -82,7 +78,6 @@ class Scene:
         self._model.put(self.pose)
         self._draw_world()
         self._draw_scan()
-        self._draw_movers()
         self._draw_plans()
         self._draw_samples()
         self._draw_costmaps()
@@ -92,7 +87,7 @@ class Scene:
     def forget(self) -> None:
         """Hide all that was drawn before the clock began anew, and turn the cameras to the robot again."""
         self._aims.clear()
-        self._scan.visible = self._marks.visible = False
+        self._scan.visible = False
         for shown in (*self._of_goal, *(costmap.handle for costmap in self._costmaps.values())):
             shown.visible = False
 
@@ -136,20 +131,6 @@ class Scene:
         angles = message.angle_min + hits * message.angle_increment
         flat = np.column_stack([ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)])
         self._scan.points, self._scan.visible = lifted(_moved(mounted, flat), self._robot.laser.height), len(hits) > 0
-
-    def _draw_movers(self) -> None:
-        """An arrow from each mover to where it will be in a second, and the points that are marked for the planner."""
-        message = self._listener.news(TRACKED, MarkerArray)
-        if message is None:
-            return
-        place = self._listener.frame_pose(message.markers[0].header.frame_id)
-        drawn: Dict[int, List[np.ndarray]] = {Marker.POINTS: [], Marker.ARROW: []}
-        for marker in message.markers if place is not None else ():
-            points = np.array([(p.x, p.y) for p in marker.points]).reshape(-1, 2)
-            drawn[marker.type].append(_moved(place, points))
-        marks = np.concatenate([np.zeros((0, 2)), *drawn[Marker.POINTS]])
-        self._marks.points, self._marks.visible = lifted(marks, 0.05), len(marks) > 0
-        self._arrows.segments(np.array([arrow(*way) for way in drawn[Marker.ARROW]]).reshape(-1, 2, 3))
 
     def _draw_plans(self) -> None:
         for topic, line, z in ((PLAN, self._plan, 0.02), (self._planner + CHOSEN, self._chosen, 0.04)):

@@ -28,13 +28,6 @@ def lifted(points: np.ndarray, z: float) -> np.ndarray:
     return np.column_stack([points, np.full(len(points), z)]).astype(np.float32)
 
 
-def arrow(start: np.ndarray, end: np.ndarray, z: float = 0.3, head: float = 0.15) -> np.ndarray:
-    """The segments (3, 2, 3) of an arrow between two points (2,) [m] at height z: shaft and head."""
-    way = (start - end) / max(float(np.hypot(*(start - end))), 1e-9)
-    wings = [end + head * (way + side * np.array([-way[1], way[0]])) for side in (0.6, -0.6)]
-    return np.stack([lifted(np.array([end, other]), z) for other in (start, *wings)])
-
-
 def put(handle: Any, pose: Pose, z: float = 0.0) -> None:
     """Put something of the scene at pose (x, y, yaw), at height z [m]."""
     x, y, sine, cosine = quaternion_of(pose[2])
