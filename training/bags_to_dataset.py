@@ -19,8 +19,8 @@ from training.common.command_line import Parser, words
 from training.common.folders import make_folder
 from training.common.options import add_options, argument, checked, option
 from training.env.reward import Reward, RewardOptions
-from training.replay.store import NAME, TrajectoryStore
-from training.replay.trajectory import MAX_NAME, TransitionLayout
+from training.replay import dataset
+from training.replay.trajectory import Trajectory, TransitionLayout
 
 with extra(__name__):
     from training.bags.bag import BagError, BagOptions, bags_in, read, refused
@@ -77,12 +77,12 @@ def run(options: DatasetOptions) -> None:
     BagError when nothing at all could be used, StorageError when the folder cannot be written.
     """
     reward = Reward(**options.model_dump(include=set(RewardOptions.model_fields)))
-    topics, bags = options.topics(), bags_in(options.bags)
+    topics, bags, folder = options.topics(), bags_in(options.bags), Path(options.out)
     layout = TransitionLayout.of(FORMS[options.observation](options.robot, PERIOD))
-    store = TrajectoryStore(make_folder(options.out) / NAME, layout)
-    if store.last:
-        raise ApplrError(f"{options.out}: holds trajectories already; give another folder")
+    if (folder / dataset.DATA).exists():
+        raise ApplrError(f"{options.out}: holds a dataset already; give another folder")
     reports: List[BagReport] = []
+    made: List[Trajectory] = []
     for bag in bags:
         reports.append(report := BagReport())
         try:
@@ -91,35 +91,26 @@ def run(options: DatasetOptions) -> None:
                 found = list(transitions(recorded, options.robot, options.observation, reward, report, options.finish))
                 for trajectory in found:
                     trajectory.check(layout)
+            made += found
         except BagError as error:
-            found = []
             report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)
-        for trajectory in found:
-            trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
-            store.append(trajectory)
         skipped = _reasons(report.skipped)
         print(f"{bag}: {report.transitions} transitions in {report.episodes} episodes{skipped}")
     all_skipped = sum((report.skipped for report in reports), Counter())
-    if not store.transitions:
-        store.close()
-        (Path(options.out) / NAME).unlink()
-        if not any(Path(options.out).iterdir()):
-            Path(options.out).rmdir()
+    if not made:
         raise BagError(f"no transition could be used{_reasons(all_skipped)}")
-    about = ("episodes", "transitions", "skipped")
-    made = [{"name": bag.name, **{name: vars(report)[name] for name in about}} for bag, report in zip(bags, reports)]
-    source: Dict[str, Any] = {"bags": made, "robot": options.robot.name, "observation": options.observation}
-    source.update(reward.model_dump(), critics_know_more=False)
+    columns, pairs = ("episodes", "transitions", "skipped"), zip(bags, reports)
+    listed = [{"name": bag.name, **{name: vars(report)[name] for name in columns}} for bag, report in pairs]
+    about: Dict[str, Any] = {"bags": listed, "robot": options.robot.name, "observation": options.observation}
+    about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     periods = sorted(set().union(*(report.periods for report in reports)))
     if len(periods) == 1:
-        source["decision_period"] = round(periods[0], 3)
+        about["decision_period"] = round(periods[0], 3)
     else:
         print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in periods)} s")
-    store.note("source", source)
-    store.note("skipped", all_skipped)
-    print(f"{options.out}: {store.transitions} transitions")
-    store.close()
+    dataset.write(make_folder(folder), layout, made, about)
+    print(f"{options.out}: {sum(map(len, made))} transitions")
 
 
 if __name__ == "__main__":

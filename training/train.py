@@ -1,14 +1,13 @@
 """Training with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
 
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
-learns from a dataset. The run's folder holds config.json, checkpoint.json with learner-*.safetensors, replay.sqlite
-with all trajectories, actor.safetensors and best.safetensors, evaluations.jsonl and tensorboard/.
+learns from a dataset. The run's folder holds config.json, checkpoint.json with learner-*.pt and
+replay-*.safetensors, actor.safetensors and best.safetensors, evaluations.jsonl and tensorboard/.
 docs/howto/training.md describes all of it.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -24,8 +23,7 @@ import safetensors.numpy
 from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
-from applr_ros1.common.tensors import unpack
+from applr_ros1.common.files import read_json, write_json
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.robots import load
@@ -33,11 +31,11 @@ from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
 from training.learner.metrics import TensorBoardLog, describe, mean
-from training.learner.prepare import dataset_of, driven_with, prepare
+from training.learner.prepare import dataset_of, prepare
 from training.trials.periodic import PeriodicEvaluation
 from training.trials.score import CONTACT_SECONDS
 from training.trials.trial import POLICY, Result, Trial
-from training.workers.collect import ACTOR, Collect, draw_world
+from training.workers.collect import Collect, draw_world
 from training.workers.pool import CallFailed, Pool
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
@@ -72,7 +70,7 @@ class TrainingRun:
         if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
         self.learner = Learner(self.made.layout, config, self.folder, start)
-        self.extra = self._resume()
+        self.extra = self.learner.resume(self.dataset)
         self.evaluation = PeriodicEvaluation(
             self.folder,
             self.made.held_out,
@@ -83,8 +81,7 @@ class TrainingRun:
             setting=config.setting(),
             planner=config.eval_planner,
         )
-        self._forget_lost_best()
-        self._next_episode = self.learner.store.next_episode(ACTOR)
+        self._next_episode = self.extra.get("next_episode", 0)
         self._trials: Deque[Trial] = deque()  # of the evaluation, not yet begun
         self._running: Dict[Future, Union[Trial, Collect]] = {}  # and those whose results are not yet taken
         self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
@@ -102,40 +99,12 @@ class TrainingRun:
         self.bar = tqdm(total=self.goal, initial=self.steps, **look)
         self._write_config()  # from now on it is a run
 
-    def _resume(self) -> Dict[str, Any]:
-        """Back to where the run was: the checkpoint, and every trajectory taken since; offline the dataset."""
-        if not self.config.resume and self.learner.store.last:
-            raise ApplrError(f"{self.folder} holds a dataset; give another --out")
-        checkpoint = self.learner.saved(self.folder) if self.config.resume else None
-        if self.dataset is None:
-            return self.learner.resume()
-        digest = self.dataset.digest()
-        if checkpoint and checkpoint["extra"]["dataset"] != digest:
-            raise ApplrError(
-                f"--dataset {self.config.dataset}: the run in {self.folder} was begun with another dataset (its "
-                "checksum differs): give that one, or begin a new run with another --out"
-            )
-        return {"dataset": digest, **self.learner.resume(self.dataset)}
-
-    def _forget_lost_best(self) -> None:
-        """Has the last round driven again where the run was killed before it kept the policy that was its best."""
-        rounds, path = self.evaluation.history, self.folder / "best.safetensors"
-        if not (rounds and rounds[-1]["best"]):
-            return
-        try:
-            result = unpack(read_bytes(path), str(path))[1].get("result")
-        except StorageError:  # absent or damaged
-            result = None
-        if result != json.dumps(rounds[-1]):
-            self.evaluation.history = rounds[:-1]
-
     def _write_config(self) -> None:
         """config.json: the options, and where each session of the run comes from."""
         path, config = self.folder / "config.json", self.config
         before = read_json(path).get(PROVENANCE, []) if config.resume else []
         options = config.model_dump(exclude={"resume"})
         write_json(path, {**options, BASE: config.start.base, PROVENANCE: [*before, provenance(config.seed)]})
-        self.learner.store.note("source", driven_with(config))
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -164,8 +133,6 @@ class TrainingRun:
         if threading.current_thread() is threading.main_thread():
             handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            while not self.offline and self.learner.updates_due and not self.stopping:  # after a resume
-                self.learner.train(10)
             self._publish()
             while not self.finished and not self.stopping:
                 self._evaluate()
@@ -184,7 +151,6 @@ class TrainingRun:
             self.pool.shutdown()
             self.bar.close()
             self.board.writer.close()
-            self.learner.store.close()
             for number, handler in handlers.items():
                 signal.signal(number, handler)
             self.lock.close()
@@ -294,7 +260,7 @@ class TrainingRun:
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
         """A checkpoint, and the newest policy."""
-        self.learner.save({**self.extra, "elapsed": self.elapsed})
+        self.learner.save({"elapsed": self.elapsed, "next_episode": self._next_episode})
         self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
         self._saved = time.monotonic()
 
@@ -323,7 +289,7 @@ class TrainingRun:
         if time.monotonic() - self._shown < STATUS_SECONDS:
             return
         self._shown = time.monotonic()
-        learner, infos = self.learner, self.learner.store.infos(newest=100)
+        learner, infos = self.learner, self.learner.infos
         values = {
             **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
             "sigma": self.config.noise(learner.transitions),

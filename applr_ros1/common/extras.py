@@ -9,7 +9,7 @@ from typing import Iterator, Optional
 
 EXTRAS = {
     "matplotlib": "report",
-    **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4"), "train"),
+    **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py"), "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
     "pybullet": "pybullet",
     "ray": "cluster",

@@ -5,9 +5,8 @@ import numpy as np
 from training.replay.trajectory import Trajectory
 
 
-def episode(layout, number, t=3, actor="a", terminated=False, **info):
-    """T transitions of a layout, drawn from `number`, which is the episode's number, too."""
+def episode(layout, number, t=3, terminated=False, **info):
+    """T transitions of a layout, drawn from `number`."""
     rng = np.random.default_rng(number)
     observations, actions = rng.uniform(-1, 1, (t + 1, layout.size)), rng.uniform(-1, 1, (t, layout.action))
-    about = {"actor": actor, "episode": number, **info}
-    return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, about)
+    return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, info)

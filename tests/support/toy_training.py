@@ -6,14 +6,13 @@ from functools import partial
 
 import numpy as np
 import safetensors.numpy
+import torch
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.common.tensors import unpack
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
-from training.replay.store import TrajectoryStore
 from training.train import TrainingRun
 from training.trials.trial import POLICY, Result
 from training.workers.collect import PolicyWeights, collect, environment, layout_of
@@ -63,17 +62,10 @@ def toy(out, *more):
     return [*TOY, "--out", str(out), *map(str, more)]
 
 
-def state_of(folder):
-    """Everything that learning goes on from, bit for bit, and every trajectory."""
-    checkpoint = Learner.saved(folder)
-    arrays, header = unpack((folder / checkpoint["learner"]["file"]).read_bytes(), "state")
-    data = {name: array.tobytes() for name, array in arrays.items()}
-    keys = ("transitions", "updates", "episodes", "rng", "pace")
-    taken = [
-        (number, t.info, t.terminated, *(array.tobytes() for array in (t.scan, t.rest, t.action, t.reward)))
-        for number, t in TrajectoryStore(folder).trajectories()
-    ]
-    return data, header, {key: checkpoint[key] for key in keys}, taken
+def networks_of(folder):
+    """The networks of a run's checkpoint, bit for bit."""
+    state = torch.load(folder / Learner.saved(folder)["learner"], weights_only=True)
+    return {name: tensor.numpy().tobytes() for name, tensor in state["networks"].items()}
 
 
 def one_line(capsys, arguments, pattern, main=main):

@@ -112,7 +112,7 @@ def transitions(
     report = report if report is not None else BagReport()
     period = decision_period(bag)
     form = FORMS[observation](robot, period)
-    for number, goal in enumerate(goals(bag, report.skipped)):
+    for goal in goals(bag, report.skipped):
         try:
             _check_motion(bag, goal)
             samples = _samples(bag, form, goal, finish)
@@ -127,7 +127,7 @@ def transitions(
             report.episodes += 1
             report.transitions += len(run) - 1
             trajectory = _trajectory(form, run, reward)
-            trajectory.info.update(actor="bag:" + bag.path.name[:180], episode=number, goal=goal.id[:180])
+            trajectory.info.update(goal=goal.id)
             yield trajectory
 
 

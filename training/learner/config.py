@@ -181,7 +181,7 @@ class OfflineOptions(Options):
 
     # fmt: off
     dataset: str = option("",
-        "Folder to learn from offline: another run, or a dataset that bags_to_dataset.py wrote. Without it the run is "
+        "Folder to learn from offline: a dataset that bags_to_dataset.py wrote. Without it the run is "
         "online.")
     gradient_steps: int = option(100_000, "Number of gradient steps of offline learning.", ge=0, le=10**9)
     init_from: str = option("",

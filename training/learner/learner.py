@@ -1,42 +1,40 @@
-"""The one learner: takes trajectories, keeps them (buffer, store), and makes the gradient steps due for them.
+"""The one learner: takes trajectories, keeps them in the replay, and makes the gradient steps due for them.
 
-train.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
-that was killed goes on from its last checkpoint, through the store, to the very same numbers.
+train.py runs it. A run that was killed goes on from its last checkpoint.
 """
 
 from __future__ import annotations
 
+import io
 import os
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Deque, Dict, List, Optional
 
 import numpy as np
 import safetensors.numpy
 import torch
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
+from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from training.common.folders import make_folder
 from training.learner.config import LearnerOptions, Start
 from training.replay.buffer import Replay
-from training.replay.store import TrajectoryStore
+from training.replay.dataset import Dataset
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 from training.td3.td3 import TD3, Batch, Weights
 
-PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps are due
-
 
 class Learner:
-    """The networks, the replay buffer, and what is on disk of them.
+    """The networks, the replay buffer, and their checkpoints.
 
     Args:
         layout: what observations and actions consist of.
         options: how it learns.
-        folder: of the run; checkpoint.json, learner-*.safetensors and replay.sqlite lie in it.
+        folder: of the run; checkpoint.json, learner-*.pt and replay-*.safetensors lie in it.
         start: what it begins with, unless the folder holds a checkpoint.
     """
 
@@ -59,28 +57,26 @@ class Learner:
                 self.td3.begin_with(begun_policy(start.policy), start.policy)
             if start.run:
                 self._begin_with(Path(start.run))
-        self.store = TrajectoryStore(self.folder / "replay.sqlite", layout)
         self.refused: Counter[str] = Counter()  # trajectories, by reason
         self.lags: List[int] = []  # how old, in updates, the policies were that drove what was taken
+        self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # of the newest trajectories
         self.checkpoints = 0
+        self._kept: List[List[Any]] = []  # files of the replay, and how many rows each has
+        self._saved = 0  # rows of the replay that lie in files
         self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, blob: bytes) -> Optional[Trajectory]:
-        """One packed trajectory from an actor. Malformed or repeated ones are counted and dropped: None."""
+        """One packed trajectory from an actor. Malformed ones are counted and dropped: None."""
         try:
             trajectory = Trajectory.unpack(blob, self.layout)
-            self.replay.check_size(trajectory)
-            self.store.append(trajectory, blob)
+            self.replay.add(trajectory)
         except TrajectoryError as error:
             self.refused[str(error)] += 1
             return None
-        self._add(trajectory)
-        return trajectory
-
-    def _add(self, trajectory: Trajectory) -> None:
-        self.replay.add(trajectory)
         self.lags.append(self.td3.updates - trajectory.info.get("version", self.td3.updates))
+        self.infos.append(trajectory.info)
+        return trajectory
 
     # -- learning ----------------------------------------------------------------------------------
     @property
@@ -116,21 +112,30 @@ class Learner:
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
-        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest."""
-        arrays, header = self.td3.state()
-        data = safetensors.numpy.save(arrays, metadata=header)
-        number = self.checkpoints + 1
-        name = f"learner-{number:06d}.safetensors"
-        write_bytes(self.folder / name, data)
+        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest.
+
+        The rows that the replay got since the last one are a file of their own. Files are dropped when the ring has
+        overwritten their rows.
+        """
+        number, written = self.checkpoints + 1, self.replay.written
+        state = io.BytesIO()
+        torch.save(self.td3.state(), state)
+        name, rows = f"learner-{number:06d}.pt", f"replay-{number:06d}.safetensors"
+        write_bytes(self.folder / name, state.getvalue())
+        if written > self._saved:
+            write_bytes(self.folder / rows, safetensors.numpy.save(self.replay.rows(self._saved)))
+            self._kept.append([rows, written - self._saved])
+            self._saved = written
+        while sum(count for _, count in self._kept[1:]) >= self.replay.capacity:
+            self._kept.pop(0)
         write_json(
             self.folder / "checkpoint.json",
             {
                 "number": number,
-                "learner": {"file": name, "sha256": sha256(data)},
-                "episodes": self.store.last,
+                "learner": name,
+                "replay": self._kept,
                 "layout": self.layout.to_dict(),
                 "layer_norm": self.options.layer_norm,
-                "pace": [self._pace, [getattr(self.options, name) for name in PACE]],
                 "rng": self.rng.bit_generator.state,
                 "transitions": self.transitions,
                 "updates": self.td3.updates,
@@ -138,38 +143,39 @@ class Learner:
             },
         )
         self.checkpoints = number
-        self.store.forget(self.replay.written - self.replay.capacity)
-        for old in self.folder.glob("learner-*.safetensors"):
-            if old.name != name:
+        needed = {name, *(file for file, _ in self._kept)}
+        for old in (*self.folder.glob("learner-*.pt"), *self.folder.glob("replay-*.safetensors")):
+            if old.name not in needed:
                 old.unlink(missing_ok=True)
 
     @staticmethod
     def saved(folder: os.PathLike | str) -> Optional[Dict[str, Any]]:
         """The checkpoint.json of a run folder, or None."""
         path = Path(folder) / "checkpoint.json"
-        if not path.exists():
-            return None
-        checkpoint = read_json(path)
-        if not isinstance(checkpoint, dict) or "learner" not in checkpoint:
-            raise StorageError(f"{path}: not a checkpoint of a training run")
-        return checkpoint
+        return read_json(path) if path.exists() else None
 
-    def resume(self, dataset: Optional[TrajectoryStore] = None) -> Dict[str, Any]:
-        """Back to the last checkpoint, and on through what the store holds behind it. Returns the checkpoint's extra.
-
-        Gradient steps that are due for the last episode are left to train().
+    def resume(self, dataset: Optional[Dataset] = None) -> Dict[str, Any]:
+        """Back to the last checkpoint, if there is one. Returns its extra.
 
         Args:
             dataset: what an offline run learns from; its gradient steps are not due for transitions.
         """
-        checkpoint = self.saved(self.folder)
-        for _, trajectory in dataset.trajectories() if dataset is not None else ():  # not copied to the own store
+        for trajectory in dataset.trajectories() if dataset is not None else ():
             self.replay.add(trajectory)
-        last = self._restore(checkpoint) if checkpoint is not None else 0
-        for _, trajectory in self.store.trajectories(since=last):
-            self.train()  # what was due had been made before this episode came
-            self._add(trajectory)
-        return checkpoint["extra"] if checkpoint is not None else {}
+        self._saved = self.replay.written
+        checkpoint = self.saved(self.folder)
+        if checkpoint is None:
+            return {}
+        self._take_networks(self.folder, checkpoint)
+        for name, _ in checkpoint["replay"]:
+            path = self.folder / name
+            self.replay.restore(unpack(read_bytes(path), str(path))[0])
+        self._kept, self._saved = checkpoint["replay"], self.replay.written
+        self.replay.transitions = checkpoint["transitions"]
+        self.rng.bit_generator.state = checkpoint["rng"]
+        self.checkpoints = checkpoint["number"]
+        self._pace = self._counted, self.td3.updates  # Options of the pace may have changed.
+        return checkpoint["extra"]
 
     def _begin_with(self, folder: Path) -> None:
         """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""
@@ -183,38 +189,12 @@ class Learner:
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Takes over networks and optimisers from a checkpoint that lies in `folder`.
 
-        Raises ApplrError where it is of other networks, StorageError where it is damaged.
+        Raises ApplrError where it is of other networks.
         """
         if TransitionLayout.from_dict(checkpoint["layout"]) != self.layout:
             raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
-        path = folder / checkpoint["learner"]["file"]
-        data = read_bytes(path)
-        if sha256(data) != checkpoint["learner"]["sha256"]:
-            raise StorageError(f"{path}: its checksum is wrong; the file is damaged")
-        self.td3.load(*unpack(data, str(path)), what=str(folder))
-
-    def _restore(self, checkpoint: Dict[str, Any]) -> int:
-        """Back to a checkpoint; returns the id of the last episode before it."""
-        self._take_networks(self.folder, checkpoint)
-        last = checkpoint["episodes"]
-        if last:
-            self.replay.begin_at(*self.store.dropped())
-        for _, trajectory in self.store.trajectories(until=last):
-            self.replay.add(trajectory)
-        if self.store.last < last:
-            raise StorageError(
-                f"{self.folder}: the replay holds {self.store.last} episodes, the checkpoint counts {last}; files are "
-                "missing or damaged"
-            )
-        self.replay.transitions = checkpoint["transitions"]  # those of damaged episodes, too
-        self.rng.bit_generator.state = checkpoint["rng"]
-        self.checkpoints = checkpoint["number"]
-        # Another ratio or start of learning counts from here on: a smaller one would otherwise stop learning until the
-        # transitions have caught up with the updates that were made, a larger one would begin with a burst of updates.
-        self._pace, before = checkpoint["pace"]
-        if before != [getattr(self.options, name) for name in PACE]:
-            self._pace = (self._counted, self.td3.updates)
-        return last
+        data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
+        self.td3.load(torch.load(data, self.td3.device, weights_only=True), str(folder))
 
 
 def begun_policy(path: str) -> Weights:

@@ -17,7 +17,7 @@ from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
 from training.learner.config import TrainConfig
-from training.replay.store import TrajectoryStore
+from training.replay.dataset import Dataset
 from training.replay.trajectory import TransitionLayout
 from training.trials.runner import run, world_list
 from training.trials.trial import Result, Trial
@@ -61,31 +61,28 @@ def prepare(config: TrainConfig) -> Preparation:
 
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
-    """Return the settings of a run's experience, as its store notes them and as an offline run must have them."""
+    """Return the settings of a run's experience, as its dataset must have them, too."""
     shared = {name: getattr(config, name) for name in ("decision_period", "observation", "critics_know_more")}
     return {**shared, "robot": load(config.robot).name, **Reward(**config.reward()).model_dump()}
 
 
-def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:
+def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Dataset]:
     """The dataset --dataset, read and checked; None without one.
 
     Raises:
-        ApplrError: with one line; it is none, damaged, or was driven with another period, robot or reward than the
-            options say.
+        ApplrError: with one line; it is none, or was driven with another period, robot or reward than the options
+            say.
     """
     if not config.dataset:
         return None
-    store = TrajectoryStore(config.dataset)
-    source = store.about("source")
+    dataset = Dataset(config.dataset)
     for name, value in driven_with(config).items():
-        if (theirs := source.get(name, value)) != value:
+        if (theirs := dataset.about.get(name, value)) != value:
             given = dashed(name if theirs else "no_" + name) if isinstance(value, bool) else f"{dashed(name)} {theirs}"
             raise ApplrError(
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give {given}, or make "
                 "the dataset anew"
             )
-    if store.layout != layout:
-        raise ApplrError(f"{config.dataset}: its layout is {store.layout}, this training has {layout}")
-    if not store.rows:
-        raise ApplrError(f"{config.dataset}: holds no transitions")
-    return store
+    if dataset.layout != layout:
+        raise ApplrError(f"{config.dataset}: its layout is {dataset.layout}, this training has {layout}")
+    return dataset

@@ -8,13 +8,14 @@ million transitions, 13 to an episode, take 4.3 GB.
 from __future__ import annotations
 
 import os
-from typing import Tuple
+from typing import Dict, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
+COLUMNS = ("scan", "rest", "action", "reward", "end")  # arrays of the ring
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
 
 
@@ -58,9 +59,19 @@ class Replay:
         self.written += t + 1
         self.transitions += t
 
-    def begin_at(self, episodes: int, transitions: int) -> None:
-        """Go on counting behind so many episodes that the ring has overwritten."""
-        self.written, self.transitions = transitions + episodes, transitions
+    def rows(self, since: int) -> Dict[str, np.ndarray]:
+        """Return the rows written since `written` was so much, as far as they are still there; for restore()."""
+        rows = np.arange(max(since, self.written - self.capacity), self.written) % self.capacity
+        return {name: getattr(self, name)[rows] for name in COLUMNS}
+
+    def restore(self, rows: Dict[str, np.ndarray]) -> None:
+        """Take in what rows() returned, as the newest rows. The number of transitions ever added stays."""
+        count = len(rows["end"])
+        places = (self.written + np.arange(count)) % self.capacity
+        for name in COLUMNS:
+            getattr(self, name)[places] = rows[name]
+        self.written += count
+        self.held = int(np.count_nonzero(self.end != NO_ACTION))
 
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""One episode as it travels from an actor to the replay, and as it lies on disk: arrays in safetensors, no pickle.
+"""One episode as it travels from an actor to the replay: arrays in safetensors, no pickle.
 
-Actors pack, the learner unpacks and checks, the store keeps. The scan is stored in whole steps of its resolution.
+Actors pack, the learner unpacks and checks. The scan is stored in whole steps of its resolution.
 """
 
 from __future__ import annotations
@@ -16,10 +16,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.form import Form, Mirror
-
-MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
-MAX_NAME = 255  # characters in the name of an actor
-MAX_INT = 2**53
 
 
 class TrajectoryError(ApplrError):
@@ -104,7 +100,7 @@ class Trajectory:
 
     scan (T+1, beams) uint8, rest (T+1, k) float32, action (T, m), reward (T,) float32
     terminated: the last observation is a terminal state; otherwise the episode was cut there (truncated) and is
-    bootstrapped. info: JSON values; "actor" (text) and "episode" (int) identify it, "version" is the policy's.
+    bootstrapped. info: JSON values; "version" is the policy's, in gradient steps.
     """
 
     scan: np.ndarray
@@ -133,10 +129,10 @@ class Trajectory:
         )
 
     def check(self, layout: TransitionLayout) -> None:
-        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length, and the info fits."""
+        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
         t = len(self.reward) if self.reward.ndim == 1 else -1
-        if not 1 <= t <= MAX_TRANSITIONS:
-            raise TrajectoryError(f"a trajectory of {t} transitions; 1 to {MAX_TRANSITIONS} are taken")
+        if t < 1:
+            raise TrajectoryError(f"a trajectory of {t} transitions; 1 or more are needed")
         wanted = {
             "scan": (np.uint8, (t + 1, layout.scan)),
             "rest": (np.float32, (t + 1, layout.rest)),
@@ -151,14 +147,9 @@ class Trajectory:
                 raise TrajectoryError(f"{name} holds NaN or inf")
         if (np.abs(self.action) > 1.0 + 1e-6).any():
             raise TrajectoryError("an action lies outside [-1, 1]")
-        actor, episode, version = (self.info.get(name, 0) for name in ("actor", "episode", "version"))
-        if not (isinstance(actor, str) and len(actor) <= MAX_NAME and type(episode) is int and 0 <= episode <= MAX_INT):
-            raise TrajectoryError(f"no valid actor and episode number ({actor!r:.40}, {episode!r:.40})")
-        if type(version) is not int:
-            raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
 
     def pack(self) -> bytes:
-        """The trajectory as safetensors bytes, for file or network; unpack() is the inverse."""
+        """The trajectory as safetensors bytes; unpack() is the inverse."""
         arrays = {"scan": self.scan, "rest": self.rest, "action": self.action, "reward": self.reward}
         header = {"info": json.dumps(self.info), "terminated": json.dumps(bool(self.terminated))}
         return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)
@@ -169,8 +160,6 @@ class Trajectory:
         try:
             arrays, header = unpack(blob, "trajectory")
             info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
-            if not isinstance(info, dict) or not isinstance(terminated, bool):
-                raise ValueError
             made = cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
         except StorageError as error:
             raise TrajectoryError(str(error)) from None

@@ -11,9 +11,8 @@ Time limits are bootstrapped, target noise is in action units; the authors' code
 from __future__ import annotations
 
 import copy
-import json
 from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence
 
 import numpy as np
 import torch
@@ -227,45 +226,24 @@ class TD3:
         return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights
 
     # -- checkpoints -------------------------------------------------------------------------------
-    def state(self) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-        """(arrays, header) for a checkpoint; load() is the inverse.
+    def state(self) -> Dict[str, Any]:
+        """Return what a checkpoint holds; load() is the inverse."""
+        optimizers = {name: optimizer.state_dict()["state"] for name, optimizer in self.optimizers.items()}
+        counts = {"updates": self.updates, "policy_starts": self.policy_starts}
+        return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
-        The arrays are those of the networks, such as "critics.0.1.weight", and of the optimisers, such as
-        "actor_optimizer.3.exp_avg" for the actor's fourth tensor.
-        """
-        tensors = dict(self.networks.state_dict())
+    def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
+        """Take over a state. Raises ApplrError where it belongs to other networks. Learning rates stay this run's."""
+        theirs = state["networks"]
+        average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
+        theirs = {**average, **theirs}  # an average that the state does not have begins here
+        try:
+            self.networks.load_state_dict({k: theirs[k] for k in self.networks.state_dict() if k in theirs})
+        except RuntimeError:
+            raise ApplrError(f"{what}: its networks have other layers; give the same --net-arch") from None
         for name, optimizer in self.optimizers.items():
-            for i, moments in optimizer.state_dict()["state"].items():
-                tensors.update({f"{name}.{i}.{key}": tensor for key, tensor in moments.items()})
-        arrays = {name: tensor.cpu().numpy().copy() for name, tensor in tensors.items()}
-        return arrays, {"updates": json.dumps(self.updates), "policy_starts": json.dumps(self.policy_starts)}
-
-    def load(self, arrays: Dict[str, np.ndarray], header: Dict[str, str], what: str = "checkpoint") -> None:
-        """Takes over a state. Raises ApplrError, and changes nothing, where it belongs to another network."""
-        networks = self.networks.state_dict()
-        average = {name.replace("actor.", "actor_average.", 1): a for name, a in arrays.items() if name[:6] == "actor."}
-        arrays = {**average, **arrays}  # an average that the state does not have begins here
-        for name, tensor in networks.items():
-            theirs = arrays[name].shape if name in arrays else None
-            if theirs != tuple(tensor.shape):
-                raise ApplrError(
-                    f"{what}: {name} has the shape {theirs}, this run's has {tuple(tensor.shape)}; give the same "
-                    "--net-arch"
-                )
-        for name, array in arrays.items():
-            if not np.isfinite(array).all():
-                raise ApplrError(f"{what}: tensor {name} holds NaN or inf")
-        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
-        self.networks.load_state_dict({name: tensors[name] for name in networks})
-        states: Dict[str, Dict[int, Dict[str, torch.Tensor]]] = {name: {} for name in self.optimizers}
-        for name, tensor in tensors.items():
-            if name.partition(".")[0] in states:
-                owner, index, moment = name.split(".")
-                states[owner].setdefault(int(index), {})[moment] = tensor.clone()
-        for name, optimizer in self.optimizers.items():
-            optimizer.load_state_dict({**optimizer.state_dict(), "state": states[name]})
-        self.updates = json.loads(header["updates"])
-        self.policy_starts = json.loads(header.get("policy_starts", "0"))  # the first checkpoints have none
+            optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})
+        self.updates, self.policy_starts = state["updates"], state["policy_starts"]
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:

@@ -19,7 +19,6 @@ from applr_ros1.policy.actor import forward, layers_of
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
-ACTOR = "actor-0"  # as trajectories name who drove them; all workers together count episodes on
 TRAINING, WORLDS = 0, 2  # first numbers of the seeds of training episodes, and of the worlds drawn for them
 INFO = ("world", "success", "collided", "timeout", "aborted", "flipped", "time_s")  # what a trajectory keeps
 
@@ -62,7 +61,7 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
     """
     made = environment(env, options)
     layout, policy = layout_of(made), PolicyWeights(weights)
-    rng = np.random.default_rng([TRAINING, task.seed, *ACTOR.encode(), task.episode])
+    rng = np.random.default_rng([TRAINING, task.seed, *b"actor-0", task.episode])
 
     def act(observation: np.ndarray) -> np.ndarray:
         if task.random:
@@ -91,7 +90,7 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
             info[name] = value.item() if isinstance(value, np.generic) else value
     if terms:
         info["terms"] = terms
-    info.update(actor=ACTOR, episode=task.episode, version=task.version, sigma=task.sigma)
+    info.update(version=task.version, sigma=task.sigma)
     return Trajectory.of(layout, observations, actions, rewards, terminated, info).pack()
 
 

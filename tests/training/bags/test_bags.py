@@ -31,7 +31,7 @@ from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.learner.config import parse as config_of
 from training.learner.prepare import dataset_of
-from training.replay.store import TrajectoryStore
+from training.replay.dataset import Dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
 from training.workers.collect import layout_of
 
@@ -295,7 +295,7 @@ def test_what_rosbags_convert_makes_of_a_bag_gives_the_same_transitions(tmp_path
     for number, name in enumerate(converted):
         out = tmp_path / ("out%d" % number)
         assert bags_to_dataset.main([str(tmp_path / name), "--out", str(out)]) == 0
-        ((_, stored),) = TrajectoryStore(out).trajectories()
+        (stored,) = Dataset(out).trajectories()
         for array in ("scan", "rest", "action", "reward"):
             assert getattr(stored, array).tobytes() == getattr(expected, array).tobytes()
 
@@ -337,15 +337,15 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
         record(tmp_path / f"no_{missing}.bag", without=(missing,), node=missing != "decision")
         reasons[f"no_{missing}.bag"] = reason
     assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    store = TrajectoryStore(tmp_path / "out")
-    source = store.about("source")
+    dataset = Dataset(tmp_path / "out")
+    source = dataset.about
     bags = {bag["name"]: bag for bag in source["bags"]}
     assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
-    assert (bags.pop("whole.bag")["transitions"], store.transitions) == (5, 5)
+    assert (bags.pop("whole.bag")["transitions"], dataset.transitions) == (5, 5)
     assert bags.keys() == reasons.keys()
     for name, reason in reasons.items():
         assert any(reason in text for text in bags[name]["skipped"]), bags[name]
-    assert sum(store.about("skipped").values()) >= len(reasons)
+    assert sum(source["skipped"].values()) >= len(reasons)
 
 
 def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
@@ -480,7 +480,7 @@ def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, ca
     record(tmp_path / "a.bag")
     data = str(tmp_path / "data")
     assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", "jackal", "--no-lowest"]) == 0
-    source = TrajectoryStore(data).about("source")
+    source = Dataset(data).about
     assert (source["observation"], source["robot"], source["decision_period"]) == ("dimensionless", "jackal", 2.0)
     assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (11.0, True, False)
     base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2", "--out", str(tmp_path / "run")]
@@ -589,10 +589,10 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)
     options = ["--observation", observation, "--lowest", "--exact-time", "--out", str(tmp_path / "data")]
     assert bags_to_dataset.main([str(tmp_path / "ros2"), *options]) == 0
-    store = TrajectoryStore(tmp_path / "data")
-    assert store.about("source")["observation"] == observation
-    assert store.about("skipped") == {}
-    for (_, found), whole in zip(store.trajectories(), expected, strict=True):
+    dataset = Dataset(tmp_path / "data")
+    assert dataset.about["observation"] == observation
+    assert dataset.about["skipped"] == {}
+    for found, whole in zip(dataset.trajectories(), expected, strict=True):
         assert_same(found, whole)
 
 

@@ -1,36 +1,36 @@
 """Learning from a dataset without driving: what fits, and runs that are resumed."""
 
 import json
-import shutil
+from pathlib import Path
 
+import gymnasium
+import minari
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from tests.support.episodes import episode
-from tests.support.kills import Killed
 from tests.support.toy_env import Line
-from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
+from tests.support.toy_training import LINE, main, one_line, toy
 from training.env.reward import Reward
-from training.learner.config import TrainConfig, parse, recipe
+from training.learner.config import TrainConfig, recipe
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
-from training.replay.store import NAME, TrajectoryStore
-from training.replay.trajectory import TransitionLayout
-from training.train import MANY_ERRORS, TrainingRun
+from training.replay import dataset
+from training.replay.trajectory import Trajectory, TransitionLayout
+from training.train import MANY_ERRORS
+from training.workers.collect import Collect, collect
 
 LAYOUT = TransitionLayout(0, 1, 1)
 
 
-def write(folder, source=None, episodes=40, seed=0, layout=LAYOUT):
+def write(folder, source=None, episodes=40, layout=LAYOUT, made=None):
     """A dataset of ten transitions an episode; its folder as text."""
     folder.mkdir(exist_ok=True)
-    store = TrajectoryStore(folder / NAME, layout)
-    for number in range(episodes):
-        store.append(episode(layout, 1000 * seed + number, 10, "another"))
-    store.note("source", source or {})
-    store.close()
+    dataset.write(folder, layout, made or [episode(layout, number, 10) for number in range(episodes)], source or {})
     return str(folder)
 
 
@@ -40,40 +40,48 @@ def data(tmp_path_factory):
     return write(tmp_path_factory.mktemp("dataset") / "data")
 
 
-def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):
-    """TD3+BC on what a run collected drives better than the data; resumed half-way it ends the same."""
-    assert main(toy(tmp_path / "run", "--total-timesteps", "800", *NO_EVALUATION)) == 0
-    offline = ["--dataset", tmp_path / "run", "--bc-alpha", "2.5", "--eval-freq", "100"]
-    assert main(toy(tmp_path / "a", *offline, "--gradient-steps", "400")) == 0
-    assert main(toy(tmp_path / "b", *offline, "--gradient-steps", "150")) == 0
-    assert main(["--resume", "--out", str(tmp_path / "b"), "--gradient-steps", "400"]) == 0
-    assert state_of(tmp_path / "a") == state_of(tmp_path / "b")
-    assert TrajectoryStore(tmp_path / "a").last == 0  # the dataset is not copied
-    assert str(tmp_path).encode() not in (tmp_path / "a" / "actor.safetensors").read_bytes()  # names no folders
-    rounds = [json.loads(line) for line in (tmp_path / "a" / "evaluations.jsonl").read_text().splitlines()]
+def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
+    """From random drives it learns to drive."""
+    weights = safetensors.numpy.save({"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)})
+    random = [collect(LINE, "{}", Collect(number, 0, 0.0, True), weights) for number in range(80)]
+    data = write(tmp_path / "data", made=[Trajectory.unpack(blob, LAYOUT) for blob in random])
+    run = tmp_path / "run"
+    offline = ["--dataset", data, "--bc-alpha", "2.5", "--eval-freq", "100"]
+    assert main(toy(run, *offline, "--gradient-steps", "150")) == 0
+    assert main(["--resume", "--out", str(run), "--gradient-steps", "400"]) == 0
+    assert Learner.saved(run)["updates"] == 400
+    assert not list(run.glob("replay-*"))  # the dataset is not copied
+    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()  # names no folders
+    rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
 
 
-@pytest.mark.parametrize("killed", [False, True])
-def test_an_offline_run_that_is_resumed_makes_no_step_beyond_its_own(data, tmp_path, killed, monkeypatch):
-    """Finished, or killed before its first checkpoint."""
-    options = ["--dataset", data, "--gradient-steps", "20", *NO_EVALUATION]
-    assert main(toy(tmp_path / "whole", *options)) == 0
-    out = tmp_path / "run"
-    if killed:
+def test_minari_reads_a_dataset(tmp_path, monkeypatch):
+    layout = TransitionLayout(4, 2, 2)
+    episodes = [episode(layout, number, 3, number % 2 == 0) for number in range(5)]
+    write(tmp_path / "mine", {"robot": "jackal"}, layout=layout, made=episodes)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    found = minari.load_dataset("mine")
+    assert (found.total_episodes, found.total_steps) == (5, 15)
+    for theirs, ours, back in zip(found, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True):
+        np.testing.assert_array_equal(theirs.observations, layout.restore(ours.scan, ours.rest))
+        np.testing.assert_array_equal(theirs.actions, ours.action)
+        np.testing.assert_array_equal(theirs.rewards, ours.reward)
+        assert theirs.terminations.tolist() == [False, False, ours.terminated]
+        assert theirs.truncations.tolist() == [False, False, not ours.terminated]
+        for name in ("scan", "rest", "action", "reward", "terminated"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(ours, name))
 
-        def die(run):
-            raise Killed
 
-        with monkeypatch.context() as patch:
-            patch.setattr(TrainingRun, "save", die)
-            with pytest.raises(Killed):
-                toy_run(parse(toy(out, *options))).run()
-    else:
-        assert main(toy(out, *options)) == 0
-    assert main(["--resume", "--out", str(out)]) == 0
-    assert Learner.saved(out)["updates"] == 20
-    assert state_of(out) == state_of(tmp_path / "whole")
+def test_what_a_dataset_names_is_not_made(tmp_path):
+    """Minari makes the environment of a dataset whose spaces are not stated."""
+    path = Path(write(tmp_path / "mine")) / "data/metadata.json"
+    about = json.loads(path.read_text())
+    del about["observation_space"], about["action_space"]
+    ran = {"entry_point": "os:mkdir", "kwargs": {"path": str(tmp_path / "ran")}}
+    path.write_text(json.dumps({**about, "env_spec": gymnasium.envs.registration.EnvSpec("A-v0", **ran).to_json()}))
+    assert len(list(dataset.Dataset(tmp_path / "mine").trajectories())) == 40
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.fault("18b")
@@ -100,21 +108,7 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
     with pytest.raises(ApplrError, match="its layout is .*, this training has"):
         dataset_of(TrainConfig(dataset=write(tmp_path / "other")), layout)
-    with pytest.raises(ApplrError, match="holds no transitions"):
-        dataset_of(TrainConfig(dataset=write(tmp_path / "empty", {}, 0, layout=layout)), layout)
-
-
-def test_a_run_is_not_resumed_with_another_dataset(data, tmp_path, capsys):
-    out = tmp_path / "run"
-    assert main(toy(out, "--dataset", data, "--gradient-steps", "20", *NO_EVALUATION)) == 0
-    other = write(tmp_path / "other", seed=1)
-    again = ["--resume", "--out", str(out), "--gradient-steps", "40"]
-    one_line(capsys, [*again, "--dataset", other], "other: the run in .*run was begun with another dataset")
-    assert json.loads((out / "config.json").read_text())["dataset"] == data
-    moved = shutil.copytree(data, tmp_path / "moved")
-    assert main([*again, "--dataset", str(moved)]) == 0
-    assert Learner.saved(out)["updates"] == 40
-    one_line(capsys, toy(moved), "holds a dataset; give another --out")
+    one_line(capsys, toy(tmp_path / "run", "--dataset", tmp_path / "absent"), "metadata.json: cannot be read")
 
 
 class Uneven(Line):

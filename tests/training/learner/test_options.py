@@ -21,7 +21,7 @@ from training.learner.config import TrainConfig, parse
         (["--latency", "0.2", "0.1"], "--latency is .*: give the smaller number first"),
         (["--planner", "theirs"], "--planner is 'theirs': input should be 'ours', 'cpp-like' or 'drawn'"),
         (["--simulator", "gazebo"], "--simulator is 'gazebo'"),
-        (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
+        (["--dataset", "/nowhere"], "/nowhere/data/metadata.json: cannot be read"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--dataset", ""], "--dataset is empty: give a value, or leave it out"),
         (["--recipe="], "--recipe is empty"),

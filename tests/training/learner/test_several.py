@@ -5,9 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.episodes import episode
 from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
 from training import several, train
 from training.learner.config import parse
+from training.replay import dataset
+from training.replay.trajectory import TransitionLayout
 from training.trials.trial import Result, Trial
 from worlds import specs
 
@@ -82,7 +85,9 @@ def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, method, t
 def test_policies_of_a_dataset_are_judged_in_the_same_way(tmp_path, evaluated, capsys, monkeypatch):
     for name, value in {"applr": 30.0, "static": 20.0}.items():
         monkeypatch.setitem(SECONDS, name, value)
-    assert toy_run(parse(toy(tmp_path / "drives", "--total-timesteps", 40, *NO_EVALUATION))).run() == 0
+    layout = TransitionLayout(0, 1, 1)
+    (tmp_path / "drives").mkdir()
+    dataset.write(tmp_path / "drives", layout, [episode(layout, number, 10) for number in range(4)], {})
     learnt = ["--dataset", tmp_path / "drives", "--gradient-steps", 20, "--seeds", 2, "--seed", 3]
     assert several.train(parse(toy(tmp_path / "runs", *learnt, *NO_EVALUATION)), toy_run) == 0
     assert [options.workers for options in evaluated] == [0, 0]

@@ -162,22 +162,15 @@ def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
     assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)  # learning itself is the same
     np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
     again, late = (TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2))
-    again.load(*td3.state())
+    again.load(td3.state())
     np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
-    arrays, header = plain.state()  # of a run that had none so far
-    late.load(arrays, {"updates": header["updates"]})  # and was made before policy_starts was written
+    late.load(plain.state())  # of a run that had none so far
     np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
 
 
-def test_refuses_another_network_and_leaves_its_own():
+def test_refuses_another_network():
     td3, other = TD3(10, 2, TD3Options(net_arch=[32])), TD3(10, 2, TD3Options(net_arch=[64]))
-    before = td3.actor_weights()
-    refused(lambda: td3.load(*other.state()), "actor.0.weight has the shape .*64.*--net-arch")
-    arrays, header = td3.state()
-    arrays["actor.0.bias"] = arrays["actor.0.bias"] * np.nan
-    refused(lambda: td3.load(arrays, header), "NaN")
-    for name, value in td3.actor_weights().items():
-        assert np.array_equal(value, before[name])
+    refused(lambda: td3.load(other.state()), "its networks have other layers; give the same --net-arch")
     refused(lambda: TD3(3, 1, device="gpu9"), "device")
 
 

@@ -1,0 +1,85 @@
+"""Datasets for offline training in Minari's format: `bags_to_dataset` writes them, `train.py --dataset` reads them.
+
+Other libraries read them, too, by minari.load_dataset or minari.MinariDataset(FOLDER/data). Here h5py reads them,
+because Minari makes the environment that a dataset names, and a stranger's dataset can name anything.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Dict, Iterator, Sequence
+
+import numpy as np
+
+from applr_ros1.common.files import read_json
+from training.replay.trajectory import Trajectory, TransitionLayout
+
+DATA, METADATA, EPISODES = "data", "metadata.json", "main_data.hdf5"  # Minari's names
+
+
+def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Trajectory], about: Dict[str, Any]) -> None:
+    """Write a dataset, whole or not at all.
+
+    Args:
+        folder: Where it becomes the folder "data".
+        layout: Layout of observations and actions.
+        trajectories: The episodes.
+        about: Further metadata, JSON values: what the experience was driven with.
+    """
+    import minari
+    from gymnasium.spaces import Box
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    partial = folder / f"{DATA}.partial"
+    shutil.rmtree(partial, ignore_errors=True)
+    storage = MinariStorage.new(partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,)))
+    storage.update_episodes(_buffer(layout, trajectory, EpisodeBuffer) for trajectory in trajectories)
+    names = {"dataset_id": folder.absolute().name, "minari_version": minari.__version__}
+    storage.update_metadata({**names, "layout": layout.to_dict(), **about})
+    partial.rename(folder / DATA)
+
+
+def _buffer(layout: TransitionLayout, trajectory: Trajectory, kind: Any) -> Any:
+    """Return Minari's EpisodeBuffer (`kind`) of a trajectory."""
+    last = np.arange(len(trajectory)) == len(trajectory) - 1
+    return kind(
+        observations=layout.restore(trajectory.scan, trajectory.rest),
+        actions=trajectory.action,
+        rewards=trajectory.reward,
+        terminations=last & trajectory.terminated,
+        truncations=last & (not trajectory.terminated),
+    )
+
+
+class Dataset:
+    """A dataset in a folder.
+
+    Attributes:
+        about: Its metadata.
+        layout: Layout of observations and actions.
+        transitions: Number of transitions.
+        rows: Number of observations, one more than transitions for each episode.
+    """
+
+    def __init__(self, folder: os.PathLike | str):
+        self._folder = Path(folder) / DATA
+        self.about = read_json(self._folder / METADATA)
+        self.layout = TransitionLayout.from_dict(self.about["layout"])
+        self.transitions = self.about["total_steps"]
+        self.rows = self.transitions + self.about["total_episodes"]
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """Yield the episodes."""
+        import h5py
+
+        with h5py.File(self._folder / EPISODES) as file:
+            for number in range(self.about["total_episodes"]):
+                episode = {name: values[()] for name, values in file[f"episode_{number}"].items()}
+                observations, actions, rewards = (episode[name] for name in ("observations", "actions", "rewards"))
+                ends = bool(episode["terminations"][-1])
+                trajectory = Trajectory.of(self.layout, observations, actions, rewards, ends)
+                trajectory.check(self.layout)
+                yield trajectory
