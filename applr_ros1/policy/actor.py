@@ -30,7 +30,9 @@ from applr_ros1.robots import JACKAL, Robot
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"
 CONTEXTS = "contexts"  # what a file holds that is in neither form
 KINDS = PAPER, DIMENSIONLESS, CONTEXTS
-STALL_WAY_M, STALL_TIME_S = 0.3, 8.0  # a robot of the Jackal's size stalls where it drives less in this time
+STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0  # A robot of the Jackal's size that comes less far in this time stalls.
+# how far TrajectoryPlannerROS backs out of a dead end while the robot stalls [m, rad]
+BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
 Weights = Mapping[str, np.ndarray]
 Layers = List[Tuple[np.ndarray, np.ndarray]]
 
@@ -56,46 +58,43 @@ class _FromFile(Method):
 
 
 class Stall:
-    """A watch on one robot that may hardly move, as in a pocket where its planner turns on the spot.
+    """Detects that a robot gets nowhere, as in a pocket where its planner turns, creeps ahead and backs out again.
 
-    In training a stall ends an episode as a failure, where that is asked for (training/env/episode.py).
+    In training a stall ends an episode as a failure if `end_on_stall` is set (training/env/episode.py).
 
     Args:
-        scale: The robot's size beside the Jackal's, by which the way is multiplied (Robot.world_scale).
+        scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
 
     Attributes:
-        share: The way of the last STALL_TIME_S in shares of what a robot must drive, 1 at most; 1 before so much time.
+        share: Distance between the positions now and STALL_TIME_S ago, divided by the distance that a robot must come
+            in this time; at most 1. It is 1 during the first STALL_TIME_S.
     """
 
     def __init__(self, scale: float):
-        self.least = STALL_WAY_M * scale
+        self.least = STALL_DISTANCE_M * scale
         self.reset()
 
     def reset(self) -> None:
         """Begin a course."""
-        self._driven, self.share = 0.0, 1.0
-        self._last: Optional[Tuple[float, float]] = None
-        self._seen: Deque[Tuple[float, float]] = deque()  # (time, way driven until then) of the decisions
+        self.share = 1.0
+        self._past: Deque[Tuple[float, float, float]] = deque()  # time [s], x [m] and y [m] of the latest decisions
 
     def look(self, time: float, x: float, y: float) -> bool:
-        """Return whether a robot that is at (x, y) [m] at `time` [s] has stalled."""
-        if self._last is not None:
-            self._driven += math.hypot(x - self._last[0], y - self._last[1])
-        self._last = x, y
-        self._seen.append((time, self._driven))
-        while len(self._seen) > 1 and self._seen[1][0] <= time - STALL_TIME_S + 1e-6:
-            self._seen.popleft()
-        began, was = self._seen[0]
-        if began <= time - STALL_TIME_S + 1e-6:
-            self.share = min(1.0, (self._driven - was) / self.least)
+        """Return whether the robot, which is at (x, y) [m] at `time` [s], has stalled."""
+        self._past.append((time, x, y))
+        while len(self._past) > 1 and self._past[1][0] <= time - STALL_TIME_S + 1e-6:
+            self._past.popleft()
+        then, *place = self._past[0]
+        if then <= time - STALL_TIME_S + 1e-6:
+            self.share = min(1.0, math.dist(place, (x, y)) / self.least)
         return self.share < 1.0
 
 
 class Policy(_FromFile):
     """A deterministic network that drives one robot: ReLU layers, and tanh at the end.
 
-    While the robot stalls, what a policy answers has not helped: where its form says so, each decision then draws its
-    parameters at random, from the course's seed.
+    While the robot stalls, the network's answers have not helped. If the form says so, each decision then draws its
+    parameters at random from the course's seed, and the planner backs out of dead ends as far as BACKING_OUT says.
 
     Args:
         form: What it sees and sets.
@@ -145,7 +144,8 @@ class Policy(_FromFile):
         action = self.action(self.form.observe(context))
         if self.form.redraws_stalled and self._stall.look(context.time, *context.pose[:2]):
             self.stalls += 1
-            action = self._draws.uniform(-1.0, 1.0, len(action))
+            theta = self.form.theta(self._draws.uniform(-1.0, 1.0, len(action)))
+            return self.space.clip([BACKING_OUT.get(name, value) for name, value in zip(self.space.names, theta)])
         return self.form.theta(action)
 
     def predict(

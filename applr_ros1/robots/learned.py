@@ -70,6 +70,8 @@ LEARNED = (  # in the order in which a space has them
     Learned(LAYERS, "inflation_radius", 0.15, 3.0, 9, True, (0.18, 3.0), start=0.55),
     Learned(LAYERS, "cost_scaling_factor", 1.0, 20.0, 10, True, (0.5, 12.0)),
     Learned(TRAJECTORY, "min_in_place_vel_theta", 0.05, 0.5, start=0.4),
+    Learned(TRAJECTORY, "escape_reset_dist", 0.25, 2.0, start=0.1),
+    Learned(TRAJECTORY, "escape_reset_theta", 0.1, 3.14, start=1.57),
     Learned(BOTH_COSTMAPS, "footprint_padding", 0.0, 0.45, start=0.01),
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )

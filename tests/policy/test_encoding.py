@@ -111,28 +111,34 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
     method = Policy.of(network(np.random.default_rng(0)), DimensionlessForm(JACKAL, 1.0))
     still = context(JACKAL, np.random.default_rng(1))
 
+    def at(t, speed):  # slowly ahead, or at 0.5 m/s a metre ahead and back again
+        return (speed * t, 0.0) if speed < 0.5 else (0.5 * min(t % 4, 4 - t % 4), 0.0)
+
     def course(seed, speed):
         method.reset(seed)
         before = method.stalls
-        scenes = [replace(still, time=float(t), pose=(t * speed, 0.0, 0.0)) for t in range(12)]
+        scenes = [replace(still, time=float(t), pose=(*at(t, speed), 0.0)) for t in range(12)]
         return [method.theta(scene).tolist() for scene in scenes], method.stalls - before
 
-    standing, stalls = course(3, 0.03)
-    driving, none = course(3, 0.05)
+    standing, stalls = course(3, 0.10)
+    driving, none = course(3, 0.11)
     assert (stalls, none) == (4, 0)  # after 8, 9, 10 and 11 s
     assert len({tuple(theta) for theta in driving[1:]}) < 12
     assert len({tuple(theta) for theta in standing[8:]}) == 4
     assert all(theta not in driving for theta in standing[8:])
-    assert course(3, 0.03)[0] == standing
-    assert course(4, 0.03)[0][:8] == standing[:8]
-    assert course(4, 0.03)[0][8:] != standing[8:]
+    backing_out = [theta[-2:] for theta in standing]  # escape_reset_dist, escape_reset_theta
+    assert backing_out == [[0.1, 0.1]] * 8 + [[0.5, 3.14]] * 4
+    assert course(3, 0.5)[1] == 4
+    assert course(3, 0.10)[0] == standing
+    assert course(4, 0.10)[0][:8] == standing[:8]
+    assert course(4, 0.10)[0][8:] != standing[8:]
 
 
 def test_a_larger_robot_stalls_on_a_longer_way():
-    """Half a metre in 8 s is enough for the Jackal, and not for a robot of twice its size."""
+    """1.6 m in 8 s are enough for the Jackal, and not for a robot of twice its size."""
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
-        assert [stall.look(float(t), 0.0625 * t, 0.0) for t in range(9)][-1] is stalled
+        assert [stall.look(float(t), 0.2 * t, 0.0) for t in range(9)][-1] is stalled
 
 
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):

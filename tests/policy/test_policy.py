@@ -36,7 +36,7 @@ SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
 
 def test_theta_0_is_clearpaths_and_round_trips():
-    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1]
+    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1, 0.1, 0.1]
     np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
     with pytest.raises(ValueError, match="read-only"):
         THETA_0[0] = 1.0
@@ -46,13 +46,13 @@ def test_theta_0_is_clearpaths_and_round_trips():
 
 def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
     for size, reached in ((1.0, SPACE.high), (1e9, SPACE.high), (-1.0, SPACE.low), (-1e9, SPACE.low)):
-        np.testing.assert_allclose(SPACE.to_theta(np.full(11, size)), reached)
+        np.testing.assert_allclose(SPACE.to_theta(np.full(len(SPACE), size)), reached)
     assert SPACE.clip([*THETA_0[:2], 6.9, *THETA_0[3:]])[2] == 7
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
 
 
 @examples(200)
-@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=11, max_size=11))
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=len(SPACE), max_size=len(SPACE)))
 def test_any_action_gives_legal_parameters_or_is_refused(values):
     if not np.all(np.isfinite(values)):
         refused(lambda: SPACE.to_theta(values), "not finite")
@@ -75,8 +75,8 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: SPACE.to_theta(np.zeros(7)), r"action vector has shape \(7,\): 11 values are needed"),
-        (lambda: SPACE.requests(np.full(11, np.nan)), "not finite"),
+        (lambda: SPACE.to_theta(np.zeros(7)), r"action vector has shape \(7,\): 13 values are needed"),
+        (lambda: SPACE.requests(np.full(len(SPACE), np.nan)), "not finite"),
         (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
         (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give 0.2 to 2"),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
@@ -162,7 +162,7 @@ def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     odd = rng.random(720) < share
     odd[360] = False
     ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
-    obs = observe(ranges, phi, rng.normal(size=11) * 100)
+    obs = observe(ranges, phi, rng.normal(size=len(SPACE)) * 100)
     assert np.all(np.isfinite(obs))
     assert np.all(np.abs(obs) <= 1.0)
 
@@ -181,7 +181,7 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
     theta = actor.form.theta(actor.action(obs[0]))
-    np.testing.assert_array_equal(theta[:8], SPACE.to_theta([*actor.action(obs[0]), 0, 0, 0])[:8])
+    np.testing.assert_array_equal(theta[:8], SPACE.to_theta([*actor.action(obs[0]), *[0] * (len(SPACE) - 8)])[:8])
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
 

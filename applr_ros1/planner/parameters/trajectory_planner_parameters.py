@@ -60,7 +60,8 @@ TRAJECTORY_PLANNER = (
     real("oscillation_reset_dist", 0.05, 0.0, 5.0, "m",
         "Distance that the robot has to move before a turning direction that was barred because of oscillation is "
         "allowed again."),
-    real("escape_reset_dist", 0.1, 0.0, 5.0, "m", "Distance after which backing out of a dead end is over."),
+    real("escape_reset_dist", 0.1, 0.0, 5.0, "m", "Distance after which backing out of a dead end is over.",
+        kind="length"),
     real("escape_reset_theta", math.pi / 2, 0.0, 5.0, "rad",
         "Rotation after which backing out of a dead end is over."),
     whole("vx_samples", 20, 1, 300, "", "Number of forward velocities sampled in a control cycle.", kind="count"),

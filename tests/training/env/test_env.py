@@ -137,12 +137,12 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
         ({"end": 50, "result": ("succeeded", "why")}, True, {**GIVEN_UP, "reason": "planner succeeded: why"}),
         # the limit of time is no failure for good
         ({"v": 0.0, "limit": 5}, False, {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False}),
-        # a stall is one where that is asked for: .3 m in 8 s are .0375 m/s
+        # a stall is one if that is asked for: 0.85 m in 8 s are 0.106 m/s
         ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
         ({"v": 0.0, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
-        ({"v": 0.03, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
+        ({"v": 0.10, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
         (
-            {"v": 0.05, "limit": 6, "end_on_stall": True},
+            {"v": 0.12, "limit": 6, "end_on_stall": True},
             False,
             {"decisions": 6, "reason": "time limit", "timeout": True},
         ),
