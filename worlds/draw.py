@@ -12,7 +12,7 @@ import numpy as np
 from applr_ros1.common.errors import run_main
 
 from .loading import FORMS, load
-from .world import World, WorldError
+from .world import World
 
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
 
@@ -54,28 +54,24 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
     axes.set_ylabel("y [m]")
 
 
-def picture(world: World, file: str) -> None:
-    """Draws `world` into a picture file; its ending says which kind. Raises WorldError or OSError."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 9))
-    axes = figure.add_subplot()
-    draw(axes, world)
-    axes.set_title(world.name)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    try:
-        figure.savefig(file, dpi=120, bbox_inches="tight")
-    except ValueError as error:
-        raise WorldError(f"{file} cannot be written: {error}") from None
-
-
 def main() -> int:
     """Exit status 1 and one line where the world cannot be read or the picture not written."""
     parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
     parser.add_argument("world", help=f"World to draw: {FORMS}.")
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()
-    return run_main(lambda: picture(load(arguments.world), arguments.picture), "draw")
+
+    def picture() -> None:
+        from matplotlib.figure import Figure
+
+        world, figure = load(arguments.world), Figure(figsize=(6, 9))
+        axes = figure.add_subplot()
+        draw(axes, world)
+        axes.set_title(world.name)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+        figure.savefig(arguments.picture, dpi=120, bbox_inches="tight")
+
+    return run_main(picture, "draw")
 
 
 if __name__ == "__main__":

@@ -71,11 +71,6 @@ def load(spec: str) -> World:
     raise WorldError(f"unknown world {text!r}; give {FORMS}")
 
 
-def load_all(spec: str) -> List[World]:
-    """All worlds that `spec` names, in a fixed order: numbers rise, a folder's files in the order of their numbers."""
-    return [load(one) for one in specs(spec)]
-
-
 class Worlds(Sequence):
     """The worlds of a specification, several with commas between them, as a sequence.
 
@@ -117,7 +112,7 @@ class Worlds(Sequence):
 
 
 def specs(spec: str) -> List[str]:
-    """The specifications of the single worlds that `spec` names, in load_all's order."""
+    """Return the specifications of the single worlds that `spec` names, by their numbers."""
     text = str(spec)
     name, _, part = text.partition(":")
     recipe = _RECIPES.get(name)

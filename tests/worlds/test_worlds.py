@@ -40,7 +40,7 @@ def test_splits_share_no_world():
     assert [f"generated:{n}" for n in (5, 14, 24)] == worlds.specs("generated:validation")[:3]  # never other ones
     assert len(names["validation"]) == 31
     assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
-    assert [w.name for w in worlds.load_all("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
+    assert [w.name for w in worlds.Worlds("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
 
 
 def test_barns_training_worlds_come_in_two_halves(tmp_path):

@@ -94,13 +94,13 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
 
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
-    made = worlds.load_all("fresh:5-7")
+    made = worlds.Worlds("fresh:5-7")
     assert [w.name for w in made] == worlds.specs("fresh:5-7") == ["fresh:5", "fresh:6", "fresh:7"]
     again = worlds.load("fresh:6")
     np.testing.assert_array_equal(made[1].cylinders, again.cylinders)
     np.testing.assert_array_equal(made[1].course.path, again.course.path)
-    built_in = {w.cylinders.tobytes() for w in worlds.load_all("generated:test") + worlds.load_all("generated:train")}
-    assert not built_in & {w.cylinders.tobytes() for w in worlds.load_all("fresh:0-39")}
+    built_in = {w.cylinders.tobytes() for w in worlds.Worlds("generated:test,generated:train")}
+    assert not built_in & {w.cylinders.tobytes() for w in worlds.Worlds("fresh:0-39")}
     refused(lambda: worlds.load("fresh:5-7"), "names 3 worlds")
 
 
@@ -108,8 +108,8 @@ def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
     """No other name has one of them, and a change of the recipe or of the seed is noticed."""
     assert len(worlds.specs("final:0-99")) == 100
     refused(lambda: worlds.load("final:100"), "final:100")
-    found = worlds.load_all("final:0-5") + [worlds.load("final:99")]
-    others = worlds.load_all("fresh:0-19") + [barn.world(number) for number in range(0, 300, 3)]
+    found = list(worlds.Worlds("final:0-5,final:99"))
+    others = list(worlds.Worlds("fresh:0-19")) + [barn.world(number) for number in range(0, 300, 3)]
     assert not {w.cylinders.tobytes() for w in found} & {w.cylinders.tobytes() for w in others}
     assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted({barn.kind(n) for n in range(300)})
     assert [len(w.cylinders) for w in found] == [205, 202, 192, 223, 188, 202, 325]

@@ -101,7 +101,7 @@ def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
 def test_folder_in_the_order_of_numbers(tmp_path):
     for number in (10, 9, 2):
         put(tmp_path, sdf(cylinder(0, 0)), "world_%d.world" % number)
-    assert [w.name for w in worlds.load_all(str(tmp_path))] == ["world_2", "world_9", "world_10"]
+    assert [w.name for w in worlds.Worlds(str(tmp_path))] == ["world_2", "world_9", "world_10"]
 
 
 def named(tag, name, frame="", inside="", x=0):
