@@ -21,7 +21,6 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.trees import merged
-from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.robot import FILE, Monitoring, number_at
 from applr_ros1.robots.urdf_import.description import Description, describe
@@ -64,8 +63,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
     parameters = read_parameter_files([str(path) for path in options.parameters])
     scan = next(iter(parameters.scans()), {})
-    urdf = UrdfFile(str(options.urdf), arguments, parameters.base_frame)
-    frame = str(scan.get("sensor_frame", "")).lstrip("/")
+    urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
+    frame = scan.get("sensor_frame", "").lstrip("/")
     found = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
     _add_parameters(found, parameters)
     scale = round(parameters.padded_width() / WIDTH, 3)
@@ -89,10 +88,7 @@ def _add_parameters(found: Description, parameters: Parameters) -> None:
     """Add what the parameter files say of the robot: limits, frames, topics, and how hard the monitor brakes."""
     values = found.values
     values["base"].update(parameters.limits)
-    frames = {costmap: parameters.frame("global_frame", costmap) for costmap in COSTMAPS}
-    odom, world = frames["local_costmap"], frames["global_costmap"]
-    values["frames"].update({"odom": odom} if odom else {})
-    values["frames"].update({"map": world} if world not in ("", odom) else {})
+    values["frames"] = parameters.frames()
     topics = (source["topic"].rstrip("/") for source in parameters.scans())
     names = {"scan": next(topics, ""), "odometry": parameters.planner.get("odom_topic", "")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
@@ -111,22 +107,18 @@ def _move_base(parameters: Parameters, values: Dict[str, Any], size: int) -> Tup
         values: What is known of the robot, by section and field.
         size: Width of a global costmap [m] that holds the robot's courses.
     """
-    copies, notes, added = _copies(parameters), [], dict(parameters.added)
-    base = values["frames"]["base"]
-    for costmap in COSTMAPS:
-        if base != (parameters.frame("robot_base_frame", costmap) or "base_link"):
-            added[costmap] = {"robot_base_frame": base}
+    copies, notes = _copies(parameters), []
     section: Dict[str, Any] = {
         "files": [{"file": copies[path], **({"namespace": name} if name else {})} for path, name in parameters.files]
     }
-    section.update({"parameters": added} if added else {})
+    if parameters.added:
+        section["parameters"] = parameters.added
     changes = parameters.without_map(values["frames"].get("odom", "odom"), size)
     scan_alone, others = parameters.one_scan(values["topics"].get("scan", ""))
     if changes:
         section["with_map"] = {}
     if changes or others:
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
-    if changes or others:
         kept = f", and none of {', '.join(sorted(others))}" if others else ""
         notes.append(
             "without a map, as on courses, move_base.without_map counts, with a global costmap that stands still and "

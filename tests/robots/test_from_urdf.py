@@ -210,7 +210,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
         "rate": 20.0,
         "noise": 0.005,
     }
-    assert found["frames"] == {"base": "base_footprint", "odom": "odom_comb"}
+    assert found["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     assert asked(said) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
     assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; here the planner's max_vel_trans\n", text)
@@ -228,6 +228,14 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
     assert "the laser alone, and none of bumps: correct it before" in said
+
+
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_both_costmaps_may_be_in_one_frame_of_any_name(make, frame):
+    common = COMMON + "global_frame: any\n"
+    common = common if frame == "map" else re.sub("  - {name: map.*\n", "", common)
+    files = {"common.yaml": common, "local.yaml": LOCAL.replace("global_frame: odom_comb, ", "")}
+    assert make(CART, files=files)[2]["frames"] == {"base": "base_footprint", frame: "any"}
 
 
 LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/>'
@@ -397,7 +405,7 @@ NO_PLANNER = PLACES[:-1]
         (
             CART.replace("base_footprint", "foot"),
             {},
-            "no link base_footprint, which .* name as robot_base_frame: add it",
+            "no link base_footprint, the robot_base_frame of .*: add it",
         ),
         (
             CART,

@@ -61,8 +61,7 @@ def describe(
     Raises:
         ApplrError: There is no link `laser`.
     """
-    sections: Dict[str, Dict[str, Any]] = {"base": {}, "body": {}, "laser": {}, "topics": {}}
-    description = Description({**sections, "frames": {"base": urdf.base}})
+    description = Description({"base": {}, "body": {}, "laser": {}, "topics": {}})
     joints = _wheels(urdf, list(driven), description.notes)
     _base(urdf, joints, description)
     _body(urdf, joints, footprint, description)

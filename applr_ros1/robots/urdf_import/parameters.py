@@ -52,14 +52,15 @@ class Parameters:
     driven: List[str] = field(default_factory=list)
     notes: List[str] = field(default_factory=list)
 
-    def frame(self, name: str, costmap: str) -> str:
-        """Return a frame that a costmap names, such as global_frame; "" if it names none."""
-        return str(branch(self.tree, costmap).get(name, "")).lstrip("/")
-
-    @property
-    def base_frame(self) -> str:
-        """The base frame that a costmap names; "" if none does."""
-        return next(filter(None, (self.frame("robot_base_frame", costmap) for costmap in COSTMAPS)), "")
+    def frames(self) -> Dict[str, str]:
+        """Return the section frames of robot.yaml, as far as the costmaps name them."""
+        world, local = (self.full[costmap] for costmap in COSTMAPS)
+        found = {"base": local["robot_base_frame"], "odom": local["global_frame"], "map": world["global_frame"]}
+        found = {name: frame.lstrip("/") for name, frame in found.items()}
+        static = any(layer.kind == STATIC_LAYER for layer in layers("global_costmap", world))
+        if found["odom"] == found["map"]:
+            found.pop("odom" if static or found["map"] == "map" else "map")
+        return found
 
     @property
     def planner(self) -> Dict[str, Any]:

@@ -17,7 +17,7 @@ from defusedxml import ElementTree
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import plain_xml, read_bytes
 
-BASES = ("base_link", "base_footprint")  # usual names of a base frame, the first that exists counts
+BASES = ("base_link", "base_footprint")  # usual names of a base frame
 
 
 def _find_packages(path: str) -> None:
@@ -58,13 +58,13 @@ class UrdfFile:
         lost: Collision meshes that are not there.
     """
 
-    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str = ""):
+    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str):
         """Read a file.
 
         Args:
             path: URDF, or xacro file, whose name ends in .xacro.
             arguments: Arguments of the xacro file by name.
-            base_frame: Base frame of the robot; "" for base_link, else base_footprint, else the root of the tree.
+            base_frame: Base frame of the robot.
 
         Raises:
             ApplrError: The file is no URDF, xacro refuses it, or it has no link base_frame.
@@ -89,14 +89,14 @@ class UrdfFile:
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # It warns of joints that mimic others.
         self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
-        usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
-        self.base = base_frame or usual
-        if self.base not in self.links:
+        self.base = base_frame
+        if base_frame not in self.links:
+            usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
             raise ApplrError(
-                f"{path} has no link {self.base}, which the parameter files name as robot_base_frame: add it to the "
-                f"URDF with a fixed joint, or write robot_base_frame: {usual} into a copy of the parameter file"
+                f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: add it to the URDF "
+                f"with a fixed joint, or write robot_base_frame: {usual} into a copy of the parameter file"
             )
-        own = {joint.name for joint in self._above(self.base)}
+        own = {joint.name for joint in self._above(base_frame)}
         self.moving = {
             name: [joint for joint in self._above(name) if joint.type != "fixed" and joint.name not in own]
             for name in self.links
