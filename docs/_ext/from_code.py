@@ -99,7 +99,7 @@ def launch_arguments():
 
 def methods():
     """Return the methods with a name."""
-    from applr_ros1.policy.methods.registry import METHODS
+    from applr_ros1.policy.methods import METHODS
 
     return table(["name", "method"], [["`%s`" % name, text] for name, (_, text) in METHODS.items()])
 

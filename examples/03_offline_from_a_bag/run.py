@@ -19,13 +19,12 @@ def record(bag: Path, courses: int, decisions: int) -> None:
     import worlds
     from applr_ros1.planner.move_base import MoveBase
     from applr_ros1.policy import methods
-    from applr_ros1.policy.methods.included import Exploration
     from applr_ros1.robots import JACKAL
     from tests.support.recording import RecordingEpisode, StackWriter
 
     own = methods.make("dwa")
     assert isinstance(own, methods.FixedParameters)
-    explore = Exploration(own)
+    explore = methods.Exploration(own)
     with StackWriter(bag) as writer:
         simulator, planner = sim_bridge.make("kinematic"), MoveBase(JACKAL.parameters())
         episode = RecordingEpisode(simulator, planner, writer, period=explore.period, limit=decisions)

@@ -19,6 +19,7 @@ import worlds as worlds_package
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import Episode
@@ -169,7 +170,7 @@ class TrialRunner:
                 raise ValueError("a trial of the policy came without a policy")
             if self.period is None:
                 raise ValueError("the policy that is being learnt has no decision period of its own: state it")
-            return methods.Policy(self.form, policy.layers)
+            return Policy(self.form, policy.layers)
         return self._made(task.method_spec)
 
 

@@ -35,7 +35,7 @@ class ApplrNode:
     """The node: joins inputs, method and client.
 
     Args:
-        method: Chooses the parameters (policy/methods/).
+        method: Chooses the parameters (policy/methods.py).
         inputs: Scan, odometry, plan and goal.
         topics: What is published.
         period: Time [s] of ROS between decisions; None: the method's own.

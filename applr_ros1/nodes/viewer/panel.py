@@ -10,7 +10,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from std_msgs.msg import String
 
 from applr_ros1.planner.parameters.declarations import SERVERS
-from applr_ros1.policy.methods.registry import POLICY, SET, shipped
+from applr_ros1.policy.methods import POLICY, SET, shipped
 from applr_ros1.robots import Robot
 
 from .listening import Listener, by_hand, show

@@ -132,7 +132,7 @@ def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, cap
 
 @pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # it has no set
 def test_exploration_is_what_the_recipe_offline_learns_from(name, around, monkeypatch):
-    monkeypatch.setattr("applr_ros1.policy.methods.included.EXPLORED", 0.0)
+    monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)
     method, centre = methods.make("explore", robot), methods.make(around, robot)
     assert method.theta(None) == pytest.approx(centre.theta(None))

@@ -1,23 +1,117 @@
-"""Methods by name, for the nodes and for evaluation alike: make("applr"), make("FILE.safetensors")."""
+"""Methods: what decides over the planner's parameters, the same objects in the nodes and in evaluation.
+
+A person's own is a subclass of Method, in any module:
+
+    from applr_ros1.policy.methods import Method
+    from applr_ros1.policy.parameter_space import SPACE
+
+    class Cautious(Method):                      # evaluate.py --methods my_module:Cautious; method:=my_module:Cautious
+        def reset(self, seed): ...               # optional: a course begins; draw randomness from this seed only
+        def theta(self, context):                # at every decision; see Context
+            slow = context.ranges.min() < 0.4
+            return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # names left out keep theta_0
+
+A class may also stand in a file: `my_methods.py:Cautious`. `module:Class:text` gives the text to the constructor.
+Parameters that come back are clipped to the space's bounds; NaN is refused.
+"""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import os
 import re
-from typing import Callable, Dict, List, Tuple
+import sys
+from types import ModuleType
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
-from applr_ros1.common.errors import ApplrError
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.policy import actor
-from applr_ros1.policy.decision import Method
-from applr_ros1.policy.methods.included import Exploration, FixedParameters, RandomParameters
-from applr_ros1.policy.methods.user_method import make_user_method
+from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
+EXPLORED = 0.5  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 POLICY, SET = "applr.safetensors", "static.json"  # in a robot's folder: its policy, its tuned set
 USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text
+
+
+class FixedParameters(Method):
+    """One set of parameters throughout.
+
+    Args:
+        values: (n,), within the ranges.
+        space: The parameters.
+        per_cell: As Method says.
+    """
+
+    static = True
+
+    def __init__(self, values: np.ndarray, space: Space = SPACE, per_cell: bool = False):
+        self.values, self.space, self.per_cell = np.array(values, dtype=np.float64), space, per_cell
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """Return the set."""
+        return self.values.copy()
+
+    def describe(self) -> Dict[str, Any]:
+        """Return the set by name."""
+        return {"parameters": self.space.as_dict(self.values)}
+
+
+class RandomParameters(Method):
+    """Sets drawn uniformly over the ranges at each decision: for trying the stack and for gathering data.
+
+    Args:
+        space: The parameters.
+    """
+
+    def __init__(self, space: Space = SPACE) -> None:
+        self.space = space
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Begin a course with draws that depend on the seed only."""
+        self._draws = np.random.default_rng([seed, 0x7A4D])
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """Return a new draw."""
+        return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
+
+    def describe(self) -> Dict[str, Any]:
+        """Say how they are drawn."""
+        return {"parameters": "uniform in the ranges, drawn every step"}
+
+
+class Exploration(Method):
+    """Sets around one, drawn normally at each decision: for drives that a policy learns from.
+
+    Args:
+        around: The set.
+    """
+
+    period = 1.0
+
+    def __init__(self, around: FixedParameters) -> None:
+        self.around, self.space, self.per_cell = around, around.space, around.per_cell
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Begin a course with draws that depend on the seed only."""
+        self._draws = np.random.default_rng([seed, 0xE401])
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """Return a new draw."""
+        action = self.space.to_action(self.around.values) + EXPLORED * self._draws.normal(size=len(self.space))
+        return self.space.to_theta(np.clip(action, -1.0, 1.0))
+
+    def describe(self) -> Dict[str, Any]:
+        """Return the set by name, and how far draws are from it."""
+        return {**self.around.describe(), "explored": EXPLORED}
 
 
 def shipped(name: str, robot: Robot) -> str:
@@ -168,3 +262,45 @@ def parse(text: str) -> List[Tuple[str, str]]:
             raise ApplrError("two methods are called %r: copy the file of one to another name" % name)
         methods[name] = spec
     return list(methods.items())
+
+
+def make_user_method(module: str, name: str, text: Optional[str]) -> Method:
+    """Make the class `name` of a module or of a .py file, with `text` if there is one.
+
+    Raises:
+        ApplrError: The class is no subclass of Method or cannot be made, for whatever reason.
+    """
+    try:
+        kind: Any = getattr(load_module(module), name)
+        fits = isinstance(kind, type) and issubclass(kind, Method)
+        if fits:
+            return kind() if text is None else kind(text)
+    except Exception as error:
+        raise ApplrError("method %s:%s cannot be made: %s" % (module, name, one_line(error))) from error
+    raise ApplrError(
+        "method %s:%s is no subclass of applr_ros1.policy.methods.Method: derive it from that class" % (module, name)
+    )
+
+
+def load_module(module: str) -> ModuleType:
+    """Import a module by its name, the current folder included, or by its file. Both may import what lies beside them.
+
+    Raises:
+        Exception: Whatever the module raises, and ImportError or OSError if it does not exist.
+    """
+    path = os.path.realpath(module) if module.endswith(".py") else ""
+    folder = os.path.dirname(path) if path else os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)
+    if not path:
+        return importlib.import_module(module)
+    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # hides no other module
+    if name not in sys.modules:
+        found: Any = importlib.util.spec_from_file_location(name, path)
+        sys.modules[name] = importlib.util.module_from_spec(found)
+        try:
+            found.loader.exec_module(sys.modules[name])
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]
