@@ -40,7 +40,8 @@ def test_feedback_states_a_pose_that_is_known(pose):
     node.watchdog.is_lost.return_value = False
     node.frame = "odom"
     MoveBaseNode._cycle(node, NOW, NOW)
-    told = [(call.args[0].pose.position.x, call.args[0].pose.position.y) for call in node.goals.feedback.mock_calls]
+    places = [call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls]
+    told = [(place.x, place.y) for place in places]
     assert told == ([] if pose is None else [(1.0, 2.0)])
 
 
