@@ -21,7 +21,6 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
-    INFLATION_LAYER,
     OBSTACLE_LAYER,
     STATIC_LAYER,
     layers,
@@ -295,12 +294,8 @@ def _planner_remarks(setup: _Setup) -> Iterator[str]:
     for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
         if own[low] > own[high]:
             yield f"{planner}/{low} is {own[low]:g}, larger than {high} ({own[high]:g}): lower {low}"
-    if own["yaw_goal_tolerance"] > pi:
-        yield f"{planner}/yaw_goal_tolerance is {own['yaw_goal_tolerance']:g}: all headings are within it, give radians"
     if planner != "DWAPlannerROS":
         return
-    if own["max_vel_x"] > own["max_vel_trans"] + SLACK:
-        yield f"{planner}/max_vel_x is {own['max_vel_x']:g}, larger than max_vel_trans ({own['max_vel_trans']:g})"
     period, slowest = 1.0 / (own["controller_frequency"] or 20.0), own["min_vel_trans"]
     change = own["acc_lim_x"] * period
     if own["min_vel_x"] <= -slowest and change < 2.0 * slowest:
@@ -323,10 +318,6 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
         yield from _size_of_the_robot(robot, _outline(own))
     if not local:
         yield from _goals_off_the_costmap(setup, own)
-    for path, values in setup.layers(costmap, INFLATION_LAYER):
-        if values["inflation_radius"] > 2 * UNITS * (left - right):
-            radius = f"{path}/inflation_radius is {values['inflation_radius']:g}"
-            yield f"{radius}: the robot is {left - right:.3g} m wide, give metres"
     seen = setup.sources(costmap)
     for path, source in seen:
         frame, marked, cleared = source["sensor_frame"], source["obstacle_range"], source["raytrace_range"]
@@ -335,8 +326,6 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
             yield f"{path}/sensor_frame is {frame}: {wanted}, give that or leave it out"
         if marked > cleared:
             yield f"{path}/obstacle_range is {marked:g}: nothing beyond raytrace_range ({cleared:g}) is ever cleared"
-    if not (local or seen or setup.layers(costmap, STATIC_LAYER)):
-        yield f"{costmap} has no observation source: paths lead through obstacles, give one"
 
 
 def _goals_off_the_costmap(setup: _Setup, own: Dict[str, Any]) -> Iterator[str]:

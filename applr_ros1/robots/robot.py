@@ -287,16 +287,10 @@ class SpaceParameter(Section):
 
 
 class ParameterFile(Section):
-    """A file in the robot's folder, and the namespace below which its parameters stand."""
+    """A file, by its path from the robot's folder, and the namespace below which its parameters stand."""
 
     file: str
     namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
-
-    @model_validator(mode="after")
-    def _is_in_the_folder(self) -> ParameterFile:
-        if os.path.isabs(self.file) or ".." in self.file.split("/"):
-            raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
-        return self
 
     def loaded(self, folder: str) -> Dict[str, Any]:
         """Return the nested parameters of the file in a folder. ApplrError if it cannot be read."""

@@ -16,7 +16,6 @@ from applr_ros1.planner.parameters.declarations import (
     CONTRADICTIONS,
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
-    OLDER,
     namespace,
     tables,
 )
@@ -24,7 +23,6 @@ from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
     FOUND_ABOVE,
     INHERITED,
-    NAME,
     OBSTACLE_LAYER,
     arranged,
     layers,
@@ -54,9 +52,6 @@ def remarks(tree: Dict[str, Any]) -> List[str]:
     sideways = own.get("min_vel_y", -0.1), own.get("max_vel_y", 0.1)
     if planner == "DWAPlannerROS" and any(sideways):
         lines.append(f"{planner}/min_vel_y, max_vel_y are {sideways}: this base cannot drive sideways, give 0")
-    for old, name in OLDER.get(planner, {}).items():
-        if old in own:
-            lines.append(f"{planner}/{old} is no longer read: give {name}")
     return lines + list(_risks(arranged(tree)))
 
 
@@ -90,6 +85,7 @@ def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
         mine = dict(INHERITED, **mine)
     elif not path:
         mine.update((p.name, p) for p in COSTMAP + STATIC_COSTMAP if p.name in FOUND_ABOVE)
+    older = {old: p.name for p in mine.values() for old in p.older}
     start = f"{path}/" if path else ""
     below = [name[len(start) :] for name in [*known, *behaviours] if name.startswith(start)]
     for key, value in here.items():
@@ -102,7 +98,7 @@ def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
             errors.append(f"{label} is {value!r}: give a mapping of names and values")
         elif value is not None:
             absent = [name for name in (below if isinstance(value, dict) else mine) if not here.get(name)]
-            advice = did_you_mean(key, absent)
+            advice = f"give {older[key]}" if key in older else did_you_mean(key, absent)
             if advice:
                 lines.append(f"{label} is not read: {advice}")
             elif not isinstance(value, dict):
@@ -175,9 +171,8 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     """Adds the recovery behaviours in force, and the parameters of each that the tree lists."""
     names, full["recovery_behaviors"] = _behaviours(tree), _recoveries(tree)[0]
     for name in names:
-        if not NAME.fullmatch(name) or name in full and name not in USUAL:
-            why = "something else has this name" if name in full else "a name has letters, digits and _ only"
-            raise ParameterError(f"recovery_behaviors has the name {name!r}: {why}, give another")
+        if name in full and name not in USUAL:
+            raise ParameterError(f"recovery_behaviors has the name {name!r}: something else has it, give another")
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:

@@ -73,16 +73,10 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
 }
 
 
-# names that the C++ planners have given up, with what counts instead
-OLDER: Dict[str, Dict[str, str]] = {
-    planner: {old: p.name for p in SERVERS[planner] for old in p.older}
-    for planner in ("TrajectoryPlannerROS", "DWAPlannerROS")
-}
-
-
 def of_kind(kind: str) -> Tuple[str, ...]:
     """Return the names that local planners' parameters of a kind have, or had."""
-    declared = (p for planner in OLDER for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
+    planners = ("TrajectoryPlannerROS", "DWAPlannerROS")
+    declared = (p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
     return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
 
 

@@ -13,7 +13,6 @@ from applr_ros1.planner.parameters.parameter import (
     INT_MAX,
     RESTORE,
     flag,
-    given_up,
     real,
     text,
     too_many_points,
@@ -124,7 +123,7 @@ STATIC_DWA_PLANNER = (
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
     text("global_frame_id", "odom", "Frame of trajectory_cloud."),
     text("odom_topic", "odom", "Topic of the odometry."),
-) + given_up(DWA_PLANNER)
+)
 # fmt: on
 
 

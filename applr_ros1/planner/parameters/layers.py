@@ -5,22 +5,18 @@ Used by the check and completion of parameter trees and by declarations.servers.
 
 from __future__ import annotations
 
-import re
 from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
-    COSTMAP,
     INFLATION,
     OBSTACLES,
-    STATIC_COSTMAP,
     STATIC_MAP,
     STATIC_OBSTACLES,
     STATIC_STATIC_MAP,
 )
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
 
-NAME = re.compile(r"\w+", re.ASCII)  # of a layer, a source or a recovery behaviour
 COSTMAPS = ("global_costmap", "local_costmap")
 
 
@@ -60,7 +56,6 @@ INHERITED: Dict[str, Parameter] = {
 }
 VOXEL_LAYER = "costmap_2d::VoxelLayer"
 PREDICTED = "applr/predicted"  # topic of the points where moving obstacles will be
-UNREAD = ("static_map", "map_type")  # at a costmap with `plugins`
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
 # without `plugins`: (name, type); the static layer only with static_map
 BEFORE_HYDRO = (
@@ -92,7 +87,6 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
         if any(layer.name == entry["name"] for layer in found):
             raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each its own")
-        _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
         kind = _kind(entry, costmap)
         if kind:
             found.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
@@ -120,14 +114,6 @@ def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
     """
     sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(costmap, str(entry.get("name")))
     return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
-
-
-def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
-    """Refuse the name of a branch that cannot be, or that is a parameter beside it."""
-    taken = name in INHERITED or any(name in p.names for p in parameters) and name not in UNREAD
-    if not NAME.fullmatch(name) or taken:
-        advice = "give one of letters, digits and _ that is no parameter's"
-        raise ParameterError(f"{label} has the name {name!r}: {advice}")
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
@@ -161,8 +147,6 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
             own = costmap[layer.name] = dict(own)
             own.update({key: costmap[key] for key in TYPES[layer.kind].inherited if key in costmap})
             if layer.kind == OBSTACLE_LAYER:
-                for source in sources(own):
-                    _check_name(f"{layer.path}/observation_sources", source, OBSTACLES + STATIC_OBSTACLES)
                 _arrange_sources(own, (own, costmap, tree))
                 if branch(tree, "applr").get("movers") is True:
                     _add_predicted(own, costmap.get("robot_base_frame", "base_link"))

@@ -121,12 +121,6 @@ def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, 
     return Parameter(name, "double", default, low, high, unit, doc, **more)
 
 
-def given_up(parameters: Iterable[Parameter]) -> Tuple[Parameter, ...]:
-    """Declare the names of parameters that the C++ node has given up and no longer reads."""
-    doc = "Older name of {0}. Without effect, as in the C++ node: give {0}."
-    return tuple(real(name, 0.0, -INF, INF, "", doc.format(p.name)) for p in parameters for name in p.older)
-
-
 def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare an int."""
     return Parameter(name, "int", default, low, high, unit, doc, **more)

@@ -14,7 +14,6 @@ from applr_ros1.planner.parameters.parameter import (
     RECOVERY,
     RESTORE,
     flag,
-    given_up,
     real,
     text,
     too_many_points,
@@ -111,7 +110,7 @@ STATIC_TRAJECTORY_PLANNER = (
     text("world_model", "costmap", "Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
-) + given_up(TRAJECTORY_PLANNER)
+)
 # fmt: on
 
 
