@@ -65,12 +65,9 @@ class Randomisation:
 
     def __post_init__(self):
         for name, value in vars(self).items():
-            spans = name not in ("start_xy", "start_yaw")
-            pair = value if spans and isinstance(value, (tuple, list)) else (value, value)
-            numbers = [bound for bound in pair if isinstance(bound, (int, float)) and isfinite(bound)]
-            if len(pair) != 2 or len(numbers) != 2 or not 0 <= numbers[0] <= numbers[1]:
-                span = " or a span (low, high)" if spans else ""
-                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0{span}")
+            low, high = value if isinstance(value, (tuple, list)) else (value, value)
+            if not 0 <= low <= high:
+                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0 or a span (low, high)")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
         """One robot: the same fields, every span replaced by a number drawn uniformly from it."""

@@ -19,7 +19,6 @@ from .world import Course, WorldError
 NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
 PATH_FOLDER = "path_files"
 COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
-PATH_REMEDY = "put the world's own path file there"
 
 
 def from_element(element: Element, path: str) -> Course:
@@ -39,34 +38,24 @@ def from_element(element: Element, path: str) -> Course:
 
 def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
     """Return the course of the world file `path`: from its path file, or DynaBARN's."""
-    if movers and not len(cylinders):  # DynaBARN's numbers are BARN's too: a path file beside it is of another world
-        return dynabarn.arena_course()
-    number = re.search(r"(\d+)$", os.path.splitext(os.path.basename(path))[0])
-    if number:
-        folder = os.path.dirname(os.path.abspath(path))
-        file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy")
-        if os.path.lexists(file):
-            return _on_barns_grid(file, cylinders)
+    folder, name = os.path.split(os.path.abspath(path))
+    number = re.search(r"(\d+)\.world$", name)
+    file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy") if number else ""
+    if len(cylinders) and os.path.exists(file):  # DynaBARN's worlds have BARN's numbers, and cylinders that all move
+        return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
     raise WorldError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
 
 
-def read_path_file(file: str) -> np.ndarray:
-    """Return (k, 2) int64 cells from a path_N.npy, its doubled first point once."""
-    cells = np.load(file, allow_pickle=False).astype(np.int64)
-    return cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
-
-
 def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
-    cells = read_path_file(file)
-    clear = search.free_space(barn.fill_of(cylinders), 1)
-    shut = ~clear[cells[:, 0], cells[:, 1]]
+    """Return the paper's course along the cells (k, 2) of a path_N.npy, whose first point may be doubled."""
+    cells = np.load(file, allow_pickle=False).astype(np.int64)
+    cells = cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
+    shut = ~search.free_space(barn.fill_of(cylinders), 1)[cells[:, 0], cells[:, 1]]
     if shut.any():
-        cell = tuple(int(v) for v in cells[shut][0])
-        raise WorldError(
-            f"{file} runs into an obstacle at cell {cell}: no passage there; {PATH_REMEDY} or clear the way"
-        )
+        where = f"runs into an obstacle at cell {tuple(cells[shut][0].tolist())}: no passage there"
+        raise WorldError(f"{file} {where}; put the world's own path file there, or clear the way")
     return barn.paper_course(barn.to_xy(cells))
 
 
