@@ -9,7 +9,7 @@ import contextlib
 import math
 import threading
 from collections import defaultdict, deque
-from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
+from typing import Any, Deque, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -77,7 +77,6 @@ class Sensors:
         topics: {topic: data type} of the observation sources.
         origins: {topic: frame at whose origin the rays start}; frames that tf does not know are passed over.
         odometry: topic of the odometry.
-        on_news: called from the threads of the subscribers when a scan or a transform for one that waits has come.
         no_return: range [m] that laser scans state where nothing returns, beside +inf (Laser of robots/robot.py).
     """
 
@@ -87,21 +86,20 @@ class Sensors:
         topics: Mapping[str, str],
         origins: Mapping[str, str],
         odometry: str = "odom",
-        on_news: Callable[[], None] = lambda: None,
         no_return: Optional[float] = None,
     ):
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.transforms = Transforms()
-        self._on_news, self._no_return = on_news, no_return
+        self._no_return = no_return
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # when the newest odometry came
         self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # of the newest ones
         self.pose_trouble = ""  # the last thing that was wrong, for who says why the robot stands
-        self._topics = {topic: _Topic(topic, kind, origins.get(topic, ""), on_news) for topic, kind in topics.items()}
+        self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
         self._odometry = rospy.Subscriber(
             odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
         )
-        self.transforms.listen(self._tf_came)
+        self.transforms.listen()
 
     def _take_odometry(self, message) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
@@ -109,10 +107,6 @@ class Sensors:
             self._twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
         else:
             rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
-
-    def _tf_came(self) -> None:
-        if any(topic.waits for topic in self._topics.values()):
-            self._on_news()
 
     def forget(self) -> None:
         """Forget what is older than a clock that went back."""
@@ -149,21 +143,6 @@ class Sensors:
         scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
         stamps = dict(self._stamps, scan=scan)
         return {name: (now - stamp).to_sec() for name, stamp in stamps.items() if not stamp.is_zero()}
-
-    def scan_is_ready(self) -> bool:
-        """Return whether a laser scan that has not been used can be placed now."""
-        return any(topic.is_scan and topic.has(self._can_place) for topic in self._topics.values())
-
-    def scan_times(self) -> Tuple[float, float]:
-        """ROS times [s] at which the newest laser scan came and at which the next one should, by the last two stamps.
-
-        Of several lasers the one counts whose next scan is due first; zeros where there is none.
-        """
-        times = (topic.times for topic in self._topics.values() if topic.is_scan)
-        return min(times, key=lambda pair: pair[1], default=(0.0, 0.0))
-
-    def _can_place(self, message) -> bool:
-        return self.transforms.has(self.local, message.header.frame_id, message.header.stamp)
 
     def odometry_trouble(self, now, patience: float) -> str:
         """Return the complaint if no odometry has come for `patience` [s], or ever; "" if it comes."""
@@ -244,15 +223,13 @@ class _Topic:
     Lasers may share a topic: what was used is known by frame, and the one that was used longest ago comes first.
     """
 
-    def __init__(self, topic: str, data_type: str, origin: str, on_news: Callable[[], None]):
+    def __init__(self, topic: str, data_type: str, origin: str):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
         self.turns: Dict[str, float] = {}  # angle [rad] that the last one that was used covered, by frame
         self._used: Dict[str, rospy.Time] = {}  # its stamp
-        self.times = 0.0, 0.0  # when the newest one came and when the next one should [s]; 0: not known
         self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
-        self._on_news = on_news
         self._lock = threading.Lock()  # of what waits
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         subscriber = rospy.Subscriber(
@@ -264,18 +241,14 @@ class _Topic:
         if message.header.stamp.is_zero():  # C++ takes it with the newest transform
             message.header.stamp = rospy.get_rostime()
             rospy.logwarn_once(f"{self.name}: its messages have no stamps: the time counts at which each comes")
-        stamp = message.header.stamp
         with self._lock:
             self._waiting.append(message)
-            came = max(rospy.get_rostime(), stamp).to_sec()  # a simulator may send a scan before the time of its stamp
-            self.times = came, came + (stamp - self.stamp).to_sec()
-            self.stamp = stamp
-        self._on_news()
+            self.stamp = message.header.stamp
 
     def forget(self) -> None:
         with self._lock:
             self._waiting.clear()
-            self._used, self.times = {}, (0.0, 0.0)
+            self._used = {}
 
     @property
     def used(self) -> rospy.Time:
@@ -285,16 +258,6 @@ class _Topic:
     def used_of(self, message: Any) -> rospy.Time:
         """Return the stamp of the newest one that was used of a message's frame; 0: none."""
         return self._used.get(message.header.frame_id, rospy.Time(0))
-
-    @property
-    def waits(self) -> bool:
-        return bool(self._waiting)
-
-    def has(self, can_place) -> bool:
-        """Return whether a message waits that is newer than the last one and can be placed."""
-        with self._lock:
-            waiting = list(self._waiting)
-        return any(message.header.stamp > self.used_of(message) and can_place(message) for message in waiting)
 
     def newest(self, use):
         """use(self, message) of the newest message that can be used and is newer than the last one; else None.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -32,9 +32,9 @@ class Transforms:
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
         self._listener: Optional[_Listener] = None
 
-    def listen(self, on_news: Callable[[], None] = lambda: None) -> None:
-        """Fill the buffer from now on; on_news is called when transforms have come."""
-        self._listener = self._listener or _Listener(self.buffer, on_news)
+    def listen(self) -> None:
+        """Fill the buffer from now on."""
+        self._listener = self._listener or _Listener(self.buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
 
     def at(self, target: str, source: str, stamp: rospy.Time) -> Any:
         """Return the geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest of all."""
@@ -80,17 +80,12 @@ class Transforms:
 
 
 class _Listener(tf2_ros.TransformListener):
-    """A listener that fills a tf buffer and reports it."""
-
-    def __init__(self, buffer: tf2_ros.Buffer, on_news: Callable[[], None]):
-        self._on_news = on_news
-        super().__init__(buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
+    """A listener that fills a tf buffer with the transforms that tf2 takes."""
 
     def callback(self, data: Any) -> None:
         """Transforms have come."""
         data.transforms = _possible(data.transforms)
         super().callback(data)
-        self._on_news()
 
     def static_callback(self, data: Any) -> None:
         """Transforms have come that hold for ever."""

@@ -39,10 +39,9 @@ def test_feedback_states_a_pose_that_is_known(pose):
     node.move_base.in_global_frame.side_effect = lambda pose: pose
     node.watchdog.is_lost.return_value = False
     node.frame = "odom"
-    MoveBaseNode._cycle(node, NOW, NOW)
-    places = [call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls]
-    told = [(place.x, place.y) for place in places]
-    assert told == ([] if pose is None else [(1.0, 2.0)])
+    MoveBaseNode._cycle(node, NOW)
+    sent = [call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls]
+    assert [(place.x, place.y) for place in sent] == ([] if pose is None else [(1.0, 2.0)])
 
 
 def test_diagnostics_say_which_critics_refused_the_samples():
@@ -56,7 +55,7 @@ def test_diagnostics_say_which_critics_refused_the_samples():
     reports = []
     for cycles in (1, 2, 0):
         for _ in range(cycles):  # once there are reasons, they stay until they are reported
-            MoveBaseNode._cycle(node, NOW, NOW)
+            MoveBaseNode._cycle(node, NOW)
         node._report_from = 0.0
         node._diagnostics.publish.reset_mock()
         MoveBaseNode._report(node, NOW)

@@ -6,7 +6,6 @@ import threading
 import time
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import rospy
 from dynamic_reconfigure.msg import DoubleParameter
@@ -15,7 +14,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.move_base import reconfigure_server
 from applr_ros1.nodes.move_base.planner_thread import PlannerThread
 from tests.support.refusals import refused
-from tests.support.ros_harness import wait_for
 
 
 @pytest.fixture
@@ -42,7 +40,7 @@ class Running:
         self.thread = threading.Thread(target=self.planner.run)
         self.thread.start()
 
-    def _cycle(self, now, turn):
+    def _cycle(self, now):
         time.sleep(self.takes)
         while self.hold.is_set():
             self.held.set()
@@ -67,96 +65,13 @@ def running(monkeypatch):
     made.end()
 
 
-def starts(frequency, scans, seconds):
-    """[(time of a cycle's start [s], time since the newest scan [s])]; scans: times at which one can be placed."""
-    came, used, now, due = 0.0, 0.0, 0.0, None
-    interval = scans[1] - scans[0] if scans else 0.0
-    planner = PlannerThread(
-        nothing,
-        lambda: frequency,
-        nothing,
-        nothing,
-        nothing,
-        lambda: came > used,
-        lambda: (came, came + interval if came else 0.0),
-    )
-    found, waiting = [], list(scans)
-    for k in range(int(1000 * seconds)):
-        now = 100.0 + 1e-3 * k
-        while waiting and waiting[0] <= now + 1e-6:
-            came = waiting.pop(0)
-        if due is not None and planner._left(due.to_sec(), now, 1.0 / frequency) > 1e-6:
-            continue
-        due = planner._next_due(due, rospy.Time.from_sec(now), 1.0 / frequency)
-        used = came
-        found.append((now, now - came))
-    return np.array(found)
-
-
-@pytest.mark.parametrize(
-    ("frequency", "rate", "first", "rates", "oldest"),
-    [
-        (20.0, 50.0, 100.003, (19.5, 20.5), 0.002),
-        (20.0, 40.0, 100.017, (19.5, 20.5), 0.002),
-        (20.0, 30.0, 100.01, (18.0, 20.5), 0.011),
-        (20.0, 100.0, 100.0, (19.5, 20.5), 0.002),
-        (20.0, 12.0, 100.03, (11.9, 20.5), 0.051),
-        (10.0, 5.0, 100.05, (9.8, 10.2), 0.101),  # every second cycle starts with a scan
-        (5.0, 50.0, 100.013, (4.9, 5.1), 0.002),
-    ],
-)
-def test_cycles_start_with_scans_at_the_control_frequency(frequency, rate, first, rates, oldest):
-    began = starts(frequency, list(first + np.arange(20 * rate) / rate), 20.0)[10:]
-    assert rates[0] <= 1.0 / np.diff(began[:, 0]).mean() <= rates[1]
-    assert np.diff(began[:, 0]).min() >= 0.59 / frequency
-    assert began[:, 1].max() <= oldest
-    if rate < frequency:
-        assert (began[:, 1] <= 0.007).sum() >= 0.95 * rate * np.ptp(began[:, 0])
-
-
-@pytest.mark.parametrize("scans", [[], list(100.0 + 0.02 * np.arange(250))])
-def test_without_scans_cycles_go_on_at_the_control_frequency(scans):
-    began = starts(20.0, scans, 10.0)[:, 0]
-    assert len(began) == pytest.approx(200, abs=2)
-    assert np.diff(began).max() <= 0.086  # where a scan is waited for that does not come
-
-
 def test_cycles_that_were_missed_are_counted():
     planner = PlannerThread(nothing, lambda: 20.0, nothing, nothing, nothing)
     due = rospy.Time.from_sec(100.0)
-    for late, missed in ((0.04, 0), (0.06, 1), (0.46, 9)):
+    for late, missed, next_due in ((0.0, 0, 0.05), (0.04, 0, 0.05), (0.06, 1, 0.11), (0.46, 9, 0.51)):
         planner.missed = 0
-        planner._next_due(due, due + rospy.Duration.from_sec(late), 0.05)
-        assert planner.missed == missed
-
-
-def test_a_scan_that_becomes_ready_wakes_the_thread(monkeypatch):
-    rospy.rostime.set_rostime_initialized(True)
-    rospy.rostime._set_rostime(rospy.Time.from_sec(100.0))  # from here on the clock is simulated, and stands
-    ended, began, ready, scans = threading.Event(), [], [], [0.0]
-    monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
-
-    def cycle(now, turn):
-        began.append((now.to_sec(), turn.to_sec()))
-        ready.clear()
-
-    times = (lambda: bool(ready)), (lambda: (scans[-1], scans[-1] + 1.8))
-    planner = PlannerThread(cycle, lambda: 0.5, nothing, nothing, nothing, *times)
-    thread = threading.Thread(target=planner.run)
-    thread.start()
-    try:
-        wait_for(lambda: began, "a first cycle")
-        rospy.rostime._set_rostime(rospy.Time.from_sec(101.75))
-        scans.append(101.75)
-        ready.append(True)
-        planner.wake()
-        wait_for(lambda: len(began) > 1, "a second cycle")
-        assert began == [(100.0, 100.0), (101.75, 102.0)]
-    finally:
-        rospy.rostime.switch_to_wallclock()
-        ended.set()
-        planner.wake()
-        thread.join(5.0)
+        later = planner._next_due(due, due + rospy.Duration.from_sec(late), 0.05)
+        assert (planner.missed, (later - due).to_sec()) == (missed, pytest.approx(next_due))
 
 
 def test_requests_are_answered_between_cycles_that_take_too_long(running):

@@ -66,8 +66,6 @@ class MoveBaseNode:
             self._clock_went_back,
             self._clock_stalled,
             self._cycle_failed,
-            lambda: self.sensors.scan_is_ready(),
-            lambda: self.sensors.scan_times(),
         )
         local_planner = self.move_base.local_planner_name
         self.sensors = Sensors(
@@ -75,7 +73,6 @@ class MoveBaseNode:
             self.move_base.sources,
             self.move_base.ray_origins,
             tree.get(local_planner, {}).get("odom_topic", odometry),
-            self.thread.wake,
             robot.laser.no_return if robot else None,
         )
         self._ages, self._report_from = Ages(), 0.0  # time.monotonic()
@@ -135,8 +132,8 @@ class MoveBaseNode:
             self.thread.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
-    def _cycle(self, stamp, turn) -> None:
-        now, move_base = turn.to_sec(), self.move_base
+    def _cycle(self, stamp) -> None:
+        now, move_base = stamp.to_sec(), self.move_base
         self._take_goals(stamp, now)
         pose, frame = self._locate(stamp)
         cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.observations(), frame)
