@@ -12,8 +12,6 @@ from typing import Any, Callable, Iterable, Optional
 
 from applr_ros1.common.extras import absent
 
-OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
-
 
 class ApplrError(ValueError):
     """A mistake that a user can put right. Its text is one line: what is wrong, which value, what to do.
@@ -101,16 +99,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
     usual = signal.getsignal(signal.SIGINT)
     if usual is signal.default_int_handler:  # its exception would be lost in a library's destructor
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    try:
-        loaded = importlib.import_module(module)
-    except ModuleNotFoundError as missing:
-        name = (missing.name or "").partition(".")[0]
-        if not name or name in OURS:
-            raise
-        raise ApplrError(
-            f"Python's {name} is not installed for {sys.executable}: run ./applr packages in the repository of "
-            "applr_ros1, then build this workspace again"
-        ) from None
+    loaded = importlib.import_module(module)
     signal.signal(signal.SIGINT, usual)
     usage = getattr(loaded, "USAGE", loaded.__doc__ if node else None)
     if usage and {"-h", "--help"} & set(sys.argv[1:]):

@@ -1,4 +1,4 @@
-"""Packages that only some commands need: an extra of `pip install` brings each (pyproject.toml)."""
+"""Packages that are not installed, among them those that only some commands need: extras of `pip install`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Iterator, Optional
 
-EXTRAS = {
+OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
+EXTRAS = {  # by package, as in pyproject.toml
     "matplotlib": "report",
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py"), "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
@@ -17,11 +18,14 @@ EXTRAS = {
 
 
 def absent(package: Optional[str]) -> str:
-    """Return the line about a package of an extra that is not installed; "" where it is, or is of no extra."""
+    """Return the line about a package that is not installed; "" if it is, or belongs to this repository."""
     name = (package or "").partition(".")[0]
-    if name not in EXTRAS or find_spec(name):
+    if not name or name in OURS or find_spec(name):
         return ""
-    return f"Python's {name} is not installed: in the clone of applr_ros1, pip install '.[{EXTRAS[name]}]'"
+    how = "run ./applr packages in the clone of applr_ros1, then build this workspace again"
+    if name in EXTRAS:
+        how = f"in the clone of applr_ros1, pip install '.[{EXTRAS[name]}]'"
+    return f"Python's {name} is not installed for {sys.executable}: {how}"
 
 
 @contextmanager

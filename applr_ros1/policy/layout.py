@@ -125,8 +125,8 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
     covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
     if not covered.all():
         raise ObservationError(
-            "scan of %d beams covers %.3f to %.3f rad: the policy looks from %.3f to %.3f; missing: %s"
-            % (count, min(first, last), max(first, last), layout.angle_min, layout.angle_max, _gaps(middles, covered))
+            "scan of %d beams covers %.3f to %.3f rad: the policy looks from %.3f to %.3f"
+            % (count, min(first, last), max(first, last), layout.angle_min, layout.angle_max)
         )
     begins, ends = (np.searchsorted(angles, middles + offset) for offset in (-half, half))
     empty = begins == ends
@@ -135,13 +135,6 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
     taken = np.repeat(begins - starts, lengths) + np.arange(lengths.sum())
     return source[taken], starts
-
-
-def _gaps(middles: np.ndarray, covered: np.ndarray) -> str:
-    """Return the directions [rad] that are not covered, as "-2.356 to -1.571 and 1.571 to 2.356"."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
-    pairs = zip(middles[edges[::2]], middles[edges[1::2] - 1])
-    return " and ".join("%.3f to %.3f" % pair for pair in pairs)
 
 
 def _wrapped(angles: np.ndarray) -> np.ndarray:

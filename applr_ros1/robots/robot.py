@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
-from typing_extensions import Annotated, Literal, get_args
+from typing_extensions import Annotated, Literal
 
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
@@ -31,8 +31,6 @@ Place2 = Tuple[Place, Place]
 Place3 = Tuple[Place, Place, Place]
 Inertia3 = Tuple[Inertia, Inertia, Inertia]
 Ground = Literal["plain", "gazebo"]
-GROUNDS = get_args(Ground)
-MAX_PARAMETERS = 64  # of a parameter space
 
 
 class Section(BaseModel):
@@ -339,9 +337,7 @@ class RobotFile(Section):
     odometry: OdometryErrors = OdometryErrors()
     monitor: Monitoring = Monitoring()
     world_scale: float = real("", 0.05, 20.0, "size of its worlds beside the Jackal's")
-    parameter_space: Optional[Dict[ParameterName, SpaceParameter]] = Field(
-        default=None, min_length=1, max_length=MAX_PARAMETERS
-    )
+    parameter_space: Optional[Dict[ParameterName, SpaceParameter]] = None
 
     @model_validator(mode="before")
     @classmethod

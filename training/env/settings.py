@@ -58,7 +58,7 @@ class TrialSettings(Options):
     simulator: str = Field("kinematic", description="kinematic or pybullet.")
     robot: Union[str, InstanceOf[Robot]] = Field(
         JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale.")
-    ground: str = Field("", description="What it drives on (robots.GROUNDS), instead of the robot's own.")
+    ground: str = Field("", description="What it drives on (plain or gazebo), instead of the robot's own.")
     protocol: str = Field(PAPER, description="Whose course is driven, one of PROTOCOLS.")
     observation: Literal["paper", "dimensionless"] = Field("paper", description=
         "Form of what a learnt policy sees and does, and of the reward: the paper's, or the same numbers for every "
