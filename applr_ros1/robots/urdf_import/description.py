@@ -189,7 +189,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
     fixed = [name for name, moved in urdf.moving.items() if not moved]
     shapes = [shape for name in fixed for shape in urdf.shapes(name) if shape[:, 2].max() > axle]
     low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
-    problem = "there are no fixed collision shapes above the axles" if not shapes else ""
+    problem = "" if shapes else "no fixed collision shapes above the axles are known"
     if urdf.lost:
         problem = f"put the packages of {', '.join(sorted(urdf.lost))} beside that of the URDF"
     elif shapes and low[2] < axle - base.get("wheel_radius", inf) + CLEARANCE_M:
