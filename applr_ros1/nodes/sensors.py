@@ -24,7 +24,7 @@ from applr_ros1.policy.observation import ObservationError
 
 from . import conversions
 from .conversions import MessageError, Pose
-from .transforms import AHEAD_S, MAX_AHEAD_S, Transforms
+from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
 AGES_KEPT = 600  # that the ages of Ages are of: half a minute at 20 Hz
 SCANS_KEPT = 20  # scans kept until their transform comes
@@ -184,7 +184,7 @@ class Sensors:
         """Return the observation of a message, None while its transform is not there. Raises MessageError."""
         now = rospy.get_rostime()
         ahead = (message.header.stamp - now).to_sec()
-        if ahead > AHEAD_S:
+        if ahead > MAX_AGE_S:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
         frame, stamp = message.header.frame_id, message.header.stamp
         try:

@@ -15,7 +15,7 @@ from applr_ros1.nodes.conversions import cos_tilt, from_above, with_infinity
 from applr_ros1.policy.observation import ObservationError
 
 LEAST_LEVEL_COS = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
-AHEAD_S = 1.0  # s that the stamp of a scan or of odometry may be ahead of the clock
+MAX_AGE_S = 1.0  # age of a message, and time that its stamp is ahead of the clock, above which it is not used [s]
 LATEST_S = 2**31 - 100  # s: stamps 2^31 s apart, or an end in 2106, end the process inside tf2
 MAX_AHEAD_S = 3.0  # s that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
 
@@ -23,6 +23,21 @@ MAX_AHEAD_S = 3.0  # s that a transform's stamp may be ahead of the clock; amcl'
 def _is_possible(stamp: rospy.Time, *frames: str) -> bool:
     """Return whether tf2 takes this time and these names."""
     return stamp.secs < LATEST_S and "\0" not in "".join(frames)
+
+
+def check_age(
+    what: str,
+    stamp: rospy.Time,
+    now: rospy.Time,
+    oldest: float = MAX_AGE_S,
+    most_ahead: float = MAX_AGE_S,
+    hint: str = "is its clock that of this machine?",
+) -> None:
+    """Raise ObservationError if a stamp is more than `oldest` [s] old or `most_ahead` [s] ahead of the clock."""
+    age = (now - stamp).to_sec()
+    if not -most_ahead <= age <= oldest:
+        most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
+        raise ObservationError(f"{what} is {abs(age):.2f} s {most} can be used: {hint}")
 
 
 class Transforms:
@@ -61,15 +76,11 @@ class Transforms:
         return found.transform
 
     def check_age(self, found: Any, target: str, now: rospy.Time, oldest: float, most_ahead: float, hint: str) -> None:
-        """Refuses a geometry_msgs/TransformStamped that is more than `oldest` [s] old or `most_ahead` [s] ahead."""
-        age = 0.0 if found.header.stamp.is_zero() else (now - found.header.stamp).to_sec()  # stamp 0: a static one
-        if -most_ahead <= age <= oldest:
-            return
-        if age < -max(AHEAD_S, most_ahead):
-            self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
-        most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
-        source = found.child_frame_id
-        raise ObservationError(f"transform {target} <- {source} is {abs(age):.2f} s {most} can be used: {hint}")
+        """Raise ObservationError if a geometry_msgs/TransformStamped is too old or too far ahead, as `check_age`."""
+        stamp = found.header.stamp or now  # 0: a static one
+        if (stamp - now).to_sec() > max(MAX_AGE_S, most_ahead):
+            self.buffer.clear()  # tf would refuse every right transform for as long as this one is ahead
+        check_age(f"transform {target} <- {found.child_frame_id}", stamp, now, oldest, most_ahead, hint)
 
     def rest(self) -> None:
         """Stop listening, which costs a share of a core, until the next question."""

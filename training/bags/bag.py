@@ -78,7 +78,7 @@ class Decision(NamedTuple):
     number: int
     goal: str
     stamp: int
-    odometry: int
+    scan: int
     before: Dict[str, float]
     after: Dict[str, float]
     seen: Seen
@@ -245,7 +245,7 @@ def _decision(m: Any) -> Sequence[Any]:
     movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
     pose, goal = (m.x, m.y, m.yaw), (m.goal_x, m.goal_y, m.goal_yaw)
     seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, np.column_stack([m.plan_x, m.plan_y]), movers)
-    return int(m.number), m.goal, _stamp(m), _nanoseconds(m.odometry), before, after, seen
+    return int(m.number), m.goal, _stamp(m), _nanoseconds(m.scan), before, after, seen
 
 
 def _frame(m: Any) -> str:

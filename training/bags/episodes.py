@@ -252,10 +252,10 @@ def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal
 def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [ns] and places (n, 2) [m] of the robot from a decision on, in the decision's frame.
 
-    The decision says where the robot was in its frame, the odometry how it drove on.
+    The decision says where the robot was in its frame at its scan, the odometry how it drove on.
     """
     stamps = bag.odometry.stamp
-    first = int(np.argmin(np.abs(stamps - decision.odometry)))
+    first = int(np.argmin(np.abs(stamps - decision.scan)))
     rows = np.append(first, np.flatnonzero((stamps > stamps[first]) & (stamps <= until)))
     change = compose(decision.seen.pose, inverse(tuple(bag.odometry.pose[first].tolist())))
     return stamps[rows], np.column_stack(transform_point(change, *bag.odometry.pose[rows, :2].T))

@@ -17,12 +17,11 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1.common.angles import transform_point
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.transforms import LaserMount, Transforms
+from applr_ros1.nodes.transforms import MAX_AGE_S, LaserMount, Transforms, check_age
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import ObservationError
 from applr_ros1.robots import JACKAL
 
-MAX_AGE_S = 1.0  # an older scan or pose is no basis for a decision
 STATUS_AGE_S = 2.0  # without a status for so long, move_base counts as gone
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
@@ -110,10 +109,10 @@ class RobotInputs:
             former, movers, odometry = self._former_goal, self._movers, self._odometry
         if scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
-        _check_age("scan", self._names["scan"], now, scan.header.stamp)
+        check_age(f"scan on {self._names['scan']}", scan.header.stamp, now)
         if odometry is None:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
-        _check_age("odometry", self._names["odometry"], now, odometry.header.stamp)
+        check_age(f"odometry on {self._names['odometry']}", odometry.header.stamp, now)
         beams = self._mount.beams(scan, self._base)
         plan = None if plan is None else plan.unpacked()
         early = 0.0 if plan is None or since is None else (since - planned).to_sec()
@@ -189,13 +188,3 @@ def _nearer(pose, former, goal):
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
     return away[0] < away[1]
-
-
-def _check_age(what, topic, now, stamp):
-    age = (now - stamp).to_sec()
-    if abs(age) > MAX_AGE_S:
-        raise ObservationError(
-            f"{what} on {topic} is {age:.2f} s old"
-            if age > 0
-            else f"{what} on {topic} is stamped {-age:.2f} s ahead of the clock"
-        )
