@@ -119,7 +119,7 @@ class TaskOptions(Options):
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
     end_on_stall: bool = option(False,
-        "End a training episode, as a failure, when the robot has driven less than .3 m in 8 s, at the Jackal's scale. "
+        "End a training episode, as a failure, when the robot has come less than .85 m in 8 s, at the Jackal's scale. "
         "Evaluations are not ended.")
     protocol: Literal["paper", "barn-challenge", "drawn"] = option("paper",
         "Course of the worlds in training and evaluation: paper, barn-challenge (10 m straight through, and in "
