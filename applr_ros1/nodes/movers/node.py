@@ -9,7 +9,7 @@ Parameters: ~robot (jackal; name or folder of a description), ~map (whether it d
 
 from __future__ import annotations
 
-import threading
+import time
 from typing import List
 
 import rospy
@@ -29,7 +29,7 @@ from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import JACKAL, Robot, load
 
-LOOK_S = 0.2  # s of wall time after which the clock is looked at where no scan comes
+LOOK_S = 0.01  # wall time between looks for a new scan [s]
 SHOWN_S = 0.3  # s for which it stays
 HEIGHT_M = 0.3  # m of the arrows above the ground
 COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)
@@ -39,7 +39,7 @@ class MoversNode:
     """Hands the scans of a robot to a Prediction and publishes what it says. The frames' names begin with prefix."""
 
     def __init__(self, robot: Robot, prefix: str):
-        self._prediction, self._news = Prediction(robot), threading.Event()
+        self._prediction = Prediction(robot)
         self._frame, self._scan, self._clock = prefix + robot.frames.odom, robot.topics.scan, Clock()
         self._laser = ""
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
@@ -50,15 +50,13 @@ class MoversNode:
             {self._scan: "LaserScan"},
             {},
             robot.topics.odometry,
-            self._news.set,
             robot.laser.no_return,
         )
 
     def spin(self) -> None:
         """Until shutdown: takes scans as they come."""
         while not rospy.is_shutdown():
-            self._news.wait(LOOK_S)
-            self._news.clear()
+            time.sleep(LOOK_S)
             if self._clock.went_back():
                 self._sensors.forget()
                 self._prediction.reset()
