@@ -14,12 +14,7 @@ from applr_ros1.common.extras import absent
 
 
 class ApplrError(ValueError):
-    """A mistake that a user can put right. Its text is one line: what is wrong, which value, what to do.
-
-    exit_status: what a command that ends with this error returns to the shell.
-    """
-
-    exit_status = 1
+    """A mistake that a user can put right. Its text is one line: what is wrong, which value, what to do."""
 
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
@@ -56,8 +51,8 @@ def _with_file(error: BaseException) -> str:
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """Runs a command and returns its exit status.
 
-    Every error becomes one line "PROGRAM: ..." on stderr, with exit status 1 or that of the ApplrError. Ctrl-C becomes
-    130, with the text of the KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the stack.
+    Every error becomes one line "PROGRAM: ..." on stderr, with exit status 1. Ctrl-C becomes 130, with the text of the
+    KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the stack.
 
     Args:
         main: the command; returns an exit status, or None for 0.
@@ -68,10 +63,8 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     except KeyboardInterrupt as stopped:
         status, text = 128 + signal.SIGINT, str(stopped) or "stopped"
     except Exception as error:
-        status = error.exit_status if isinstance(error, ApplrError) else 1
-        text = absent(error.name) if isinstance(error, ModuleNotFoundError) else ""
+        status, text = 1, absent(error.name) if isinstance(error, ModuleNotFoundError) else ""
         text = text or (_with_file(error) if isinstance(error, OSError) else one_line(error))
-        text = "\\n".join(text.splitlines())  # a path may hold newlines
         if os.environ.get("APPLR_DEBUG"):
             traceback.print_exc()
     print(f"{program}: {text}", file=sys.stderr)

@@ -9,7 +9,6 @@ from typing import Callable, Iterator
 
 FIRST_LINE_S = 2.0  # s after which the work is announced
 NEXT_LINE_S = 10.0  # s between further lines
-_of_thread = threading.local()
 
 
 @contextlib.contextmanager
@@ -18,18 +17,12 @@ def announced(
 ) -> Iterator[None]:
     """Say what work is going on once it takes long, and at its end how long it took.
 
-    Work that is part of announced work says nothing.
-
     Args:
         what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".
         say: Called with each line, from another thread.
         first: Time [s] after which the first line comes.
         every: Time [s] between further lines.
     """
-    if getattr(_of_thread, "announces", False):
-        yield
-        return
-    _of_thread.announces = True
     short, began, done, spoken = what.split(" (")[0], time.monotonic(), threading.Event(), False
 
     def speak() -> None:
@@ -46,7 +39,6 @@ def announced(
         spoken = False
         raise
     finally:
-        _of_thread.announces = False
         done.set()
         speaker.join()
         if spoken:
