@@ -6,17 +6,19 @@ page.py writes them.
 from __future__ import annotations
 
 import html
+import warnings
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Callable, Dict, Iterator, List, Sequence
+from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 import pandas as pd
+import scipy
 
 from applr_ros1.policy.decision import PERIOD
-from training.report import paper, statistics
+from training.report import paper
 from training.report.data import SETS, Results
-from training.trials.compare import mean_time, rate
+from training.trials.compare import LEVEL, mean_time, rate
 from training.trials.score import barn_metric
 
 NONE = "–"
@@ -90,6 +92,51 @@ def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Ca
     return of
 
 
+def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
+    """Two-sided Welch tests of the successful trials' times of two methods, in each world that both have driven.
+
+    Returns:
+        A row per world: "sign", -1 if the first is faster, 1 if the other is; "p", nan where it cannot be tested
+        because a side has fewer than two successes.
+    """
+    ours, theirs = (
+        {world: t.time_s[t.success].to_numpy() for world, t in one.groupby("world", sort=False)}
+        for one in (trials, others)
+    )
+    both = [(times, theirs[world]) for world, times in ours.items() if world in theirs]
+    signs = [np.sign(a.mean() - b.mean()) if len(a) and len(b) else 0.0 for a, b in both]
+    return pd.DataFrame({"sign": signs, "p": [welch_p(a, b) for a, b in both]}, dtype=float)
+
+
+def welch_p(a: np.ndarray, b: np.ndarray) -> float:
+    """The p-value of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
+    if len(a) < 2 or len(b) < 2:
+        return float("nan")
+    if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:  # a standard deviation need not be 0 then
+        return float(a[0] == b[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
+        return float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)
+
+
+def significant(tests: pd.DataFrame, corrected: bool = False) -> Tuple[int, int]:
+    """Number of worlds where the first method is significantly faster at .05, and where the other is.
+
+    With `corrected`, Holm's step-down procedure over all tested worlds keeps the chance of any false one below .05.
+    """
+    p = tests.p.to_numpy()
+    significant = (holm_adjusted(p) if corrected else p) < LEVEL
+    return int((significant & (tests.sign == -1)).sum()), int((significant & (tests.sign == 1)).sum())
+
+
+def holm_adjusted(p: np.ndarray) -> np.ndarray:
+    """(n,) p-values adjusted by Holm's procedure: under .05 the procedure rejects at .05. NaN stays and counts not."""
+    adjusted = np.full(len(p), np.nan)
+    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
+    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
+    return adjusted
+
+
 @table(
     "Table I: average traversal time",
     "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
@@ -132,8 +179,8 @@ def table_2(results: Results) -> Rows:
     """Welch tests per world."""
     base = results.baseline
     for name, method, trials in results.groups(results.rivals):
-        tests = statistics.welch(trials, results.of(base, results.of_set(name)))
-        counts = statistics.count(tests) + statistics.count(tests, corrected=True)
+        tests = welch(trials, results.of(base, results.of_set(name)))
+        counts = significant(tests) + significant(tests, corrected=True)
         shares = [share(n, len(tests)) for n in counts]
         stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
         yield {
@@ -162,8 +209,8 @@ def table_3(results: Results) -> Rows:
     for third, part in paper.THIRDS:
         worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
         for method in results.rivals if worlds else []:
-            tests = statistics.welch(results.of(method, worlds), results.of(base, worlds))
-            better, worse = statistics.count(tests)
+            tests = welch(results.of(method, worlds), results.of(base, worlds))
+            better, worse = significant(tests)
             stated = (NONE, NONE)
             if (method, base) == ("applr", "dwa"):
                 mark = " (*)" if (third, part) in paper.SWAPPED else ""
@@ -243,10 +290,10 @@ def pairs(results: Results) -> Rows:
         worlds = results.of_set(name)
         couples = [c for c in combinations(results.methods, 2) if results.both(worlds, *c)]
         found = [results.compare(*couple, worlds) for couple in couples]
-        adjusted = statistics.holm_adjusted(np.array([f.p for f in found]))
+        adjusted = holm_adjusted(np.array([f.p for f in found]))
         for (a, b), f, p in zip(couples, found, adjusted):
-            tests = statistics.welch(results.of(a, worlds), results.of(b, worlds))
-            faster, slower = (share(n, len(tests)) for n in statistics.count(tests, corrected=True))
+            tests = welch(results.of(a, worlds), results.of(b, worlds))
+            faster, slower = (share(n, len(tests)) for n in significant(tests, corrected=True))
             yield {
                 "worlds": name,
                 "method": a,

@@ -65,7 +65,7 @@ def test_the_page_holds_what_was_driven(folder):
     np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
     np.testing.assert_allclose(drive["v"], 100 * TRACE.twist[rows, 0], atol=0.6)
     assert drive["at"] == [0, 100]
-    assert drive["a"][1] == [50] * 11
+    assert drive["a"][1] == [50] * len(SPACE)
     left, bottom, right, top = np.array(world["view"]) / 100.0
     assert left < poses[:, 0].min() < poses[:, 0].max() < right
     assert bottom < poses[:, 1].min() < poses[:, 1].max() < top
