@@ -129,36 +129,29 @@ class Floor(Episode):
 
 
 def check(robot: Robot) -> Tuple[bool, List[str]]:
-    """Return whether the robot drives on open floor, and sentences about it."""
-    floor, can, cannot = Floor(robot), [], {}  # type: Floor, List[str], Dict[str, List[str]]
+    """Return whether the robot drives on open floor, and a line for each course, a remark, or what to change."""
+    floor, lines, failed = Floor(robot), [], {}  # type: Floor, List[str], Dict[str, str]
     for world in courses(robot):
         why = floor.drive(world)
-        can += [] if why else [f"{world.name} ({floor.seconds:.0f} s)"]
-        cannot.setdefault(why, []).append(world.name)
-    arrived, door, passed = cannot.pop("", []), world.name, None
-    lines = [f"On open floor {robot.name} can, with its own parameters, {', '.join(can)}."] if can else []
-    if not cannot:
+        lines.append(f"{world.name}: {why or f'{floor.seconds:.0f} s'}")
+        failed.update({world.name: why} if why else {})
+    if not failed:
         return True, lines
-    found = next((change for change in changes(robot) if _mends(robot, change, arrived)), None)
-    if cannot == {STANDS: [door]}:
-        wider = (world for margin in DOOR_MARGINS_M[1:] for world in courses(robot, margin)[-1:])
-        passed = next((world.name for world in wider if not floor.drive(world)), None)
-    if passed:
-        limit = f"with its own parameters it turns or stands before {door.partition('through ')[2]}"
-        more = f"; to drive through both, {found}" if found else ""
-        return True, [*lines, f"remark: {limit}, as the C++ planner would, and can {passed}{more}"]
-    failed = "; ".join(f"it cannot {', '.join(what)}: {why}" for why, what in cannot.items())
-    remedy = "No single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml."
-    if found:
-        remedy = f"All four drives arrive if you {found}."
-    lines = [f"The set-up of {robot.name} is wrong. On open floor, with its own parameters, {failed}.", *lines, remedy]
-    return False, [*lines, "What courses said about other parameters, or the policy, would not hold."]
+    found = next((change for change in changes(robot) if _mends(robot, change, failed)), None)
+    if failed == {world.name: STANDS}:
+        wider = (door for margin in DOOR_MARGINS_M[1:] for door in courses(robot, margin)[-1:])
+        passed = next((door.name for door in wider if not floor.drive(door)), None)
+        if passed:
+            more = f"; to drive through both, {found}" if found else ""
+            return True, [*lines, f"remark: as the C++ planner would, it can {passed} only{more}"]
+    remedy = "no single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml"
+    return False, [*lines, f"error: the set-up is wrong: {f'all four arrive if you {found}' if found else remedy}"]
 
 
-def _mends(robot: Robot, change: Change, arrived: List[str]) -> bool:
-    """Return whether all courses are driven with a change; those that have arrived without it come last."""
+def _mends(robot: Robot, change: Change, failed: Dict[str, str]) -> bool:
+    """Return whether all courses are driven with a change; those that have failed without it come first."""
     floor = Floor(with_change(robot, change))
-    return not any(map(floor.drive, sorted(courses(robot), key=lambda world: world.name in arrived)))
+    return not any(map(floor.drive, sorted(courses(robot), key=lambda world: world.name not in failed)))
 
 
 def changes(robot: Robot) -> Iterator[Change]:

@@ -17,7 +17,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.episodes import episode
-from tests.support.kills import left_at_each_write
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, networks_of, one_line, toy, toy_run
 from training.learner.config import parse
@@ -121,6 +120,30 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path):
     before = Learner.saved(out)["transitions"]
     assert main(["--resume", "--out", str(out), "--total-timesteps", str(before + 100)]) == 0
     assert Learner.saved(out)["transitions"] == before + 100
+
+
+def left_at_each_write(command, folder, copies, monkeypatch):
+    """Execute a command, and copy its folder before each of its writes to copies/0, copies/1, ...; return their names.
+
+    At a write the bytes of a file are there and its name is not yet.
+    """
+    names = []
+
+    def copying(name):
+        real = getattr(os, name)
+
+        def write(*args, **more):
+            folder.exists() and shutil.copytree(folder, copies / str(len(names)))
+            names.append(name)
+            return real(*args, **more)
+
+        return write
+
+    with monkeypatch.context() as patch:
+        for name in ("fsync", "replace"):
+            patch.setattr(os, name, copying(name))
+        command()
+    return names
 
 
 @pytest.mark.fault("19")

@@ -23,7 +23,6 @@ from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT
-from tests.support.kills import left_at_each_write
 from tests.support.trial_tables import kept
 from training import evaluate
 from training.env.episode import TIME_LIMIT
@@ -129,21 +128,6 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
     assert 0 < _rows(killed) < 24
     assert run(command(killed)) == 0
     assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
-
-
-@pytest.mark.fault("19")
-def test_killed_at_any_of_its_writes_it_goes_on_to_the_same_rows(tmp_path, run, monkeypatch):
-    whole = tmp_path / "whole"
-
-    def arguments(out):
-        return command(out, "--trials", 2, worlds="generated:0,generated:7", chosen="dwa")
-
-    writes = left_at_each_write(lambda: run(arguments(whole)), whole, tmp_path, monkeypatch)
-    assert len(writes) > 10
-    for number, name in enumerate(writes):
-        assert run(arguments(tmp_path / str(number))) == 0
-        rows = (tmp_path / str(number) / "trials.csv").read_bytes()
-        assert rows == (whole / "trials.csv").read_bytes(), f"killed at write {number}, {name}"
 
 
 def _rows(folder):
