@@ -26,25 +26,17 @@ class Lock:
     """One process per run folder. The system lets go of it when the process ends, however it ends.
 
     Args:
-        folder: to lock.
+        folder: to lock, by the file "lock" in it.
         who: works in it, for people.
     """
 
-    _file = -1
-
     def __init__(self, folder, who: str = "train.py"):
+        self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
         try:
-            self._file = os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT, 0o644)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(f"{folder}: another {who} works in this folder; wait, or give another --out") from None
-        except OSError as error:
-            raise StorageError(f"{folder}: cannot be locked ({reason(error)})") from None
 
     def close(self) -> None:
-        """Let another process use the folder, as where what holds the lock ends by an error and is gone."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
-
-    __del__ = close
+        """Let another process use the folder."""
+        self._file.close()

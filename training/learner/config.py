@@ -319,13 +319,9 @@ def recipe(name: str) -> Dict[str, Any]:
         raise ApplrError(f"--recipe {name} is unknown: give {', '.join(recipes())} or a .yaml file")
     path = Path(name) if name.endswith(".yaml") else RECIPES / (name + ".yaml")
     values = read_yaml(path)
-    return _of_file(values, path).model_dump(include=set(values))
-
-
-def _of_file(values: Any, path: Path) -> TrainConfig:
-    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
+    if not isinstance(values, dict):
         raise ApplrError(f"{path}: holds no options; give lines such as `batch_size: 256`")
-    return checked(TrainConfig, values, str(path))
+    return checked(TrainConfig, values, str(path)).model_dump(include=set(values))
 
 
 def parser() -> Parser:
@@ -368,10 +364,9 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     if not path.exists():
         raise ApplrError(f"--resume: {out} holds no run (no config.json); check --out, or leave --resume out")
     stored = read_json(path)
-    if isinstance(stored, dict):
-        stored.pop(PROVENANCE, None)
-        stored.pop(BASE, None)
-    begun = _of_file(stored, path)
+    for name in (PROVENANCE, BASE):
+        stored.pop(name, None)
+    begun = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **given, "out": out})
     for name, field in TrainConfig.model_fields.items():
         if field.json_schema_extra["fixed"] and getattr(config, name) != getattr(begun, name):  # type: ignore[index,call-overload]
