@@ -75,7 +75,7 @@ class Beside:
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
         self.inputs._on_odometry(odometry)
-        return self.inputs.snapshot(self.time)
+        return self.inputs.snapshot(self.time, self.time)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def beside(monkeypatch):
 def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
-    assert beside.snapshot().plan[-1, 0] == 5.0
+    assert beside.snapshot().seen.plan[-1, 0] == 5.0
     assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # a driver without stamps
     beside.now += 0.4
     beside.plan(5.0)
@@ -97,7 +97,7 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(5.0)  # was under way
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.plan(-2.8)  # to the first free place near the goal
-    assert beside.snapshot().plan[-1, 0] == pytest.approx(-2.8)
+    assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
 
 
 def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(beside):
@@ -109,8 +109,8 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
         beside.plan(5.0, frame)
         for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
             snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - ago))
-            assert snapshot.pose == pytest.approx((x, 0.0, 0.25))
-            assert snapshot.twist == (0.5, 0.0)
+            assert snapshot.seen.pose == pytest.approx((x, 0.0, 0.25))
+            assert snapshot.seen.twist == (0.5, 0.0)
 
 
 def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
@@ -118,7 +118,7 @@ def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside
     beside.plan(5.0, "map")
     beside.place("map", "odom", (0.0, 0.5, 0.0), beside.time)
     beside.now += 0.9
-    assert beside.snapshot().pose == (0.0, 0.5, 0.0)
+    assert beside.snapshot().seen.pose == (0.0, 0.5, 0.0)
     beside.now += 0.2
     refused(lambda: beside.snapshot(), r"map <- base_link is 1.10 s old", kind=ObservationError)
 
@@ -141,12 +141,11 @@ def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
     ):
         beside.plan(5.0, frame)
         seen = beside.snapshot()
-        np.testing.assert_allclose(seen.movers, moving, atol=1e-9)
-        assert seen.seen(1.0).movers is seen.movers
+        np.testing.assert_allclose(seen.seen.movers, moving, atol=1e-9)
         assert seen.movers_stamp == beside.time
     beside.now += 1.1
     beside.plan(5.0)
     seen = beside.snapshot()
-    assert (seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
+    assert (seen.seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
     beside.inputs._on_movers(stamped(Movers(), beside.time, "odom"))
-    assert beside.snapshot().movers.shape == (0, 4)
+    assert beside.snapshot().seen.movers.shape == (0, 4)

@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1 import robots
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
-from applr_ros1.policy.decision import Context
+from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import FAR_POINT, FORMS, DimensionlessForm
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
@@ -40,17 +40,18 @@ def published(monkeypatch):
 def snapshot(number):
     """Numbers of which none is like another, as a node heard them; its plan goes on where no form looks."""
     rng = np.random.default_rng(number)
-    *stamps, movers = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
+    stamps = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
     scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
     pose, twist, goal, moving = (tuple(rng.uniform(-2.0, 2.0, n)) for n in (3, 2, 3, (number, 4)))
     along = 0.03 * np.arange(400)
     plan = np.column_stack([pose[0] + along, pose[1] + np.sin(along)])
-    return Snapshot(scan, pose, plan, "odom", *stamps, twist, goal, np.reshape(moving, (-1, 4)), movers)
+    seen = Seen(scan, 0.1 * number, pose, twist, goal, plan, np.reshape(moving, (-1, 4)))
+    return Snapshot(seen, "odom", *stamps)
 
 
 def decide(topics, number, theta, refused=""):
     now, heard = rospy.Time(100 + number, 5), snapshot(number)
-    context = Context.of(THETA_0, heard.seen(0.1 * number), SPACE, LAYOUT)
+    context = Context.of(THETA_0, heard.seen, SPACE, LAYOUT)
     topics.decision(number, now, "goal 7", heard, context, theta, refused)
     return now
 
@@ -79,14 +80,14 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             "number": number,
             "goal": "goal 7",
             "stamp": (100 + number) * 10**9 + 5,
-            "odometry": (100 + number) * 10**9 + 2,
+            "scan": (100 + number) * 10**9 + 1,
             "before": SPACE.as_dict(THETA_0),
             "after": chosen,
         }
         for number, chosen in ((1, SPACE.as_dict(theta)), (2, {}))
     ]
     for number, seen in enumerate(found, 1):
-        said = snapshot(number).seen(0.1 * number)
+        said = snapshot(number).seen
         assert seen.scan[1:] == said.scan[1:]
         assert (seen.time, seen.pose, seen.twist, seen.goal) == (said.time, said.pose, said.twist, said.goal)
         np.testing.assert_array_equal(seen.scan[0], said.scan[0])

@@ -5,7 +5,7 @@ As in move_base, the pose comes from tf and only the twist from the odometry. Ca
 
 import math
 import threading
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import rospy
@@ -26,30 +26,19 @@ STATUS_AGE_S = 2.0  # without a status for so long, move_base counts as gone
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
-@dataclass
-class Snapshot:
-    """The inputs of one decision.
+class Snapshot(NamedTuple):
+    """What the robot sees at a decision, in `frame`, the plan's; the stamps of the messages that this was made from.
 
-    Those of a Seen in `frame`, the plan's, and the stamps (rospy.Time) of the messages that these were. The goal is as
-    move_base has stated it, or the plan's end where the node was started later; movers are none where no newest
-    message says so.
+    The goal is as move_base has stated it, or the plan's end if the node was started later. There are no movers if no
+    recent message has some.
     """
 
-    scan: tuple
-    pose: tuple
-    plan: np.ndarray
+    seen: Seen
     frame: str
     scan_stamp: rospy.Time
     odom_stamp: rospy.Time
     plan_stamp: rospy.Time
-    twist: tuple = (0.0, 0.0)
-    goal: tuple = (0.0, 0.0, 0.0)
-    movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    movers_stamp: rospy.Time = field(default_factory=rospy.Time)
-
-    def seen(self, time):
-        """Return it as a Seen, at so many seconds after the goal was sent."""
-        return Seen(self.scan, time, self.pose, self.twist, self.goal, self.plan, self.movers)
+    movers_stamp: rospy.Time
 
 
 class RobotInputs:
@@ -98,8 +87,8 @@ class RobotInputs:
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
 
-    def snapshot(self, now):
-        """Return a Snapshot at ROS time `now`.
+    def snapshot(self, now, began):
+        """Return a Snapshot at ROS time `now` of a course that began at another.
 
         Raises ObservationError with one line about what is missing or odd.
         """
@@ -120,19 +109,12 @@ class RobotInputs:
             raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
-        twist = odometry.twist.twist
-        return Snapshot(
-            beams,
-            self._pose(frame, scan.header.stamp),
-            points,
-            frame,
-            scan.header.stamp,
-            odometry.header.stamp,
-            plan.header.stamp,
-            (twist.linear.x, twist.angular.z),
-            conversions.pose_of(plan.poses[-1].pose if goal is None else goal),
-            *self._moving(movers, frame, now),
-        )
+        goal = conversions.pose_of(plan.poses[-1].pose if goal is None else goal)
+        pose, twist = self._pose(frame, scan.header.stamp), odometry.twist.twist
+        moving, movers_stamp = self._moving(movers, frame, now)
+        time, twist = (now - began).to_sec(), (twist.linear.x, twist.angular.z)
+        seen = Seen(beams, time, pose, twist, goal, points, moving)
+        return Snapshot(seen, frame, scan.header.stamp, odometry.header.stamp, plan.header.stamp, movers_stamp)
 
     def _pose(self, frame, stamp):
         """Return the robot's (x, y, yaw) in `frame` at a time, or its latest pose if tf does not reach that time."""
@@ -141,9 +123,9 @@ class RobotInputs:
         return conversions.pose_of(self._transforms.newest(frame, self._base, MAX_AGE_S))
 
     def _moving(self, msg, frame, now):
-        """(k, 4) x, y, vx, vy in `frame` of what moves, and the message's stamp; () where there is none of now."""
+        """Return the tracked movers (k, 4) x, y, vx, vy in `frame` and their stamp; empty if the message is stale."""
         if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
-            return ()
+            return np.zeros((0, 4)), rospy.Time()
         x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
         if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
             place = conversions.pose_of(self._transforms.newest(frame, msg.header.frame_id, MAX_AGE_S))

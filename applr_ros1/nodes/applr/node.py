@@ -218,9 +218,8 @@ class ApplrNode:
         theta = self.client.theta()
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
-        snapshot = self.inputs.snapshot(now)
-        seen = snapshot.seen((now - self._began).to_sec())
-        return snapshot, Context.of(theta, seen, self.space, self.method.layout)
+        snapshot = self.inputs.snapshot(now, self._began)
+        return snapshot, Context.of(theta, snapshot.seen, self.space, self.method.layout)
 
     def _note_end(self, now):
         """Publish what came of the last decision of a course, for those who learn from it."""

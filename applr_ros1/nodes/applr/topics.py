@@ -53,7 +53,7 @@ class ApplrTopics:
         message.x, message.y, message.yaw = context.pose
         message.v, message.w = context.twist
         message.goal_x, message.goal_y, message.goal_yaw = context.goal
-        message.ranges, message.angle_min, message.angle_increment = snapshot.scan
+        message.ranges, message.angle_min, message.angle_increment = snapshot.seen.scan
         message.plan_x, message.plan_y = beginning(context.plan, context.pose, self._farthest).T
         message.movers = Movers(Header(0, snapshot.movers_stamp, snapshot.frame), *context.movers.T, [])
         message.before, message.after = (parameters_message(t, now, self._space) for t in (context.theta, theta))
