@@ -1,4 +1,4 @@
-"""What tests/conftest.py promises of a run: what is left out, how it ends, what runs again, what it says of costs."""
+"""What tests/conftest.py promises of a run: what is left out, and that one that is ended leaves no process."""
 
 import os
 import re
@@ -14,8 +14,7 @@ from tests.support.ros_harness import ROOT, wait_for
 
 pytest.importorskip("rospy")
 TEST = """
-import os, pathlib, subprocess, sys, time
-import pytest, rospy
+import os, pathlib, time
 from tests.support import ros_harness
 
 def test_that_lasts():
@@ -24,23 +23,6 @@ def test_that_lasts():
         child = master.spawn("sleep", "60")
         pathlib.Path("pids").write_text("%d %d end" % (master._master.pid, child.pid))
         time.sleep(60.0)
-
-@pytest.fixture(scope="module")
-def shared():
-    return [ros_harness.session()]
-
-@pytest.mark.ros
-def test_that_fails_once(shared):
-    shared.append("what the first run left")
-    first = pathlib.Path("first")
-    if not first.exists():
-        first.touch()
-        rospy.set_param("/left", 1)
-        pytest.fail("as under load")
-    assert len(shared) == 2 and not rospy.has_param("/left")
-
-def test_that_costs():
-    subprocess.run([sys.executable, "-c", "import time\\nwhile time.process_time() < 1.2: pass"], check=True)
 """
 TIERS = """
 import pytest
@@ -105,14 +87,3 @@ def test_what_a_run_leaves_out_and_that_one_in_which_no_test_passed_is_a_failure
     lines = run.communicate(timeout=HANGS)[0]
     assert re.findall(r"seed \d|ran \w+", lines) == said
     assert run.returncode == (0 if said else pytest.ExitCode.NO_TESTS_COLLECTED), lines
-
-
-@pytest.mark.parametrize("workers", [pytest.param("-n0", marks=pytest.mark.slow), "-n1"])
-def test_a_second_run_begins_anew_and_is_named(tmp_path, workers):
-    run = start(tmp_path, "-k", "once or costs", workers)
-    said, _ = run.communicate(timeout=HANGS)
-    assert run.returncode == 0, said
-    assert re.search(r"(?m)^ +1\.[2-9] s in .* test_both\.py::test_that_costs$", said), said
-    assert re.search(
-        r"run a second time: 1 =+\ntest_both.py::test_that_fails_once\n(.*\n)*E +Failed: as under load", said
-    )
