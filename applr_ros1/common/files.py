@@ -11,8 +11,6 @@ from typing import Any
 
 from applr_ros1.common.errors import ApplrError, reason
 
-MAX_CELLS = 16_000_000  # of one map, 200 x 200 m at .05 m; a larger one is refused instead of filling the memory
-
 
 class StorageError(ApplrError):
     """A file or folder that cannot be read or written."""

@@ -21,12 +21,9 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import MAX_CELLS
 from applr_ros1.planner.costmap.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
-MAX_BEAMS = 100000
-MAX_POINTS = 5_000_000
 LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level
 WHOLE_SHARE = 0.9  # share of its predecessor's angle that a scan covers at least
 
@@ -131,8 +128,8 @@ def check_scan(message, turn: Optional[float], no_return: Optional[float] = None
     is a blind scanner.
     """
     n = len(message.ranges)
-    if not 0 < n <= MAX_BEAMS:
-        raise MessageError(f"has {n} beams: give between 1 and {MAX_BEAMS}")
+    if not n:
+        raise MessageError("has 0 beams")
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry[:3])) or math.isnan(geometry[3]) or message.angle_increment == 0.0:
         raise MessageError(
@@ -168,8 +165,6 @@ def points_of(message) -> np.ndarray:
         given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
         raise MessageError(f"has the fields {given or 'of none'}: give x, y and z as FLOAT32")
     n, width = message.width * message.height, message.point_step
-    if n > MAX_POINTS:
-        raise MessageError(f"has {n} points: give at most {MAX_POINTS}")
     row = message.row_step if message.height > 1 else n * width
     if width < max(offsets[axis] for axis in "xyz") + 4 or row < message.width * width:
         raise MessageError(f"has point_step {width} and row_step {row} for {message.width} points a row")
@@ -230,8 +225,6 @@ def static_map(message) -> StaticMap:
     info, n = message.info, len(message.data)
     if info.width * info.height != n or n == 0:
         raise MessageError(f"has {n} cells for {info.width} x {info.height}")
-    if n > MAX_CELLS:
-        raise MessageError(f"has {n} cells: give at most {MAX_CELLS}")
     turn = info.origin.orientation  # all zero where it was left out
     if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
         raise MessageError(f"has an origin that is turned by {yaw_of(turn):.3g} rad: give one without yaw")

@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import MAX_CELLS
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag, listing, real, text, whole
+
+MAX_CELLS = 16_000_000  # of a costmap: 200 x 200 m at 0.05 m
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
