@@ -14,7 +14,6 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
-from applr_ros1.planner.parameters.parameter import ParameterError
 
 LARGEST_TURN = 0.5  # [rad] a step for closed forms: the chord's formula fails near a full turn
 
@@ -104,14 +103,11 @@ class SamplingPlanner:
 
     Attributes:
         PARAMETERS, STATE: types of the records that its kernels take.
-        ABOVE_ZERO, NOT_NEGATIVE: parameters of the server that must be so.
         SAMPLES: those that are numbers of samples; values below 1 become 1.
     """
 
     PARAMETERS: np.dtype
     STATE: np.dtype
-    ABOVE_ZERO: Tuple[str, ...]
-    NOT_NEGATIVE: Tuple[str, ...]
     SAMPLES: Tuple[str, ...]
     DERIVED: Tuple[str, ...] = ("sim_period",)  # fields of PARAMETERS that are no parameter of the server
 
@@ -126,25 +122,11 @@ class SamplingPlanner:
         self.reconfigure(params)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Take over the server's values by name, some or all of them, between two cycles; other names are ignored.
-
-        Raises:
-            ParameterError: One line, for a value that is missing, not finite or out of its bound; nothing changes.
-        """
+        """Take over the server's checked values by name, some or all of them, between two cycles."""
         names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
-        wanted = dict(self._values, **{name: params[name] for name in names if name in params})
-        for name in names:
-            if name not in wanted:
-                raise ParameterError(f"parameter {name} is missing: give the local planner a value")
-            if not math.isfinite(wanted[name]):
-                raise ParameterError(f"parameter {name} = {wanted[name]!r} is not a finite number")
-        for name in (*self.ABOVE_ZERO, *self.NOT_NEGATIVE):
-            if wanted[name] < 0 or (wanted[name] == 0 and name in self.ABOVE_ZERO):
-                bound = "above 0" if name in self.ABOVE_ZERO else "0 or more"
-                raise ParameterError(f"parameter {name} = {wanted[name]!r} must be {bound}")
-        wanted.update({name: max(int(wanted[name]), 1) for name in self.SAMPLES})
-        self._values = wanted
-        self._scratch = self._allocate_scratch(*(wanted[name] for name in self.SAMPLES))
+        self._values = dict(self._values, **{name: params[name] for name in names if name in params})
+        self._values.update({name: max(int(self._values[name]), 1) for name in self.SAMPLES})
+        self._scratch = self._allocate_scratch(*(self._values[name] for name in self.SAMPLES))
         self._take_parameters()
 
     def _take_parameters(self):

@@ -10,7 +10,6 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import factor_of, multipliers_of
 from applr_ros1.policy.parameter_space import SPACE, send
-from tests.support.refusals import refused
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 
 
@@ -92,8 +91,6 @@ def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_
     assert (made.per_cell, made.theta(None)[0]) == (True, 0.7)
     path.write_text(json.dumps({"max_vel_x": 0.7}))
     assert not methods.make(str(path)).per_cell
-    path.write_text(json.dumps({"meter_scoring": True, "parameters": {}}))
-    refused(lambda: methods.make(str(path)), "meter_scoring is True: sets count per cell")
     learned = {"applr", "static", "appld"}
     names = learned | {"dwa", "random"}
     assert {name for name in names if methods.make(name).per_cell} == learned

@@ -16,7 +16,6 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from tests.support.jackal import JACKAL
 from tests.support.map_scenes import JACKAL as FOOT
 from tests.support.map_scenes import straight
-from tests.support.refusals import refused
 
 STANDING = (0.0, 0.0)
 DWA = dict(min_vel_y=0.0, max_vel_y=0.0, max_vel_x=0.5, max_vel_trans=0.5, acc_lim_x=10.0, acc_lim_theta=10.0)
@@ -144,11 +143,3 @@ def test_a_reconfigure_of_some_values_keeps_the_others(planner):
     ok, (v, _) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, costmap())
     assert ok
     assert 0.1 < v <= 0.2 + 1e-6
-
-
-def test_a_refused_reconfigure_changes_nothing(plugin, planner):
-    before = planner.compute_velocity((0, 0, 0), STANDING, costmap())
-    full = dict(Configuration(complete(dict(JACKAL, base_local_planner=plugin, DWAPlannerROS=DWA)))[namespace(plugin)])
-    refused(lambda: planner.reconfigure(dict(full, max_vel_x=0.2, sim_granularity=0.0)), "sim_granularity")
-    planner.set_plan(straight(2.0))
-    assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == before

@@ -94,11 +94,6 @@ class Costmap:
         self.set_footprint(footprint)
 
     def _allocate(self, size_x_m, size_y_m, resolution, origin):
-        if not (resolution > 0 and size_x_m / resolution >= 1 and size_y_m / resolution >= 1):
-            raise ApplrError(
-                "costmap of %g x %g m at %g m has no cells: give a positive resolution below the size"
-                % (size_x_m, size_y_m, resolution)
-            )
         self._allocate_cells(int(size_x_m / resolution), int(size_y_m / resolution), resolution, origin)
 
     def _allocate_cells(self, nx, ny, resolution, origin):

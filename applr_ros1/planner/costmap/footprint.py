@@ -27,29 +27,22 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
     Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2). In a
     string commas may be missing (array_parser.cpp).
     """
+    wrong = ApplrError(f"footprint is {text!r:.60}: give three points or more in metres, [[x, y], [x, y], ...]")
     value = text
     if isinstance(text, str):
         inside = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
         if inside is None:
-            raise _not_points(text)
+            raise wrong
         value = [re.findall(r"[^\s,'\"]+", point) for point in re.findall(r"\[([^]]*)\]", inside[1] or "")]
     try:
         points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
     except (TypeError, ValueError, OverflowError):
-        raise _not_points(text) from None
+        raise wrong from None
     if points.size == 0:
         return np.zeros((0, 2))
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ApplrError("footprint %.60r has a point that is not a pair: write it as [[x, y], ...]" % (text,))
-    if len(points) < 3:
-        raise ApplrError("footprint %.60r has fewer than three points: give three or more, or a robot_radius" % (text,))
-    if not np.all(np.isfinite(points)):
-        raise ApplrError("footprint %.60r has a coordinate that is not finite" % (text,))
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
+        raise wrong
     return points.astype(np.float64)
-
-
-def _not_points(text: object) -> ApplrError:
-    return ApplrError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))
 
 
 def circle(radius: float) -> np.ndarray:

@@ -35,8 +35,6 @@ class DWAPlanner(SamplingPlanner):
     """
 
     PARAMETERS, STATE, SAMPLES = PARAMETERS, STATE, SAMPLES
-    ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
-    NOT_NEGATIVE = ("sim_time", "path_distance_bias", "goal_distance_bias", "occdist_scale", "twirling_scale")
     DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
 
     def __init__(

@@ -11,7 +11,6 @@ from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
@@ -39,8 +38,6 @@ class TrajectoryPlanner(SamplingPlanner):
     """
 
     PARAMETERS, STATE = PARAMETERS, STATE
-    ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
-    NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
     SAMPLES = ("vx_samples", "vtheta_samples")
 
     def __init__(
@@ -118,8 +115,6 @@ class TrajectoryPlanner(SamplingPlanner):
 
         Pose and velocity are used as they are, in double. The cost is negative if the sample is illegal.
         """
-        if self._grids is None:
-            raise ApplrError("score needs the grids of a find_best_path before it")
         start = np.array(tuple(pose) + tuple(velocity), dtype=np.float64)
         vx, vy, w = (float(v) for v in sample)
         return score(self._params, self._look_at(costmap), self._grids, start, vx, vy, w)

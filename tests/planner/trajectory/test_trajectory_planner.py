@@ -15,7 +15,6 @@ from tests.support.jackal import JACKAL
 from tests.support.map_scenes import JACKAL as JACKAL_FOOT
 from tests.support.map_scenes import open_map
 from tests.support.plain_trajectories import Plain
-from tests.support.refusals import refused
 from tests.support.seeds import seeds
 
 FEET = [
@@ -196,11 +195,6 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     unscaled = planner(meter_scoring=False)
     unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     assert unscaled.effective["path_distance_bias"] == 0.75
-
-
-def test_parameters_that_are_missing_or_not_finite_are_named():
-    refused(lambda: TrajectoryPlanner(JACKAL_FOOT, {}), "acc_lim_x is missing")
-    refused(lambda: planner().reconfigure({"max_vel_x": math.nan}), "max_vel_x = nan is not a finite number")
 
 
 @pytest.mark.parametrize("heading_scoring", [False, True])
