@@ -95,7 +95,7 @@ def run(options: TuneOptions) -> int:
         "starts": starts.tolist(),
     }
     with continuable(), Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked) as table:
-        clock = Clock(table, f"looks_{options.for_}", 60.0 * options.minutes)
+        clock = Clock(table, f"readings_{options.for_}", 60.0 * options.minutes)
         theta, worth = find(options, settings, worlds, starts, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
         if not values:

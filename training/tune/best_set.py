@@ -59,7 +59,7 @@ say = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
-    """Return what a search in worlds drives with, but for the simulator."""
+    """Return the trial settings of a search in some worlds; the simulator is added later."""
     farthest = max(world.course.route_m for *_, world in worlds)
     rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "loaded": True}
     rules["randomisation"] = DRAWN
@@ -74,15 +74,15 @@ def find(
     table: Trials,
     clock: Clock,
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
-    """Return the best set (n,) of a robot's parameters in worlds, and what each that it changes saves [s].
+    """Find the best parameter set (n,) in some worlds, and the time that each changed parameter saves [s].
 
     Args:
-        options: of the search.
-        settings: what drives, but for the simulator (drives_of).
+        options: Options of the command.
+        settings: Trial settings without the simulator (drives_of).
         worlds: [(name, specification, world), ...].
-        first: sets (k, n) to begin with (warm_starts).
-        table: keeps the trials.
-        clock: ends each stage.
+        first: Parameter sets (k, n) to begin with (warm_starts).
+        table: Table that keeps the trials.
+        clock: Clock that ends each stage.
 
     Raises:
         ApplrError: no set arrives anywhere.
@@ -139,10 +139,10 @@ def find(
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Return sets (k, n): the robot's own parameters, the set in its folder, those of included robots, and half-way.
+    """Return parameter sets (k, n) to begin with: the robot's own, the set in its folder, and those of included robots.
 
-    Those of others are brought to its size and speed. Parameters that the dimensionless form does not know are taken at
-    the same place of their range.
+    Each set is also tried half-way to the robot's own parameters. Sets of other robots are scaled to its size and
+    speed; parameters that the dimensionless form does not know keep their place in the range.
     """
     space, found = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):

@@ -30,9 +30,15 @@ VERDICT_COURSES = 12  # least number of courses of each verdict
 def driven_unseen(
     options: TuneOptions, worlds: str, drives: Path, monitor: str, clock: Clock, share: float
 ) -> pd.DataFrame:
-    """Drive the robot's own parameters and the set in `drives` in some worlds; return paired_trials of both.
+    """Drive the robot's own parameters and the tuned set in some worlds; return the paired trials of both.
 
-    monitor: "with" or "without" the collision monitor; a folder in `drives`. share: of the time, at which they end.
+    Args:
+        options: Options of the command.
+        worlds: Worlds that the search did not use.
+        drives: Folder with static.json, the tuned set.
+        monitor: "with" or "without" the collision monitor; also the name of the trials' folder in `drives`.
+        clock: Clock of the search.
+        share: Share of the time at which the drives end.
     """
     robot = options.robot
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
@@ -53,7 +59,7 @@ def driven_unseen(
 
 
 def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:
-    """Return the parameters that a set changes: own value, its value, what it saves [s], and what the parameter is."""
+    """Return a table of the changed parameters: own and tuned value, saved time [s], and description."""
     space, rows = space_of(robot), []
     known = servers(robot.all_parameters())
     for name, own in space.as_dict(space.theta0).items():

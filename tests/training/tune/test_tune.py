@@ -146,11 +146,11 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_
         return found
 
     table = Trials(tmp_path, {})
-    clock = clocks.Clock(table, "looks", 100.0)
+    clock = clocks.Clock(table, "readings", 100.0)
     assert begun(clock) == [0, 1, 2]
     assert begun(clock, fewest=2) == [0, 1]
     now[0] = 1000.0
-    again = clocks.Clock(table, "looks", 100.0)
+    again = clocks.Clock(table, "readings", 100.0)
     assert list(again.until(0.5, range(10))) == [0, 1, 2]
     assert list(again.until(0.5, range(10), fewest=2)) == [0, 1]
     now[0] += 3.0
@@ -206,7 +206,7 @@ def test_a_run_that_was_stopped_goes_on_and_drives_nothing_twice(jackal, monkeyp
 
     def stop(table, **values):
         note(table, **values)
-        if len(values.get("looks_fast", ())) == 6:
+        if len(values.get("readings_fast", ())) == 6:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(Trials, "note", stop)
