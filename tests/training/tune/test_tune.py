@@ -291,7 +291,7 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
 @pytest.mark.parametrize(
     ("name", "searched"),
     [
-        ("jackal", ["min_in_place_vel_theta", "footprint_padding"]),
+        ("jackal", ["min_in_place_vel_theta", "escape_reset_dist", "escape_reset_theta", "footprint_padding"]),
         ("husky", ["footprint_padding", "planner_frequency"]),  # its files plan once
         ("turtlebot3_burger", ["footprint_padding"]),
     ],
