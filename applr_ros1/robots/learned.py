@@ -88,7 +88,7 @@ NAMES = {
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
-    """Return eleven to fourteen parameters of planners and costmaps; ranges include what the files start with.
+    """Return eleven to fifteen parameters of planners and costmaps; ranges include what the files start with.
 
     They are made without checks, because the tree has not been checked yet; check.py does so.
 
