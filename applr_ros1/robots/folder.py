@@ -28,7 +28,7 @@ class RobotError(ApplrError):
         self.lines: Tuple[str, ...] = tuple(lines)
         more = len(self.lines) - 1
         listed = f" ({more} more: check_robot.py lists them)" if more else ""
-        super().__init__(f"{os.path.join(folder, FILE)}: {self.lines[0]}{listed}")
+        super().__init__(f"{folder}: {self.lines[0]}{listed}")
 
 
 def load(name_or_folder: str, with_map: bool = False, report: bool = False) -> Robot:

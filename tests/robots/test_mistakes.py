@@ -193,7 +193,7 @@ def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, l
         load(changed(tmp_path / "mine", robot, file, old, new))
     assert [one for one in refused.value.lines if re.search(line, one)], refused.value.lines
     assert not [one for one in refused.value.lines if "\n" in one]
-    assert str(refused.value).startswith(f"{tmp_path}/mine/robot.yaml: ")
+    assert str(refused.value).startswith(f"{tmp_path}/mine: ")
 
 
 @pytest.mark.parametrize(("robot", "file", "old", "new", "line"), REMARKS)
@@ -233,7 +233,7 @@ def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):
 
 
 WRONG = ("turtlebot3_burger", BURGER, "max_vel_theta: 2.75", "max_vel_theta: .inf")
-LINE = "/mine/robot.yaml: DWAPlannerROS/max_vel_theta is inf: give a finite number"
+LINE = "/mine: DWAPlannerROS/max_vel_theta is inf: give a finite number"
 
 
 @pytest.mark.parametrize("command", [evaluate, train])

@@ -257,6 +257,15 @@ def test_layers_that_are_not_here_are_named_and_the_rest_drives():
     assert "obstacle_layer" in complete(tree)["global_costmap"]
 
 
+def test_a_layer_may_be_called_as_what_a_list_of_layers_replaces():
+    plugins = [{"name": "static_map", "type": "costmap_2d::StaticLayer"}]
+    tree = {name: {"plugins": plugins, "static_map": {"first_map_only": True}} for name in ("global_costmap",)}
+    assert check(tree) == []
+    assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
+    tree["global_costmap"]["plugins"] = []  # a section where C++ looks for true or false is neither
+    assert complete(tree)["global_costmap"]["static_map"] is False
+
+
 def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
     with pytest.raises(ParameterError, match="give a name and a type"):
         complete(changed("local_costmap/plugins", [{"type": "costmap_2d::StaticLayer"}]))
