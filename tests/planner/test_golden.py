@@ -8,10 +8,11 @@ import pytest
 from tests import replay_golden
 from tests.support import ROOT
 
-GOLDEN, GOLDEN_DWA = str(ROOT / "tests" / "golden"), str(ROOT / "tests" / "golden_dwa")
+GOLDEN, GOLDEN_DWA, DRAWN = (str(ROOT / "tests" / name) for name in ("golden", "golden_dwa", "golden_drawn"))
 COUNTS = {
     GOLDEN: {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15},
     GOLDEN_DWA: dict(dwa=25, dwa_edge=44, rollout=4, drive=8, stop_rotate=44, local_plan=7, local_plan_tf=1),
+    DRAWN: {"dwa": 200, "inflation": 60, "navfn": 102},
 }
 
 

@@ -161,8 +161,7 @@ def compare_layers(order, track_unknown):
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
     for k, layer in enumerate(made.layers):
         if order[k] == "i":
-            p = layer.parameters
-            inflate(master, *(0, 0, N, N), p.inflation_radius, 0.1, p.cost_scaling_factor, made.inscribed_radius, False)
+            inflate(master, (0, 0, N, N), 0.1, made.inscribed_radius, layer.parameters)
             continue
         known = layer.cells != 255
         if order[k] == "s":

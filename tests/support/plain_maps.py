@@ -1,15 +1,15 @@
-"""Slow, direct costmap layers after docs/explanation/planner.md, sections 2 to 4: what the fast ones are compared with.
+"""A slow, direct costmap after docs/explanation/planner.md, section 3: what test_costmap.py compares the fast one with.
 
-test_costmap.py, test_inflation.py, test_obstacle_layer.py and test_navfn.py hold the fast versions against these.
+Inflation and filled footprints are the package's own: golden vectors hold them.
 """
 
-import heapq
 import math
 
 import numpy as np
 
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import walk_line, world_to_map
+from applr_ros1.planner.costmap.grid import walk_line
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 
 F32_MAX = float(np.finfo(np.float32).max)
 
@@ -25,88 +25,11 @@ def hypot(x, y):
     return float(np.hypot(float(x), float(y)))
 
 
-def inflate(master, x0, y0, xn, yn, radius, resolution, weight, inscribed, inflate_unknown):
-    """Section 2, "Propagation over a window"."""
-    reach = max(0, math.ceil(radius / resolution))
-    if reach == 0:
-        return
-    ny, nx = master.shape
-
-    def cost(d):
-        if d == 0:
-            return 254
-        if d * resolution <= inscribed:
-            return 253
-        return int(252 * math.exp(-1.0 * weight * (d * resolution - inscribed)))
-
-    queue, counter, seen = [], 0, set()
-    for y in range(max(0, y0 - reach), min(ny, yn + reach)):
-        for x in range(max(0, x0 - reach), min(nx, xn + reach)):
-            if master[y, x] == 254:
-                queue.append((0.0, counter, x, y, x, y))
-                counter += 1
-    while queue:
-        d, _, x, y, sx, sy = heapq.heappop(queue)
-        if (x, y) in seen:
-            continue
-        seen.add((x, y))
-        new, old = cost(hypot(x - sx, y - sy)), int(master[y, x])
-        if old == 255:
-            if new >= 253 or (inflate_unknown and new > 0):
-                master[y, x] = new
-        else:
-            master[y, x] = max(old, new)
-        for px, py in ((x - 1, y), (x, y - 1), (x + 1, y), (x, y + 1)):
-            if 0 <= px < nx and 0 <= py < ny and (px, py) not in seen:
-                further = hypot(px - sx, py - sy)
-                if further <= reach:
-                    assert further >= d
-                    heapq.heappush(queue, (further, counter, px, py, sx, sy))
-                    counter += 1
-
-
-def corners_of(vertices, pose, shape, origin, resolution):
-    placed = footprints.transform(vertices, *pose).tolist()
-    cells = [world_to_map(x, y, *origin, resolution, shape[1], shape[0]) for x, y in placed]
-    return [None if cell[0] < 0 else cell for cell in cells]
-
-
-def plain_cost(cells, origin, resolution, vertices, pose):
-    """The footprint's cost as docs/explanation/planner.md, section 2.4 states it."""
-    cx, cy = world_to_map(pose[0], pose[1], *origin, resolution, cells.shape[1], cells.shape[0])
-    if cx < 0:
-        return -3
-    if len(vertices) < 3:
-        cost = int(cells[cy, cx])
-        return -2 if cost == 255 else -1 if cost >= 253 else cost
-    corners, worst = corners_of(vertices, pose, cells.shape, origin, resolution), 0
-    for i, corner in enumerate(corners):
-        following = corners[(i + 1) % len(corners)]
-        if corner is None or following is None:
-            return -3
-        for x, y in line_cells(*corner, *following).tolist():
-            cost = int(cells[y, x])
-            if cost >= 254:
-                return -2 if cost == 255 else -1
-            worst = max(worst, cost)
-    return worst
-
-
-def plain_fill(shape, origin, resolution, vertices, pose):
-    """The filled footprint as docs/explanation/planner.md, section 2.5 states it: the set of cells (x, y)."""
-    if len(vertices) <= 1:
-        cell = world_to_map(pose[0], pose[1], *origin, resolution, shape[1], shape[0])
-        return {cell} if cell[0] >= 0 else set()
-    corners, cells = corners_of(vertices, pose, shape, origin, resolution), []
-    for i, corner in enumerate(corners):
-        following = corners[(i + 1) % len(corners)]
-        if corner is None or following is None:
-            return set(cells)
-        cells += map(tuple, line_cells(*corner, *following).tolist())
-    for column in {x for x, _ in cells}:
-        rows = [y for x, y in cells if x == column]
-        cells += [(column, y) for y in range(min(rows), max(rows))]
-    return set(cells)
+def inflate(master, window, resolution, inscribed, parameters):
+    """Inflate a window of the cells in place, with a layer that has seen nothing before."""
+    layer = InflationLayer(*master.shape[::-1], resolution, parameters)
+    layer.set_inscribed_radius(inscribed)
+    layer.update(master, master.copy(), window)
 
 
 class PlainCostmap:
@@ -173,9 +96,7 @@ class PlainCostmap:
         if self.obstacles.enabled:
             self.obstacle_costs(pose, x0, y0, xn, yn)
         if self.inflation.enabled:
-            p = self.inflation
-            shape = p.inflation_radius, self.res, p.cost_scaling_factor, self.inscribed, p.inflate_unknown
-            inflate(self.master, *window, *shape)
+            inflate(self.master, window, self.res, self.inscribed, self.inflation)
 
     def obstacle_bounds(self, pose, bounds):
         p, source, grid = self.obstacles, self.source, self.layer
@@ -243,11 +164,8 @@ class PlainCostmap:
 
     def obstacle_costs(self, pose, x0, y0, xn, yn):
         p = self.obstacles
-        if p.footprint_clearing_enabled and len(self.footprint) >= 3:
-            where = self.layer.shape, self.layer_origin, self.res
-            if None not in corners_of(self.footprint, pose, *where):
-                for x, y in plain_fill(*where, self.footprint, pose):
-                    self.layer[y, x] = 0
+        if p.footprint_clearing_enabled:
+            footprints.fill_footprint(self.layer, 0, *self.layer_origin, self.res, self.footprint, *pose, True)
         for y in range(y0, yn):
             for x in range(x0, xn):
                 value, old = self.layer[y, x], self.master[y, x]

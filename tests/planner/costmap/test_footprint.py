@@ -1,4 +1,4 @@
-"""The robot's outline: parsing, padding, radii, its cost on a map and the cells it fills, against plain versions."""
+"""The robot's outline: parsing, padding, radii and the line of cells between two."""
 
 import math
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import footprint as footprints
-from tests.support.plain_maps import corners_of, line_cells, plain_cost, plain_fill
+from applr_ros1.planner.costmap.grid import walk_line
 from tests.support.refusals import refused
 from tests.support.seeds import examples
 
@@ -62,31 +62,12 @@ def test_transform_keeps_distances(vertices, x, y, yaw):
     np.testing.assert_allclose(np.hypot(*(placed - (x, y)).T), np.hypot(*vertices.T), atol=1e-12)
 
 
-@given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2**32 - 1))
-@examples(200)
-def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
-    rng = np.random.default_rng(seed)
-    cells = rng.integers(0, 254, (34, 44)).astype(np.uint8)
-    cells[rng.random(cells.shape) < 0.01] = 254
-    cells[rng.random(cells.shape) < 0.01] = 255
-    origin, resolution, pose = (-1.1, -0.85), 0.05, (x, y, yaw)
-    assert footprints.footprint_cost(cells, *origin, resolution, vertices, *pose) == plain_cost(
-        cells, origin, resolution, vertices, pose
-    )
-    for whole in (False, True):
-        grid = np.zeros_like(cells)
-        done = footprints.fill_footprint(grid, 1, *origin, resolution, vertices, *pose, whole)
-        expected = plain_fill(cells.shape, origin, resolution, vertices, pose)
-        if whole and (len(vertices) < 3 or None in corners_of(vertices, pose, cells.shape, origin, resolution)):
-            assert not done
-            expected = set()
-        assert {(int(cx), int(cy)) for cy, cx in np.argwhere(grid)} == expected
-
-
 @given(*[st.integers(0, 30)] * 4)
 @examples(200)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
-    line = line_cells(x0, y0, x1, y1)
+    xs, ys = np.empty((2, 31), np.int64)
+    count = walk_line(x0, y0, x1, y1, xs, ys, 0)
+    line = np.stack((xs, ys), axis=1)[:count]
     assert (tuple(line[0]), tuple(line[-1])) == ((x0, y0), (x1, y1))
     assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
     assert (np.abs(np.diff(line, axis=0)).max(axis=1) == 1).all()

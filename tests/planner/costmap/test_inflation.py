@@ -1,4 +1,4 @@
-"""The inflation layer against the plain queue: maps that are painted from nothing, and maps that are repaired."""
+"""The inflation layer on maps that change: repairs equal spreading anew. What is spread: test_golden.py."""
 
 import numpy as np
 import pytest
@@ -6,41 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
-from tests.support import map_scenes, plain_maps
+from tests.support.plain_maps import inflate
 from tests.support.seeds import examples
 
-RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
 
-
-def make(nx, ny, parameters, inscribed=0.265, resolution=0.05):
-    layer = InflationLayer(nx, ny, resolution, parameters)
-    layer.set_inscribed_radius(inscribed)
+def make(nx, ny, parameters):
+    layer = InflationLayer(nx, ny, 0.05, parameters)
+    layer.set_inscribed_radius(0.265)
     return layer
 
 
-def blank(nx, ny, value=0):
-    return np.full((ny, nx), value, np.uint8)
-
-
-@given(
-    st.integers(0, 2**32 - 1),
-    st.sampled_from(RADII),
-    st.sampled_from((0.0, 3.0, 10.0, 100.0)),
-    st.booleans(),
-    st.sampled_from((0.0, 0.165, 0.265, 0.5)),
-)
-@examples(60)
-def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, inscribed):
-    rng = np.random.default_rng(seed)
-    ny, nx = rng.integers(3, 60, 2)
-    cells = np.where(map_scenes.cellular(rng, ny, nx, rng.uniform(0, 0.5)), 254, 0).astype(np.uint8)
-    cells[rng.random(cells.shape) < rng.choice((0.0, 0.1))] = 255
-    cells[rng.random(cells.shape) < rng.choice((0.0, 0.1))] = rng.integers(1, 254)
-    layer = make(nx, ny, InflationParameters(radius, weight, True, inflate_unknown), inscribed)
-    master = blank(nx, ny)
-    layer.update(master, cells, (0, 0, nx, ny))
-    plain_maps.inflate(cells, 0, 0, nx, ny, radius, 0.05, weight, inscribed, inflate_unknown)
-    np.testing.assert_array_equal(master, cells)
+def blank(nx, ny):
+    return np.zeros((ny, nx), np.uint8)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
@@ -63,7 +40,7 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
         base[y0:yn, x0:xn] = plain[y0:yn, x0:xn]
         before = master.copy()
         changed = layer.update(master, base, (x0, y0, xn, yn))
-        plain_maps.inflate(plain, x0, y0, xn, yn, radius, 0.05, 3.0, 0.265, False)
+        inflate(plain, (x0, y0, xn, yn), 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, plain)
         assert_within(before != master, changed)
 
@@ -91,5 +68,5 @@ def test_short_queues_are_survived():
     for fill in (0.02, 0.1, 0.0, 0.05):
         plain[:] = np.where(rng.random(plain.shape) < fill, 254, 0)
         layer.update(master, plain.copy(), (0, 0, 150, 150))
-        plain_maps.inflate(plain, 0, 0, 150, 150, 0.3, 0.05, 3.0, 0.265, False)
+        inflate(plain, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, plain)
