@@ -23,7 +23,6 @@ from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT
-from tests.support.trial_tables import kept
 from training import evaluate
 from training.env.episode import TIME_LIMIT
 from training.env.settings import TrialSettings
@@ -132,7 +131,7 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
 
 def _rows(folder):
     """Trials that are kept."""
-    return len(kept(folder / "trials.csv"))
+    return len(read_trials(folder / "trials.csv"))
 
 
 def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
