@@ -119,7 +119,7 @@ def test_odometry_lags_by_its_filter():
 
 @pytest.mark.parametrize(
     ("name", "line"),
-    [("turtlebot3_burger", "for a skid_steer base"), ("husky", "track_multiplier is missing")],
+    [("turtlebot3_burger", "base.drive is two_wheel: give plain"), ("husky", "track_multiplier is missing")],
 )
 def test_a_ground_that_a_robot_cannot_have_is_one_line(name, line):
     refused(lambda: robots.on_ground(robots.load(name), "gazebo"), line)
