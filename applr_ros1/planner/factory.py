@@ -38,7 +38,7 @@ def make_local_planner(full: Dict[str, Any], config) -> LocalPlanner:
     place = namespace(plugin)
     latches = full["latch_xy_goal_tolerance"] if place == "DWAPlannerROS" else full[place]["latch_xy_goal_tolerance"]
     begun = config.start_up(place)
-    outline = padded_footprint(config.start_up("local_costmap"))
+    outline = footprint.padded(config.start_up("local_costmap"))
     planner = LOCAL_PLANNERS[plugin](dict(full[place], **begun, latch_xy_goal_tolerance=latches), outline)
     if config[place] != begun:
         planner.reconfigure(config[place])
@@ -60,7 +60,7 @@ def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:
         now["resolution"],
         (now["origin_x"], now["origin_y"]),
         rolling=static["rolling_window"],
-        footprint=padded_footprint(now),
+        footprint=footprint.padded(now),
         track_unknown=static.get("track_unknown_space", False),
         layers=[_describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)],
     )
@@ -75,11 +75,3 @@ def _describe(layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescri
     made = [Source(**static[name]) for name in sources(static)]
     default = UNKNOWN if static["track_unknown_space"] else FREE
     return LayerDescription(layer.name, ObstacleParameters(**now), made, default)
-
-
-def padded_footprint(values: Dict[str, Any]) -> np.ndarray:
-    """The padded outline (n, 2) [m] of one costmap's server values; a circle where no footprint is given."""
-    outline = footprint.parse(values["footprint"])
-    if len(outline) < 3:
-        outline = footprint.circle(values["robot_radius"])
-    return footprint.pad(outline, values["footprint_padding"])

@@ -17,7 +17,7 @@ from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.static_layer import StaticMap
-from applr_ros1.planner.factory import make_costmap, make_local_planner, padded_footprint
+from applr_ros1.planner.factory import make_costmap, make_local_planner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
@@ -382,7 +382,7 @@ class MoveBase:
         if name in self._outlines:
             outline = footprint.pad(self._outlines[name], self._config[name]["footprint_padding"])
         else:
-            outline = padded_footprint(self._config[name])
+            outline = footprint.padded(self._config[name])
         self.costmaps[name].set_footprint(outline)
 
     def _reconfigure_costmap(self, name, changed) -> None:

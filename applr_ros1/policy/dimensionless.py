@@ -24,11 +24,11 @@ from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import TURN_RAD, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
+from applr_ros1.robots.check import WIDTH as JACKAL_WIDTH
 from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
 
 DIMENSIONLESS = "dimensionless"
 VERSION = "dimensionless-2"  # of this form, in the files of policies
-JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 JACKAL_SPEED = 2.0  # what its base allows [m/s]
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
@@ -64,7 +64,7 @@ class DimensionlessForm(Form):
             raise ValueError("the dimensionless observation depends on the decision period: state it")
         super().__init__(robot, period, base)
         tree = robot.all_parameters()
-        self.width = _padded_width(tree["local_costmap"])
+        self.width = float(np.ptp(footprint.padded(tree["local_costmap"])[:, 1]))
         self.layout, self.scale = _layout(robot, self.width), self.width / JACKAL_WIDTH
         self.pace = self.scale * JACKAL_SPEED / robot.base.max_speed
         planner = str(tree["base_local_planner"]).rpartition("/")[2]
@@ -189,15 +189,6 @@ def _layout(robot: Robot, width: float) -> Layout:
         raise ApplrError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
     outer = 0.5 * (beams - 1) * step
     return Layout(beams, -outer, outer, CAP * width, NEAR_POINT * width)
-
-
-def _padded_width(costmap: Dict[str, Any]) -> float:
-    """Width [m] of the footprint with its padding, as the planner keeps clear of obstacles."""
-    outline = footprint.circle(costmap["robot_radius"])
-    if costmap.get("footprint") not in (None, "", "[]", []):
-        outline = footprint.parse(costmap["footprint"])
-    sides = footprint.pad(outline, costmap["footprint_padding"])[:, 1]
-    return float(sides.max() - sides.min())
 
 
 def _start(tree: Dict[str, Any], planner: str, name: str) -> float:

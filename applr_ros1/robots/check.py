@@ -358,8 +358,7 @@ def _outline(own: Dict[str, Any]) -> np.ndarray:
     """Return the padded footprint (n, 2) of a costmap [m]."""
     from applr_ros1.planner.costmap import footprint  # needs numba
 
-    points = footprint.parse(own["footprint"])
-    return footprint.pad(points if len(points) else footprint.circle(own["robot_radius"]), own["footprint_padding"])
+    return footprint.padded(own)
 
 
 def _no_footprint(setup: _Setup, costmap: str) -> bool:

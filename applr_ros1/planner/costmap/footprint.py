@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Sequence, Tuple, Union
+from typing import Any, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -55,6 +55,12 @@ def pad(vertices: np.ndarray, padding: float) -> np.ndarray:
     """Vertices (n, 2) moved away from the axes by `padding` [m]; a coordinate of exactly 0 stays. footprint.cpp:138."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     return vertices + np.sign(vertices) * padding
+
+
+def padded(values: Mapping[str, Any]) -> np.ndarray:
+    """Return the padded outline (n, 2) [m] of a costmap's values; a circle if no footprint is given."""
+    outline = parse(values["footprint"])
+    return pad(outline if len(outline) else circle(values["robot_radius"]), values["footprint_padding"])
 
 
 def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:

@@ -14,7 +14,6 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.factory import padded_footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
@@ -76,7 +75,7 @@ class Parameters:
 
     def padded_width(self) -> float:
         """Return the width [m] of the padded footprint."""
-        return float(np.ptp(padded_footprint(self.full["local_costmap"])[:, 1]))
+        return float(np.ptp(footprint.padded(self.full["local_costmap"])[:, 1]))
 
     def sources(self) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
         """Yield (path of the layer, name, values) of the observation sources of the costmaps."""
