@@ -10,15 +10,14 @@ import multiprocessing
 import os
 import signal
 import sys
-import time
-from multiprocessing.connection import wait
-from typing import Any, Callable, List, Tuple
+from concurrent.futures import ProcessPoolExecutor
+from typing import Callable, Tuple
 
 import sim_bridge
 import worlds
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.common.kernels import cache_folder
-from applr_ros1.common.progress import NEXT_LINE_S
+from applr_ros1.common.progress import announced
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
@@ -34,46 +33,30 @@ PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (  # the longest first; both
     ("the tracker of moving obstacles", warm_up_tracker),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
 )
-QUIET_S = 5.0  # of wall time before the first line: loading alone takes less
+QUIET_S = 5.0  # wall time before the first line of progress; loading alone takes less
 
 
 def main() -> int:
-    """The command. Exit status 0 when all kernels are compiled."""
+    """Run the command; return exit status 0 if all kernels are compiled."""
     return run_main(_compile, "applr")
 
 
 def _compile() -> None:
-    """Compile the parts in as many processes as there are processors, and say how far that is."""
-    processes, folder = len(os.sched_getaffinity(0)), cache_folder()
-    context, began, before = multiprocessing.get_context("fork"), time.monotonic(), _files(folder)
-    left, due = list(PARTS), began + QUIET_S
-    running: List[Any] = []
-    while left or running:
-        while left and len(running) < processes:
-            name, compile_part = left.pop(0)
-            running.append(context.Process(target=_quietly, args=(compile_part,), name=name, daemon=True))
-            running[-1].start()
-        wait([process.sentinel for process in running], timeout=max(0.0, due - time.monotonic()))
-        for process in [process for process in running if not process.is_alive()]:
-            running.remove(process)
-            if process.exitcode:
-                for other in running:
-                    other.kill()
-                raise ApplrError(f"the kernels of {process.name} could not be compiled (status {process.exitcode})")
-        if time.monotonic() >= due:
-            due += NEXT_LINE_S
-            done = f"{len(PARTS) - len(left) - len(running)} of {len(PARTS)} parts, {_files(folder) - before} kernels"
-            print(f"applr: compiling kernels: {done} in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
-    print(folder)
+    """Compile the parts in as many processes as there are processors."""
+    fork, processes = multiprocessing.get_context("fork"), len(os.sched_getaffinity(0))
+    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))  # end silently
+    with announced("compiling kernels", _say, first=QUIET_S), pool:
+        for part in [pool.submit(_compile_part, number) for number in range(len(PARTS))]:
+            part.result()
+    print(cache_folder())
 
 
-def _quietly(compile_part: Callable[[], None]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process ends the others
-    compile_part()
+def _compile_part(number: int) -> None:
+    PARTS[number][1]()
 
 
-def _files(folder: str) -> int:
-    return sum("-" in name for name in os.listdir(folder)) if folder else 0
+def _say(text: str) -> None:
+    print(f"applr: {text}", file=sys.stderr, flush=True)
 
 
 def _simulators() -> None:
