@@ -30,8 +30,7 @@ from applr_ros1.planner.observation_router import ObservationRouter
 from applr_ros1.robots import JACKAL as JACKAL_ROBOT
 from tests.support import map_scenes
 from tests.support.jackal import JACKAL_DWA
-from tests.support.map_scenes import wall_with_a_door
-from tests.support.plain_maps import inflate
+from tests.support.map_scenes import inflate, wall_with_a_door
 from tests.support.refusals import refused
 from tests.support.toy_robot import ToyRobot, quick
 

@@ -1,15 +1,14 @@
-"""Small random scenes for the tests of maps: cellular worlds, a plain laser, drives, a static map.
+"""Small scenes for the tests of maps: cellular worlds, inflation from nothing, an open map, a static map.
 
 Used by the tests of the planner.
 """
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
 
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1)
@@ -26,43 +25,11 @@ def cellular(rng, ny, nx, fill, steps=3):
     return grid
 
 
-def cylinders(rng, size=4.0, fill=0.3, radius=0.075):
-    """(n, 3) x, y, radius [m] of the cylinders in a square of `size` [m] about the origin."""
-    n = int(size / (2 * radius))
-    ys, xs = np.nonzero(cellular(rng, n, n, fill))
-    return np.stack(
-        ((xs + 0.5) * 2 * radius - size / 2, (ys + 0.5) * 2 * radius - size / 2, np.full(len(xs), radius)), axis=1
-    )
-
-
-def laser(circles, pose, rng, beams=180, height=0.0):
-    """LaserScan over 270 degrees among circles (n, 3) from the pose (x, y, yaw); 1 mm noise, +inf for no return."""
-    x, y, yaw = pose
-    increment = 1.5 * math.pi / (beams - 1)
-    angles = yaw - 0.75 * math.pi + increment * np.arange(beams)
-    ranges = np.full(beams, np.inf)
-    if len(circles):
-        dx, dy = circles[:, 0] - x, circles[:, 1] - y
-        along = np.cos(angles)[:, None] * dx + np.sin(angles)[:, None] * dy
-        across = dx * dx + dy * dy - along * along
-        half = circles[:, 2] ** 2 - across
-        hit = np.where((half >= 0) & (along > 0), along - np.sqrt(np.maximum(half, 0)), np.inf)
-        ranges = hit.min(axis=1)
-    ranges = np.where(ranges > 30, np.inf, ranges + rng.normal(0, 0.001, beams)).astype(np.float32)
-    return LaserScan(0.0, -0.75 * math.pi, increment, 0.1, 30.0, ranges, (x, y, yaw), height)
-
-
-def drive(rng, updates, start=(0.0, 0.0, 0.0), step=0.08):
-    """A list of poses (x, y, yaw): a random drive."""
-    x, y, yaw = start
-    poses, w = [], 0.0
-    for _ in range(updates):
-        w = 0.8 * w + 0.1 * rng.normal()
-        yaw += w
-        v = step * rng.random()
-        x, y = x + v * math.cos(yaw), y + v * math.sin(yaw)
-        poses.append((x, y, yaw))
-    return poses
+def inflate(master, window, resolution, inscribed, parameters):
+    """Inflate a window of the cells in place, with a layer that has seen nothing before."""
+    layer = InflationLayer(*master.shape[::-1], resolution, parameters)
+    layer.set_inscribed_radius(inscribed)
+    layer.update(master, master.copy(), window)
 
 
 def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL):

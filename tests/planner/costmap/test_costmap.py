@@ -1,7 +1,8 @@
-"""The layered costmap: whole drives byte for byte against the plain version, rolling, windows, versions, requests."""
+"""The layered costmap: whole drives byte for byte as recorded, rolling, windows, versions, requests."""
 
+import json
 import math
-from dataclasses import replace
+import zlib
 
 import numpy as np
 import pytest
@@ -10,11 +11,10 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import PointCloud, Source, project
-from tests.support import map_scenes
-from tests.support.plain_maps import PlainCostmap
-from tests.support.seeds import seeds
+from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, Source, project
+from tests.support import ROOT, map_scenes
 
+DRAWN = ROOT / "tests" / "golden_drawn"
 HERE = (0.0, 0.0, 0.0)
 
 
@@ -35,89 +35,35 @@ def hit(x, y):
     return PointCloud((0.0, 0.0, 0.0), np.array([[x, y, 0.0]], np.float32))
 
 
-@seeds(16)
-def test_drives_equal_the_plain_costmap(seed):
-    """A random drive among cylinders with everything that can happen to a costmap, compared after every update."""
-    rng = np.random.default_rng(seed)
-    rolling, track_unknown = bool(seed % 2), seed % 5 == 4
-    nx, ny = (int(v) for v in rng.integers(40, 100, 2))
-    resolution = float(rng.choice((0.05, 0.05, 0.1, 0.037)))
-    obstacles = ObstacleParameters(
-        combination_method=int(rng.choice((0, 1, 1, 1, 2))),
-        footprint_clearing_enabled=bool(rng.random() < 0.8),
-        max_obstacle_height=float(rng.choice((1.0, 2.0, 2.0))),
+@pytest.mark.parametrize("drive", json.loads((DRAWN / "drives.json").read_text()))
+def test_drives_are_as_recorded(drive):
+    """All that can happen to a costmap: tests/golden/FORMAT.md."""
+    ranges = np.load(DRAWN / "drives.npz")["ranges"]
+    obstacles, inflation = ObstacleParameters(**drive["obstacles"]), InflationParameters(**drive["inflation"])
+    layers = (
+        LayerDescription("seen", obstacles, (Source(**drive["source"]),)),
+        LayerDescription("inflated", inflation),
     )
-    source = Source(
-        obstacle_range=float(rng.choice((2.5, 1.5))),
-        raytrace_range=float(rng.choice((3.0, 1.2))),
-        min_obstacle_height=float(rng.choice((0.0, 0.0, 0.5))),
-        max_obstacle_height=float(rng.choice((1.5, 2.0, 2.0))),
-        marking=seed % 5 != 2,
-        clearing=seed % 4 != 3,
-    )
-    inflation = InflationParameters(
-        float(rng.choice((0.3, 0.28, 0.6))), float(rng.choice((10.0, 3.0, 0.0))), True, bool(rng.random() < 0.3)
-    )
-    footprint = map_scenes.JACKAL * rng.choice((1.0, 1.0, 0.4, 1.6))
-    if seed % 7 == 6:
-        footprint = footprint[:2]
-    origin = (0.0, 0.0) if rolling else (-nx * resolution / 2, -ny * resolution / 2)
-    fast = Costmap(
-        (nx + 0.5) * resolution,
-        (ny + 0.5) * resolution,
-        resolution,
-        origin,
-        rolling,
-        footprint,
-        track_unknown,
-        layers=(LayerDescription("seen", obstacles, (source,)), LayerDescription("inflated", inflation)),
-    )
-    plain = PlainCostmap(
-        nx, ny, resolution, origin, rolling, footprint, 255 if track_unknown else 0, obstacles, source, inflation
-    )
-    circles = map_scenes.cylinders(rng, float(rng.choice((4.0, 8.0))), float(rng.uniform(0.1, 0.45)))
-    for pose in map_scenes.drive(rng, 25, step=float(rng.choice((0.08, 0.3)))):
+    outline = np.array(drive["footprint"])
+    place = *drive["size"], drive["resolution"], drive["origin"], drive["rolling"]
+    costmap = Costmap(*place, outline, drive["track_unknown"], layers=layers)
+    for step in drive["steps"]:
         seen = None
-        if rng.random() < 0.85:
-            sensor = (pose[0] + 0.12 * math.cos(pose[2]), pose[1] + 0.12 * math.sin(pose[2]), pose[2])
-            if rng.random() < 0.05:  # a sensor off the map
-                sensor = (pose[0] - 9.0, *sensor[1:])
-            height = float(rng.choice((0.0, 0.5, 1.0, 1.5, 2.0, 2.5), p=(0.1, 0.3, 0.3, 0.1, 0.1, 0.1)))
-            seen = project(map_scenes.laser(circles, sensor, rng, height=height), bool(rng.integers(2)))
-        event = rng.random()
-        if event < 0.08:
-            inflation = replace(inflation, inflation_radius=float(rng.choice((0.0, 0.1, 0.35, 0.6, 1.4))))
-        elif event < 0.11:
-            inflation = replace(inflation, enabled=not inflation.enabled)
-        elif event < 0.14:
-            fast.clear_outside(pose, 1.5)
-            plain.clear_outside(pose, 1.5)
-        elif event < 0.17:
-            fast.clear()
-            plain.clear()
-        elif event < 0.20:
-            obstacles = replace(obstacles, enabled=not obstacles.enabled)
-            fast.configure(fast.obstacles.name, enabled=obstacles.enabled)
-            plain.obstacles = obstacles
-        elif event < 0.25:
-            mx, my = fast.world_to_map(*pose[:2])
-            if mx >= 0:
-                fast.set_free(mx, my, mx + 1, my + 1)
-                plain.master[my, mx] = 0
-        if inflation != fast.inflation.parameters:
-            fast.configure(fast.inflation.name, **vars(inflation))
-            plain.set_inflation(inflation)
-        version, cells, origin = fast.version, fast.cells.copy(), fast.origin.copy()
-        fast.update(pose, seen)
-        plain.update(pose, seen)
-        np.testing.assert_array_equal(fast.cells, plain.master)
-        np.testing.assert_array_equal(fast.obstacles.cells, plain.layer)
-        assert list(fast.origin) == plain.origin
-        differs, rect = cells != fast.cells, fast.changed_since(version)
+        if "scan" in step:
+            number, sensor, height, infinite = step["scan"]
+            beams = -0.75 * math.pi, 1.5 * math.pi / 179, 0.1, 30.0
+            seen = project(LaserScan(0.0, *beams, ranges[number], sensor, height), infinite)
+        for call, arguments, values in step["events"]:
+            getattr(costmap, call)(*arguments, **values)
+        version, cells, origin = costmap.version, costmap.cells.copy(), costmap.origin.copy()
+        costmap.update(step["pose"], seen)
+        found = [zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)]
+        assert [*found, costmap.origin.tolist()] == step["expected"]
+        differs, rect = cells != costmap.cells, costmap.changed_since(version)
         if rect is None:
-            assert fast.version == version
+            assert costmap.version == version
             assert not differs.any()
-            assert (origin == fast.origin).all()
+            assert (origin == costmap.origin).all()
         else:
             differs[rect[1] : rect[3], rect[0] : rect[2]] = False
             assert not differs.any()
