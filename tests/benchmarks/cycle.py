@@ -1,16 +1,20 @@
-"""The whole planner on courses like BARN's: time of one control cycle, and how much faster than time the simulators
-with the planner run on one core. Called by run.py.
+"""The whole planner on courses like BARN's: time of one control cycle and of its maps, and how much faster than time
+the simulators with the planner run on one core. Called by run.py.
 
 All of it runs in one thread, and its processor time is taken: what a clock shows on a machine that does nothing else.
+FORMAT.md of the golden set has C++ figures: inflation of 200 x 200 cells 179 us, navfn on 800 x 800 cells 1,076 us.
 """
 
 from time import process_time
+from unittest.mock import patch
 
 import numpy as np
 
 import sim_bridge
 import worlds
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.jackal import JACKAL
@@ -22,24 +26,40 @@ SECONDS = 20  # of each course that are simulated at most
 
 def control_cycle():
     """Mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
+    mean, count = _time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled)
+    return 1e3 * mean, "ms (mean over %d cycles)" % count
+
+
+def inflation():
+    """One update of the inflation layer of the local map, 200 x 200 cells, r = .30, while driving."""
+    mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._nx == 200)
+    return 1e6 * mean, "us (mean over %d updates)" % count
+
+
+def navfn():
+    """One plan on the global map, 800 x 800 cells, from the driving robot to the goal, the map changing meanwhile."""
+    mean, count = _time_in_drives(Navfn, "plan", lambda *_: True, planner_frequency=20.0)
+    return 1e6 * mean, "us (mean over %d plans)" % count
+
+
+def _time_in_drives(kind, name, counts, **parameters):
+    """Mean time [s] of a method's calls that count, and their number, in the best of three drives of the courses."""
     warm_up()
-    move_base = MoveBase(JACKAL)
-    step, took = move_base.step, []
+    method, took, means = getattr(kind, name), [], []
 
-    def timed(*arguments):
+    def timed(made, *arguments):
         began = process_time()
-        cycle = step(*arguments)
-        if cycle.controlled:
+        result = method(made, *arguments)
+        if counts(made, result):
             took.append(process_time() - began)
-        return cycle
+        return result
 
-    move_base.step = timed
-    means = []
-    for _ in range(3):
-        took.clear()
-        _drive(make_episode("kinematic", move_base), lambda episode, random: SPACE.theta0)
-        means.append(np.mean(took))
-    return 1e3 * min(means), "ms (mean over %d cycles)" % len(took)
+    with patch.object(kind, name, timed):
+        for _ in range(3):
+            took.clear()
+            _drive(make_episode("kinematic", MoveBase({**JACKAL, **parameters})), lambda *_: SPACE.theta0)
+            means.append(np.mean(took))
+    return min(means), len(took)
 
 
 def sim_speed_kinematic():

@@ -190,11 +190,6 @@ def test_two_robots_in_namespaces_share_no_name(tmp_path):
     assert shared == {"/use_sim_time"}
 
 
-def test_roslaunch_refuses_values_of_the_wrong_type():
-    with pytest.raises(roslaunch.core.RLException, match="fast"):
-        loaded("jackal_applr.launch", "real_time_factor:=fast")
-
-
 @pytest.mark.fault("23a")
 @pytest.mark.parametrize(
     ("command", "words", "line"),

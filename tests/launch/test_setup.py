@@ -2,10 +2,8 @@
 from a copy in another folder, with stand-ins for the system's programs first on PATH; nothing is installed.
 """
 
-import fcntl
 import os
 import re
-import select
 import shutil
 import signal
 import subprocess
@@ -144,13 +142,6 @@ def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_pa
     assert clone.quick("exec", "true", before=read_only) == (0, [])
 
 
-def test_an_error_of_an_earlier_set_up_is_not_told_again(clone):
-    for last in ("ERROR: no such version", "Killed"):
-        code, lines = clone.quick("setup", PIP_STAND_IN=f"echo {last}; exit 1")
-        assert code == 1
-        assert f"({last}): is there a network?" in lines[-1]
-
-
 def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
     # in short naps: an interrupt just before a nap begins reaches the shell alone, which ends after the nap
     waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
@@ -161,17 +152,6 @@ def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
     _, said = stopped.communicate(timeout=HANGS)
     assert (stopped.returncode, said.splitlines()[1:]) == (130, ["applr: stopped; the same command goes on from here"])
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
-
-
-def test_a_second_set_up_of_a_clone_says_that_it_waits(clone, tmp_path):
-    assert clone.quick("exec", "true")[0] == 0
-    with open(tmp_path / ".applr" / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        second = clone.start("exec", "true", APPLR_PYTHON=str(clone.programs / "python"))
-        select.select([second.stderr], [], [], HANGS)
-        fcntl.flock(lock, fcntl.LOCK_UN)
-    assert second.communicate(timeout=HANGS)[1] == "applr: another ./applr is setting up this clone: waiting for it\n"
-    assert second.returncode == 0
 
 
 def test_exec_starts_programs_and_has_no_options(clone):
@@ -198,27 +178,6 @@ def test_without_network_apt_says_so(clone):
     assert "network" in lines[-1]
     assert "Unable to fetch" in lines[-1]
     assert all(line.startswith("applr: ") for line in lines)
-
-
-def test_set_up_says_what_it_installs_and_how_far_it_is(clone, tmp_path):
-    """The packages are those that apt would install, and a list of them stays; a silence gets what the log says."""
-    script = tmp_path / "applr"
-    script.write_text(script.read_text().replace("read -rt 10", "read -rt .2"))
-    apt = """
-    case $1 in
-      -s) printf 'Inst liba (1.0)\nInst libb [0.9] (1.0)\nConf liba\n' ;;
-      update) ;;
-      *) echo Get:7 b; echo more; while ! grep -q Get: "$SAID"; do sleep .1; done; exit 100 ;;
-    esac"""
-    said = tmp_path / "said"
-    stand_ins = dict(NOTHING, id="echo 0", **{"apt-get": apt})
-    with open(said, "w") as file:
-        started = clone.start("setup", stand_ins=stand_ins, stderr=file, SAID=str(said))
-        assert started.wait(timeout=HANGS) == 1
-    lines = said.read_text().splitlines()
-    assert lines[0] == "applr: installing 2 system packages"
-    assert re.fullmatch(r"applr: \.\.\. \d s: Get:7 b", lines[1])
-    assert (tmp_path / ".applr" / "system_packages").read_text() == "liba\nlibb\n"
 
 
 def test_kernels_are_compiled_before_a_drive_where_they_or_what_they_are_made_of_have_changed(clone, tmp_path):

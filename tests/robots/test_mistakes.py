@@ -242,25 +242,3 @@ def test_commands_stop_at_the_same_line(tmp_path, capsys, command):
     assert command.main(["--robot", folder, "--out", str(tmp_path / "out")]) == 1
     assert LINE in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.ros
-def test_the_demo_and_the_node_stop_at_the_same_line(tmp_path):
-    from applr_ros1.nodes.move_base.robot_parameters import with_robot
-    from applr_ros1.nodes.tools import demo
-
-    folder = changed(tmp_path / "mine", *WRONG)
-    for start in (
-        lambda: demo.prepare(["robot:=" + folder, "picture:=none"]),
-        lambda: with_robot({"robot": folder}),
-    ):
-        with pytest.raises(ApplrError) as refused:
-            start()
-        assert str(refused.value).endswith(LINE)
-
-
-def test_remarks_are_printed_once(tmp_path, capsys):
-    folder = changed(tmp_path / "mine", "jackal", ROBOT, "world_scale: 1.0", "world_scale: 1.5")
-    assert load(folder, report=True) is load(folder, report=True)
-    (printed,) = capsys.readouterr().err.splitlines()
-    assert printed.startswith("remark: mine: world_scale is 1.5: ")
