@@ -33,7 +33,7 @@ def tell(who):
     seen.update(found)
     print(*[f"{who} imports {name}" for name in sorted(found)], sep=chr(10), end="")
 
-import training.trials.runner, training.workers.collect
+import training.evaluation.runner, training.workers.collect
 tell("a worker")
 for name, module in {**COMMANDS, **NODES}.items():
     sys.argv = [name, "--help"]

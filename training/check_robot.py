@@ -21,9 +21,9 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots import check as rules
 from applr_ros1.robots.folder import RobotError, read
-from training import open_floor
 from training.common.command_line import parsed
 from training.common.options import Options, argument
+from training.tuning import open_floor
 
 
 def summary(described: Robot) -> List[str]:

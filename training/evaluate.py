@@ -22,10 +22,10 @@ from training.common import command_line
 from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.env.settings import PROTOCOLS, TrialSettings
-from training.trials.drive import drive
-from training.trials.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
-from training.trials.table import TRIALS, Trials
-from training.trials.trial import Result, Trial, plan_trials
+from training.evaluation.drive import drive
+from training.evaluation.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
+from training.evaluation.table import TRIALS, Trials
+from training.evaluation.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds import World
 
@@ -73,7 +73,7 @@ def run(options: EvaluationOptions) -> None:
     with command_line.continuable():
         print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
         if options.report:
-            from training.report.page import write
+            from training.evaluation.report import write
 
             print(f"report: {write(options.out)}")
 

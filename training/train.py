@@ -29,12 +29,12 @@ from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
+from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.score import CONTACT_SECONDS
+from training.evaluation.trial import POLICY, Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
 from training.learner.metrics import TensorBoardLog, describe, mean
 from training.learner.prepare import dataset_of, prepare
-from training.trials.periodic import PeriodicEvaluation
-from training.trials.score import CONTACT_SECONDS
-from training.trials.trial import POLICY, Result, Trial
 from training.workers.collect import Collect, draw_world
 from training.workers.pool import CallFailed, Pool
 
@@ -322,7 +322,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
         config = parse(arguments)
         if config.seeds == 1:
             return TrainingRun(config).run()
-        from training import several
+        from training.learner import several
 
         return several.train(config, TrainingRun)
 

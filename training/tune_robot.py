@@ -27,18 +27,17 @@ from applr_ros1.common.progress import announced
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, load
-from training import open_floor
 from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
 from training.common.folders import make_folder
 from training.common.options import PLACE, Options, option
 from training.env.settings import CHALLENGE
-from training.report.verdict import tuned_verdict
-from training.trials.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
-from training.trials.table import Trials
-from training.tune import parameter_file
-from training.tune.best_set import LINES_S, drives_of, find, say, warm_starts
-from training.tune.clock import Clock
-from training.tune.judge import changes, driven_unseen
+from training.evaluation.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
+from training.evaluation.table import Trials
+from training.evaluation.verdict import tuned_verdict
+from training.tuning import open_floor, parameter_file
+from training.tuning.best_set import LINES_S, drives_of, find, say, warm_starts
+from training.tuning.clock import Clock
+from training.tuning.judge import changes, driven_unseen
 from worlds.loading import FORMS
 
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
@@ -77,7 +76,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(options: TuneOptions) -> int:
     """Search, judge, write and print; return the exit status."""
-    from training.report import page
+    from training.evaluation import report
 
     robot = options.robot
     out = make_folder(options.out or os.path.join("tune", robot.name))
@@ -111,7 +110,7 @@ def run(options: TuneOptions) -> int:
         for file, monitor, share in JUDGED:
             better, lines = tuned_verdict(driven_unseen(options, UNSEEN, drives, monitor, clock, share), options.for_)
             lines.insert(0, f"{file}, {monitor} the collision monitor:")
-            shown = page.write(drives / monitor, above=lines, first=[changed])
+            shown = report.write(drives / monitor, above=lines, first=[changed])
             if better:
                 write_bytes(folder / file, read_bytes(drives / file))
             say("\n".join([*lines, f"set: {(folder if better else drives) / file}", f"page: {shown}"]))

@@ -48,7 +48,7 @@ class ObstacleMemory:
         self._count = 0
 
     def update(self, scan):
-        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame).
+        """Takes a scan (common.scan.LaserScan in the fixed frame).
 
         Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
         NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
@@ -182,7 +182,7 @@ class SeenSpace:
         self.cells[:] = 0
 
     def update(self, scan):
-        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
+        """Takes a scan (common.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = map(float, scan.sensor_pose)

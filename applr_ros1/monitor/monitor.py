@@ -10,6 +10,7 @@ from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.scan_matching import ScanMatcher
@@ -24,7 +25,6 @@ from applr_ros1.monitor.stopping import (
     on_arc,
     safe_scale,
 )
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
@@ -134,7 +134,7 @@ class CollisionMonitor:
         return min(reaction, BRAKING_S if self._brakes else max(self._beats, default=reaction) + LATE_S)
 
     def see(self, scan, name=""):
-        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
+        """Takes a scan (common.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
 
         name: of the laser; "" for the first. One that is not among more_scans is a further laser from then on.
         """

@@ -63,7 +63,7 @@ class ScanMatcher:
         return compose(self.correction, pose)
 
     def see(self, scan):
-        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and corrects the transform.
+        """Takes a scan (common.scan.LaserScan in the odometry frame) and corrects the transform.
 
         It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it, and
         where it does not fit there over the one before. A scan that makes it `lost` is the first of new ones.

@@ -39,7 +39,7 @@ class ScannerCheck:
         self._forget_image()
 
     def fault(self, scan):
-        """Return what is wrong with a scan (planner.costmap.scan.LaserScan in the odometry frame), a line or ""."""
+        """Return what is wrong with a scan (common.scan.LaserScan in the odometry frame), a line or ""."""
         problem = geometry_fault(scan)
         if problem:
             return problem

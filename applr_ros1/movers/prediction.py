@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from applr_ros1.common.angles import compose, inverse, transform_point
+from applr_ros1.common.scan import LaserScan, SensorCloud, beam_directions, project
 from applr_ros1.movers.tracker import Movers, MoverTracker
-from applr_ros1.planner.costmap.scan import LaserScan, SensorCloud, beam_directions, project
 from applr_ros1.robots import Robot
 
 STEP_S = 0.15  # s between two places of a disc

@@ -11,9 +11,9 @@ from typing import NamedTuple, Optional
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_point
+from applr_ros1.common.scan import LaserScan, beam_directions
 from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.free_space import FreeSpace, depths
-from applr_ros1.planner.costmap.scan import LaserScan, beam_directions
 from applr_ros1.robots import Robot
 
 REACH_M = 8.0  # [m]: what is farther is not followed

@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.costmap.scan import LaserScan, Point, SensorCloud
+from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level

@@ -176,7 +176,7 @@ class Sensors:
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
-        """Return {topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
+        """Return {topic: what is new there (common.scan)}, of all topics whose transform is there."""
         found = {name: topic.newest(self._use) for name, topic in self._topics.items()}
         return {name: observation for name, observation in found.items() if observation is not None}
 

@@ -6,12 +6,12 @@ from typing import Any, Callable, Dict
 
 import numpy as np
 
+from applr_ros1.common.scan import Source
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.grid import FREE, UNKNOWN
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import Source
 from applr_ros1.planner.costmap.static_layer import StaticParameters
 from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner

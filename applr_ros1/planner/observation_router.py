@@ -9,8 +9,8 @@ import math
 from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.scan import LaserScan, Observation, ObservationBuffer, moved, observe
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.scan import LaserScan, Observation, ObservationBuffer, moved, observe
 from applr_ros1.planner.parameters.layers import PREDICTED
 
 Sensed = Union[Observation, Mapping[str, Observation]]

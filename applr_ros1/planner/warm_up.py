@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 

@@ -1,7 +1,8 @@
 """The dimensionless form of the learning problem: numbers that mean the same on every robot.
 
 Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
-in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another (training/tune).
+in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another by
+training/tuning.
 The paper's own form is in form.py.
 
 Only the parameters of OUTPUTS are chosen, as far as the robot's parameter space has them and within its ranges; the

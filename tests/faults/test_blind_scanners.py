@@ -11,8 +11,8 @@ import pytest
 
 import sim_bridge
 from applr_ros1.common.angles import compose
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 from worlds import Course, World
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, safe_scale
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 from tests.monitor.test_collision_monitor import ANGLE, BEAMS, scan_of, seen_all_around, wall
 from tests.support.seeds import examples

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import compose
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, penetration, safe_scale
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import JACKAL
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, beam_at, lines
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 from tests.support.seeds import seeds
 

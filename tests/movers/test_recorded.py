@@ -13,8 +13,8 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
-from applr_ros1.planner.costmap.scan import LaserScan
 
 VIEW = 5.0  # m from the laser within which a mover that at least three beams hit should be known
 NEAR = 0.4  # m beyond a true disc within which a mover of the tracker is meant to be it

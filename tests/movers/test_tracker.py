@@ -8,8 +8,8 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import compose
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 

@@ -13,10 +13,10 @@ from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 
+from applr_ros1.common.scan import project
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
 from applr_ros1.nodes.transforms import LaserMount
-from applr_ros1.planner.costmap.scan import project
 from applr_ros1.policy.observation import ObservationError
 from tests.support.refusals import refused
 

@@ -11,10 +11,7 @@ import pytest
 
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
-from applr_ros1.planner.costmap.inflation_layer import InflationParameters
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import (
+from applr_ros1.common.scan import (
     LaserScan,
     ObservationBuffer,
     PointCloud,
@@ -24,6 +21,9 @@ from applr_ros1.planner.costmap.scan import (
     observe,
     project,
 )
+from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
 from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter

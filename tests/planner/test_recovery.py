@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from applr_ros1.common.scan import PointCloud
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.scan import PointCloud
 from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.move_base_parameters import RECOVERY_TYPES
 from tests.support.jackal import JACKAL

@@ -19,8 +19,8 @@ from training import check_robot, evaluate, train
 from training.bags.bag import read
 from training.bags.topics import TopicNames
 from training.env.episode import Episode
-from training.trials.table import read_trials
-from training.tune import parameter_file
+from training.evaluation.table import read_trials
+from training.tuning import parameter_file
 
 CRATE = """\
 base:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PLAN
 from tests.support.jackal import JACKAL

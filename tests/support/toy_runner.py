@@ -10,13 +10,13 @@ import zlib
 import numpy as np
 
 from training.evaluate import EvaluationOptions, settings
-from training.trials.trial import Result
+from training.evaluation.trial import Result
 
 SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of itself, with nothing in it
 
 
 def drive(settings, task):
-    """As training.trials.runner.run."""
+    """As training.evaluation.runner.run."""
     if os.environ.get("TOY_BROKEN"):
         raise ValueError("the toy is broken; mend it")
     rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])

@@ -10,11 +10,11 @@ import torch
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
+from training.evaluation.trial import POLICY, Result
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
 from training.train import TrainingRun
-from training.trials.trial import POLICY, Result
 from training.workers.collect import PolicyWeights, collect, environment, layout_of
 
 LINE = "tests.support.toy_env:Line"

@@ -15,11 +15,11 @@ import numpy as np
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
 from applr_ros1.movers.prediction import Prediction
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.variant import CPP_LIKE

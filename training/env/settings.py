@@ -1,6 +1,6 @@
 """Settings of trials and training episodes, and the protocols, the rules that they are driven under.
 
-The environment (env.py) and trials/runner.py share them.
+The environment (env.py) and evaluation/runner.py share them.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import Any, Dict
 
 import numpy as np
 
-from training.trials.periodic import THETA0
+from training.evaluation.periodic import THETA0
 
 EPISODE = ("return", "length", "success", "collided", "time_s")
 

@@ -16,11 +16,11 @@ from training.common.options import dashed
 from training.env.env import ApplrEnv, load_worlds
 from training.env.reward import Reward
 from training.env.settings import TrialSettings
+from training.evaluation.runner import run, world_list
+from training.evaluation.trial import Result, Trial
 from training.learner.config import TrainConfig
 from training.replay.dataset import Dataset
 from training.replay.trajectory import TransitionLayout
-from training.trials.runner import run, world_list
-from training.trials.trial import Result, Trial
 from training.workers.collect import NAVIGATION, Collect, collect, layout_of
 
 

@@ -1,6 +1,6 @@
 """Work of an actor in an environment: a training episode with exploration noise. train.py submits them.
 
-Trials of the policy that is being learnt drive with PolicyWeights, too (training/trials/runner.py).
+Trials of the policy that is being learnt drive with PolicyWeights, too (training/evaluation/runner.py).
 """
 
 from __future__ import annotations

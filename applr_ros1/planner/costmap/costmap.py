@@ -14,6 +14,7 @@ from typing import Any, Deque, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.scan import PointCloud, Source
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import (
     FREE,
@@ -26,7 +27,6 @@ from applr_ros1.planner.costmap.grid import (
 )
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
-from applr_ros1.planner.costmap.scan import PointCloud, Source
 from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
 
 Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]

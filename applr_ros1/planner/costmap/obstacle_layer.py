@@ -12,6 +12,7 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import ObservationBuffer, PointCloud, Source
 from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.grid import (
     FREE,
@@ -27,7 +28,6 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map,
     world_to_map_no_bounds,
 )
-from applr_ros1.planner.costmap.scan import ObservationBuffer, PointCloud, Source
 
 Bounds = Tuple[float, float, float, float]
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.scan import LaserScan, PointCloud, Source, project
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, Source, project
 from tests.support import ROOT, map_scenes
 
 DRAWN = ROOT / "tests" / "golden_drawn"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from applr_ros1.common.scan import LaserScan, PointCloud, Source, project
 from applr_ros1.planner.costmap import obstacle_layer
-from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, Source, project
 from tests.support.seeds import examples
 
 INF = math.inf

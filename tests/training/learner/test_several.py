@@ -7,11 +7,11 @@ import pytest
 
 from tests.support.episodes import episode
 from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
-from training import several, train
+from training.evaluation.trial import Result, Trial
+from training.learner import several, train
 from training.learner.config import parse
 from training.replay import dataset
 from training.replay.trajectory import TransitionLayout
-from training.trials.trial import Result, Trial
 from worlds import specs
 
 SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7.5}

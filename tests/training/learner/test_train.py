@@ -19,12 +19,12 @@ from tests.support import HANGS, ROOT
 from tests.support.episodes import episode
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, networks_of, one_line, toy, toy_run
+from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.trial import Result
 from training.learner.config import parse
 from training.learner.learner import Learner, LearnerOptions
 from training.replay.trajectory import TransitionLayout
 from training.train import TrainingRun
-from training.trials.periodic import PeriodicEvaluation
-from training.trials.trial import Result
 from training.workers.collect import PolicyWeights
 
 

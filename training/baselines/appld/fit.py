@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Sequence
 
 import numpy as np
 
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.parameter_space import SPACE, Space, send, space_of

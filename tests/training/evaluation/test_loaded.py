@@ -1,0 +1,71 @@
+"""A set that move_base starts with, as a parameter file gives it, and the same set by reconfigure."""
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import SPACE, space_of
+from training import evaluate
+from training.env.settings import TrialSettings
+from training.evaluation.loaded import loadable_space
+from training.evaluation.runner import TrialRunner
+from training.evaluation.trial import Result, Trial
+
+SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.75, "vx_samples": 9}
+
+
+@pytest.mark.parametrize(("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)])
+def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the_robots_own(
+    loaded, in_maps, slowest, monkeypatch
+):
+    """A padding would be another one for the planner at its start: a YAML leaves it out."""
+    bases, called, reconfigure = [], [], MoveBase.reconfigure
+
+    def made(*how, **more):
+        bases.append(MoveBase(*how, **more))
+        return bases[-1]
+
+    monkeypatch.setattr(MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how))
+    monkeypatch.setattr("training.evaluation.runner.MoveBase", made)
+    drives = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
+    theta = SPACE.from_dict(SET)
+    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", "cpp-like", theta=tuple(theta.tolist())))
+    (base,) = bases
+    wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
+    assert SPACE.as_dict(drives.trace.theta[-1]) == wanted
+    assert bool(called) != loaded
+    assert drives.episode("cpp-like", 1.0).escapes != loaded
+    sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
+    assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
+    assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
+    assert base.local_planner._slowest_turn == slowest
+
+
+def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
+    jackal = loadable_space(robots.JACKAL)
+    assert jackal.fixed == ("footprint_padding",)
+    assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
+    sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
+    filled = [jackal.fill(theta) for theta in jackal.pick(sets)]
+    assert jackal.as_dict(filled[0])["footprint_padding"] == 0.1
+    assert filled[1].tolist() == SPACE.theta0.tolist()
+    waffle = robots.load("turtlebot3_waffle_pi")
+    assert loadable_space(waffle).chosen.names == space_of(waffle).names
+    burger = robots.load("turtlebot3_burger")
+    assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS asks for it in every cycle"
+
+
+def test_an_evaluation_with_loaded_sets_is_another_one(tmp_path, capsys):
+    drive = ["--worlds", "generated:0", "--methods", "dwa,static", "--trials", "1", "--workers", "0", "--no-report"]
+    drive += ["--runner", f"{__name__}:told", "--out", str(tmp_path / "a")]
+    assert evaluate.main([*drive, "--loaded"]) == 0
+    assert told.loaded == {True}
+    assert evaluate.main(drive) == 1
+    assert "was begun with another planner (ours, started with the sets, now ours)" in capsys.readouterr().err
+
+
+def told(settings, trial):
+    """As training.evaluation.runner.run."""
+    told.loaded = {settings.loaded}
+    return Result(success=True, time_s=9.0, reason="finished", route_m=6.0), b""

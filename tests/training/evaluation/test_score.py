@@ -1,0 +1,123 @@
+"""The one score of trials, and the periodic evaluation, which drives the trials that evaluate.py drives."""
+
+import math
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from applr_ros1.policy.actor import save
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
+from applr_ros1.robots import JACKAL, load
+from applr_ros1.robots.learned import OUTPUTS
+from training.env.env import ApplrEnv
+from training.env.settings import TrialSettings
+from training.evaluation import runner, score
+from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.evaluation.trial import POLICY, Result, plan_trials
+from training.td3.td3 import TD3, TD3Options
+from training.workers.collect import PolicyWeights
+
+
+def test_the_score_counts_a_failure_as_the_time_limit():
+    """The same score for every caller: periodic evaluation, search and the comparison of simulators."""
+    won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
+    assert score.seconds(won, 0.0) == 20.0
+    assert score.seconds(replace(lost, collided=True), 5.0) == 105.0
+    found = score.summary([won, lost], contact_seconds=4.0)
+    assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.0, 20.0, 0.5, 0.5)
+    assert score.summary([lost], 0.0)["time_s"] is None
+    assert score.summary([Result(total_reward=-3.0, decisions=10)], 5.0)["score"] == 3.0  # knows no courses
+
+
+def test_barn_metric_by_hand():
+    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
+    seconds = np.array([6.0, 30.0, 20.0, 100.0])
+    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
+
+
+def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
+    """One runner and one plan; but seeds of its own, so that evaluate.py never judges on trials that chose."""
+    worlds = [("generated:8", "generated:8")]
+    periodic = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3, 0.0)
+    (trial,) = periodic.begin(-1, 0, 0)
+    (other,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
+    assert trial == other
+    assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
+    result = runner.TrialRunner(TrialSettings()).run(trial)
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
+    assert faster.decisions == math.ceil(faster.time_s)
+    assert periodic.add(result)["score"] == result.time_s < 100.0
+
+
+def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
+    """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    save(tmp_path / "a.safetensors", weights, form=DimensionlessForm(JACKAL, 0.5))
+    spec = str(tmp_path / "a.safetensors")
+    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
+    for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
+        settings = TrialSettings(robot=robot, period=0.5, **options)
+        (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0)
+        measured, trace = runner.run(settings, task, (tmp_path / "a.safetensors").read_bytes())
+        driver = runner.TrialRunner(settings)
+        assert driver.run(replace(task, method_spec=spec)) == measured
+        assert measured.decisions == 10
+    with pytest.raises(ValueError, match="state it"):
+        runner.TrialRunner(TrialSettings(**options))
+
+
+def test_the_environment_earns_what_the_evaluation_counts():
+    """The same decisions in the same course: the sum of the environment's rewards is the trial's total."""
+    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0, "exact_time": True}, "period": 1.0}
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    learnt = PolicyWeights(safetensors.numpy.save(weights))
+    (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
+    driver = runner.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
+    total = driver.run(task, learnt).total_reward
+    env = ApplrEnv(worlds="generated:8", robot="husky", limit=6, **options)
+    observation, _ = env.reset(options={"simulator_seed": task.seed})
+    rewards = []
+    for _ in range(6):
+        observation, reward, *_ = env.step(learnt(observation))
+        rewards.append(reward)
+    env.close()
+    assert sum(rewards) == pytest.approx(total, abs=1e-9)
+
+
+def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
+    """After an edit of robot.yaml or of a parameter file it is another robot; a copy elsewhere is the same."""
+    found = []
+    for name, file, was, then in (
+        ("same", "robot.yaml", "", ""),
+        ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
+        ("planner", "base_local_planner_params.yaml", "max_vel_x: 0.5", "max_vel_x: 0.6"),
+    ):
+        folder = tmp_path / name / "jackal"
+        shutil.copytree(JACKAL.folder, folder)
+        text = (folder / file).read_text()
+        assert was in text
+        (folder / file).write_text(text.replace(was, then) if was else text)
+        found.append(runner.content(load(str(folder))))
+    assert found[0] == runner.content(JACKAL) == runner.described(JACKAL)["sha256"]
+    assert len(set(found)) == 3
+
+
+def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
+    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 1, 100, 0, 0.0)
+    for step, last, number in (
+        (0, False, THETA0),
+        (0, True, None),
+        (130, False, 1),
+        (170, False, None),
+        (170, True, 1),
+    ):
+        assert periodic.due(step, last) == number
+        if number is not None:
+            assert len(periodic.begin(number, step, 0)) == 1
+            periodic.add(Result(True, time_s=float(step)))
+    assert periodic.due(170, True) is None
+    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0, 0.0)
+    assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

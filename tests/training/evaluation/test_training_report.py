@@ -1,0 +1,302 @@
+"""The report: statistics by hand, the paper's tables from made-up trials, every output."""
+
+import csv
+import html
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.parameter_space import THETA_0
+from tests.support.toy_runner import SETTINGS
+from training.evaluation import paper, runner, tables
+from training.evaluation.compare import LEVEL, compare, over_worlds, rate, wilson
+from training.evaluation.figures import region_of
+from training.evaluation.report import summary, write
+from training.evaluation.stored import Results
+from training.evaluation.table import Trials
+from training.evaluation.tables import Table
+from training.evaluation.trial import Result, plan_trials
+from worlds.world import clearance
+
+METHODS = ("dwa", "applr", "other")
+
+
+class Trace:
+    time = np.arange(200) * 0.05
+    pose = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
+    twist = np.zeros((200, 2))
+    theta = np.tile(THETA_0, (5, 1))
+    decided = np.arange(5) * 2.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """40 worlds, three methods, six trials: applr is 25 % faster, fails in one world, dwa fails now and then."""
+    out = tmp_path_factory.mktemp("evaluation")
+    worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
+    plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
+    settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
+    learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor"}}
+    settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
+    store = Trials(out, settings)
+    rng = np.random.default_rng(1)
+    for task in plan:
+        mean = 20.0 + 0.4 * worlds.index(task.world)
+        mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
+        good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
+        seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
+        reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
+        result = Result(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
+        traced = task.trace and task.world in ("generated:20",)
+        store.add(task, result, runner.pack_trace(Trace) if traced else b"")
+    session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
+    store.note(wall_s=75.0, provenance=[dict(session, versions={"numpy": "2"})], workers=2)
+    return out
+
+
+@pytest.fixture(scope="module")
+def results(folder):
+    return Results(folder)
+
+
+def row_of(table, method, name="Test"):
+    return dict(zip(table.columns, next(r for r in table.rows if r[:2] == [name, method])))
+
+
+def arrivals(results, method, world):
+    trials = results.of(method, [world])
+    return trials.time_s[trials.success].to_numpy()
+
+
+def column(table, name):
+    return [row[table.columns.index(name)] for row in table.rows]
+
+
+# -- statistics --------------------------------------------------------------------------------------------------------
+def test_welch_is_scipys_and_edges_are_told():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
+    assert tables.welch_p(a, b) == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
+    assert math.isnan(tables.welch_p(a[:1], b))
+    assert tables.welch_p(np.ones(3), np.ones(3)) == 1.0
+    assert tables.welch_p(np.ones(3), np.zeros(3)) == 0.0
+    assert tables.welch_p(np.full(2, 5.05), np.full(20, 5.05)) == 1.0  # whose means differ in their last bit
+
+
+def test_holm_by_hand():
+    p = np.array([0.01, 0.04, 0.03, 0.005])
+    below = tables.holm_adjusted(p) < 0.05  # .005 < .0125, .01 < .0167, .03 >= .025
+    assert below.tolist() == [True, False, False, True]
+    assert tables.holm_adjusted(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert tables.holm_adjusted(np.zeros(0)).tolist() == []
+
+
+def test_wilson_by_the_book():
+    assert wilson(0.0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert wilson(0.0, 94)[0] == 0.0, "not -0"
+    assert wilson(0.9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
+
+
+def test_trials_of_a_world_that_go_alike_count_as_one():
+    worlds = pd.Series(np.repeat(np.arange(20), 6))
+    assert rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *wilson(0.5, 19)))
+    apart = pd.Series(np.arange(120) % 2 == 0)
+    assert rate(apart, worlds) == pytest.approx((0.5, *wilson(0.5, 120)))
+
+
+def test_the_bootstrap_resamples_worlds_not_trials():
+    """Ten worlds of a hundred equal trials: as wide as for ten trials, 1.96 standard errors (.95 of n - 1)."""
+    means = np.linspace(10.0, 30.0, 10)
+    half = 1.96 * means.std() / math.sqrt(10)
+    found = over_worlds(means * 100, np.full(10, 100.0))
+    assert found == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+    assert over_worlds(means) == pytest.approx(found)
+
+
+def test_the_paired_test_is_of_the_mean_by_hand():
+    """Of the 16 ways to sign 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
+    found = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
+    assert (found.worlds, found.p) == (4, 8 / 16)
+    assert (found.difference.value, found.gain.value) == (3.0, -0.15)
+    alone = compare([10.0], [20.0])
+    assert (alone.worlds, alone.gain.value) == (1, 0.5)
+    assert np.isnan([alone.p, alone.gain.low, alone.difference.high]).all()
+
+
+@pytest.mark.parametrize(
+    ("scores", "line"),
+    [
+        ((30.0, 31.0, 32.0), "better: no, 11.0 s more per course (10.0 to 12.0, p = 0.25)"),
+        ((10.0, 10.0, 10.0), "better: no, 10.0 s less per course (10.0 to 10.0, p = 0.25)"),
+        ((10.0,) * 6, "better: yes, 10.0 s less per course (10.0 to 10.0, p = 0.031)"),
+    ],
+)
+def test_a_comparison_is_a_line(scores, line):
+    assert compare(scores, [20.0] * len(scores)).line(LEVEL) == line
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def test_table_1_counts_successes_in_seconds_and_decisions(results):
+    table = tables.table_1(results)
+    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
+    times = np.concatenate([arrivals(results, "applr", w) for w in results.of_set("Training")])
+    base = np.concatenate([arrivals(results, "dwa", w) for w in results.of_set("Training")])
+    assert row["time [s]"] == "%.2f" % times.mean()
+    assert row["two-second decisions"] == "%.2f" % (times.mean() / 2)
+    counted = [results.of(m, results.of_set("Training")).counted.mean() for m in ("applr", "dwa")]
+    assert abs(counted[0] / counted[1] - times.mean() / base.mean()) > 0.01  # failures are not left out
+    assert row["faster [%]"] == "%.1f" % (100 * (1 - counted[0] / counted[1]))
+    assert row["faster than dwa [s]"] == "%.2f" % (counted[1] - counted[0])
+    assert row["paper [decisions]"] == "11.96"
+    assert row["paper [s]"] == "23.92"
+    assert any("two-second decisions" in n and "9.7 %" not in n for n in table.notes)
+    assert any("9.7 %" in n for n in table.notes)
+
+
+def test_table_2_tests_each_world(results):
+    table = tables.table_2(results)
+    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
+    worlds = results.of_set("Training")
+    won = sum(
+        stats.ttest_ind(*(arrivals(results, m, w) for m in ("applr", "dwa")), equal_var=False).pvalue < 0.05
+        for w in worlds
+        if w != "generated:3"
+    )
+    assert row["method better"].startswith("%d (" % won)
+    assert row["dwa better"].startswith("0 (")
+    assert row["tested"] == "%d of %d" % (len(worlds) - 1, len(worlds))  # generated:3 never succeeds
+    assert row["paper: applr better"] == "88 (35 %)"
+
+
+def test_table_3_has_thirds_and_the_papers_slip(results):
+    table = tables.table_3(results)
+    sizes = [int(r[2]) for r in table.rows if r[0].endswith("All") and r[1] == "applr"]
+    assert sizes == [13, 13, 13]
+    assert [r[-1] for r in table.rows if r[0] in ("Medium All", "Difficult All") and r[1] == "applr"] == [
+        "3 % (*)",
+        "14 % (*)",
+    ]
+    assert any(paper.SWAP_SLIP in n for n in table.notes)
+    assert results.thirds()["Difficult"][-1] == "generated:3"
+
+
+def test_table_4_names_failures(results):
+    table = tables.table_4(results)
+    assert [row[0] for row in table.rows] == list(METHODS)
+    assert all(("time limit" in row[3]) == (not row[2].startswith("6")) for row in table.rows)
+    assert column(table, "paper [s]")[0].startswith("72.8")
+
+
+def test_any_two_methods_are_compared_in_pairs(results):
+    table = tables.pairs(results)
+    assert list(dict.fromkeys(row[0] for row in table.rows)) == ["Training", "Test", "Physical course"]
+    row = dict(zip(table.columns, next(row for row in table.rows if row[:3] == ["Training", "dwa", "applr"])))
+    worlds = results.of_set("Training")
+    differences = [results.of("dwa", [w]).time_s.mean() - results.of("applr", [w]).time_s.mean() for w in worlds]
+    assert row["difference, all trials [s]"] == "%.2f" % np.mean(differences)
+    assert (row["p"], row["p (Holm)"]) == ("≤ 0.0001", "0.0003")  # of three pairs
+    low, high = map(float, row["95 % interval"].split(" to "))
+    assert low < np.mean(differences) < high
+    assert row["method faster in"].startswith("0 (")
+    assert int(row["other faster in"].split()[0]) > 0.8 * len(worlds)
+    assert table.rows[-1][table.columns.index("p")] == "–"  # one world is no sample of worlds
+
+
+def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
+    """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
+    worlds = ["generated:%d" % n for n in range(1, 7)]
+    plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
+    store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
+    for trial in plan:
+        good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
+        seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
+        result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
+        store.add(trial, result)
+    results = Results(tmp_path)
+    found = results.compare("crash", "dwa", worlds[1:])
+    assert found.difference.value == pytest.approx(100.0 - 23.0)
+    assert found.p == 2 / 2**5  # of all ways to exchange the two, two are as far apart
+    assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
+    hard = [row for row in tables.table_3(results).rows if row[0] == "Difficult All"]
+    assert [row[5] for row in hard] == ["62.50"]  # of 25 s and 100 s
+
+
+def test_means_are_compared_over_the_same_worlds(folder):
+    """Where a method was driven in some of the worlds only."""
+    joined = Results(folder)
+    easy = joined.of_set("Test")[:4]
+    joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
+    base, other = (joined.of(method, easy).counted.mean() for method in ("dwa", METHODS[2]))
+    row = next(row for row in tables.table_1(joined).rows if row[:2] == ["Test", METHODS[2]])
+    assert float(row[6]) == pytest.approx(base - other, abs=0.006)
+
+
+def test_formats_escape():
+    table = Table("t", "a & b", ["x_1", "y"], [["50 %", "<b> | ±"]], ["note: θ"])
+    assert "&lt;b&gt;" in table.html()
+    assert list(csv.reader(table.csv().splitlines()))[1] == ["50 %", "<b> | ±"]
+
+
+# -- all of it ---------------------------------------------------------------------------------------------------------
+def test_report_is_whole(folder):
+    page = write(folder)
+    out = folder / "report"
+    text = Path(page).read_text(encoding="utf-8")
+    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
+        assert (out / ("%s.csv" % name)).stat().st_size > 0
+    pictures = ["times.png", "paths_generated-20.png", "profile_generated-20_applr.png"]
+    for name in pictures:
+        assert (out / name).read_bytes()[:4] == b"\x89PNG"
+        assert name in text
+    assert "Wall time 01:15; base seed 0" in text
+    assert "kinematic" in text
+    assert "nan" not in text
+    assert text.count("<div class=wide><table>") == text.count("<table>") == 7
+    said = [html.unescape(text).index(s) for s in summary(Results(folder))]
+    assert said == sorted(said)
+    assert said[-1] < text.index("<table>") < text.index("times.png") < text.index("Table II")
+    assert re.search('<a class=drives href="drives.html"><img src="paths_generated-20.png"', text)
+    assert "Planner: ours." in text
+    assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
+
+
+def test_report_of_one_method_and_one_world(tmp_path):
+    plan = plan_trials([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
+    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]))
+    result = Result(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
+    store.add(plan[0], result, runner.pack_trace(Trace))
+    text = Path(write(tmp_path)).read_text(encoding="utf-8")
+    assert "paper [" not in text
+    assert "paper&#x27;s numbers" not in text
+
+
+def test_the_summary_has_the_differences_of_table_1(results):
+    table = tables.table_1(results)
+    for method, line in zip(METHODS[1:], summary(results)):
+        less = float(row_of(table, method)["faster than dwa [s]"])
+        assert line.startswith(f"{method} beside dwa, better: yes, {less:.1f} s less per course (")
+
+
+def test_nothing_to_report_is_one_line(tmp_path):
+    with pytest.raises(ApplrError, match="no trials"):
+        write(tmp_path)
+
+
+def test_regions():
+    import worlds
+
+    world = worlds.load("generated:7")
+    assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
+    post, free = world.cylinders[np.argmin(world.cylinders[:, 1])], np.array([[-2.25, 12.0]])
+    near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
+    assert clearance(world, near[None])[0] == pytest.approx(0.35)
+    poses = np.vstack([np.tile(near, (30, 1)), np.tile(free, (19, 1)), np.tile(near, (30, 1)), np.tile(free, (20, 1))])
+    assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # what lasts less than a second is none of its own

@@ -1,0 +1,138 @@
+"""Planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
+
+import json
+import math
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.state_machine import NO_PATH, OSCILLATING
+from applr_ros1.planner.variant import draw
+from tests.support.toy_robot import Told, ToyRobot, quick, ring, run
+from training import evaluate
+
+
+def test_what_is_drawn_depends_on_the_seed_alone():
+    both = [draw("drawn", seed) for seed in range(200)]
+    assert both == [draw("drawn", [seed]) for seed in range(200)]
+    assert set(both) == {"ours", "cpp-like"}
+    assert 70 < both.count("ours") < 130
+    made = MoveBase(quick(), "drawn")
+    for seed in range(8):
+        made.reset(0.0, seed=seed)
+        assert made.variant == both[seed]
+        made.reset(0.0)
+        assert made.variant == both[seed], "no seed: it stays"
+    with pytest.raises(ApplrError, match=r"^planner is 'cpp': give .* or drawn$"):
+        MoveBase(quick(), "cpp")
+
+
+# -- the defects of C++, driven --------------------------------------------------------------------------------------
+
+
+def first_recovery(planner, seed, **changes):
+    tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
+    made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
+    run(made, robot, 0.1)
+    made.set_goal((3.0, 0.0, 0.0), robot.time)
+    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))  # it oscillates on the spot
+    result = run(made, robot, 60.0, cycles=cycles)
+    assert result in (("aborted", OSCILLATING), None)
+    return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
+
+
+def test_a_due_recovery_is_skipped_while_plans_succeed():
+    assert first_recovery("ours", 0) == pytest.approx(1.0, abs=0.16)
+    late = [first_recovery("cpp-like", seed) for seed in range(3)]
+    assert len(set(late)) == 3
+    assert min(late) > 1.5
+    assert max(late) > 5.0
+    assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
+    # where one plan is enough, C++ recovers in time, too
+    assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
+
+
+def test_clearing_recoveries_find_no_layer_of_their_name():
+    """Obstacles that are gone, behind which nothing is seen: only a recovery takes them out of the maps."""
+    results = {}
+    for planner in ("ours", "cpp-like"):
+        made = MoveBase(quick(), planner=planner)
+        robot, cycles = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1)), []
+        for yaw in (2.0, 4.0, 0.0):
+            robot.pose = (0.0, 0.0, yaw)
+            run(made, robot, 0.1)
+        robot.circles = robot.circles[:0]
+        made.set_goal((4.0, 0.0, 0.0), robot.time)
+        results[planner] = run(made, robot, 60.0, cycles=cycles)
+    after_turn = [b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state]
+    assert after_turn[0] is None, "C++ leaves the rotation's last command in force; ours: test_move_base.py"
+    assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
+
+
+def test_success_waits_for_a_cycle_without_a_new_plan():
+    times = {}
+    for planner in ("ours", "cpp-like"):
+        made, robot = MoveBase(quick(), planner=planner, seed=4), ToyRobot()
+        made.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
+        assert abs(robot.pose[0] - 1.0) < 0.3
+        times[planner] = robot.time
+    assert times["cpp-like"] > times["ours"] + 2.0
+
+
+# -- evaluation and training -----------------------------------------------------------------------------------------
+def test_the_planner_reaches_training_and_evaluation(tmp_path):
+    pytest.importorskip("torch")
+    pytest.importorskip("gymnasium")
+
+    import worlds
+    from training.env.env import ApplrEnv
+    from training.evaluation.periodic import PeriodicEvaluation
+    from training.evaluation.runner import TrialRunner
+    from training.learner.config import TrainConfig
+    from training.learner.prepare import prepare
+
+    config = TrainConfig(
+        worlds="generated:0",
+        eval_worlds="generated:1",
+        planner="drawn",
+        end_on_collision=True,
+        monitor=True,
+        movers=True,
+        ground=[0, 2],
+    )
+    made = prepare(config)
+    env = ApplrEnv(**json.loads(made.collect.args[1]))
+    evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, 0.0, planner=config.eval_planner)
+    (trial,) = evaluation.begin(-1, 0, 0)
+    held_out = TrialRunner(made.drive.args[0]).episode(trial.planner, config.decision_period)
+    kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
+    assert set(kinds) == {"ours", "cpp-like"}
+    env.reset(seed=0)
+    assert env.episode.move_base.variant == kinds[0]
+    assert 0.0 < env.episode.simulator.drawn.ground < 2.0
+    held_out.reset(worlds.load("generated:1"), 0)
+    assert held_out.move_base.variant == "ours"
+    assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
+    assert config.setting() == "generated:1, kinematic, ours, collision monitor, movers"
+    assert env.episode.end_on_collision
+    assert not held_out.end_on_collision
+    for episode in (env.episode, held_out):
+        assert episode.monitor
+        assert episode.prediction
+
+
+def test_the_ground_is_part_of_the_task(tmp_path, capsys):
+    drive = ["--worlds", "generated:0", "--methods", "dwa", "--trials", "1", "--workers", "0", "--no-report"]
+    drive += ["--simulator", "kinematic", "--out"]
+    assert evaluate.main([*drive, str(tmp_path / "own")]) == 0
+    assert evaluate.main([*drive, str(tmp_path / "gazebo"), "--ground", "gazebo"]) == 0
+    assert evaluate.main([*drive, str(tmp_path / "plain"), "--ground", "plain"]) == 0
+    own, gazebo, plain = ((tmp_path / name / "trials.csv").read_text() for name in ("own", "gazebo", "plain"))
+    assert own == gazebo != plain
+    capsys.readouterr()
+    assert evaluate.main([*drive, str(tmp_path / "own"), "--ground", "plain"]) == 1
+    assert "another ground" in capsys.readouterr().err
+    assert evaluate.main([*drive, str(tmp_path / "none"), "--ground", "gazebo", "--robot", "turtlebot3_burger"]) == 1
+    assert "simulation.ground is gazebo, but base.drive is two_wheel" in capsys.readouterr().err

@@ -1,0 +1,114 @@
+"""Open floor: its courses, why a robot does not drive there, and the check that drives all of it."""
+
+import re
+import shutil
+
+import pytest
+
+import sim_bridge
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
+from applr_ros1.robots.folder import _read, read
+from training import check_robot
+from training.tuning import open_floor
+from training.tuning.open_floor import Floor, changes, courses, with_change
+
+BURGER = load("turtlebot3_burger")
+PLANNER = "dwa_local_planner_params_burger.yaml"
+
+
+def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
+    *_, door = courses(BURGER)
+    (left, right) = sorted(door.boxes, key=lambda box: box[0])
+    gap = right[0] - right[3] / 2 - (left[0] + left[3] / 2)
+    assert (door.name, round(gap, 6)) == ("drive through a door of 0.53 m", 0.21 + 0.02 + 0.3)
+
+
+def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    old, text = "rolling_window: false, width: 20, height: 20", (folder / "robot.yaml").read_text()
+    assert old in text
+    for size, farthest in ((2, 0.9), (40, 5.0 * BURGER.world_scale)):
+        new = f"rolling_window: true, width: 40, height: {size}"
+        (folder / "robot.yaml").write_text(text.replace(old, new))
+        _read.cache_clear()
+        assert max(world.course.goal[1] for world in courses(read(str(folder)))) == pytest.approx(farthest)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "course", "why"),
+    [
+        (PLANNER, "acc_lim_x: 2.5", "acc_lim_x: 0.1", 0, "refuses every velocity, most by velocity limits"),
+        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor holds it"),
+        (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
+    ],
+)
+def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5"))
+    robot = read(str(folder))
+    assert why in Floor(robot).drive(courses(robot)[course])
+
+
+def test_wheels_that_do_not_move_it_are_said():
+    floor = Floor(BURGER)
+    floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
+    assert floor.drive(courses(BURGER)[0]).startswith("its wheels move it")
+
+
+def test_a_change_counts_in_all_places_and_keeps_to_the_range():
+    found = {change.name: change for change in changes(BURGER)}
+    for name, change in found.items():
+        robot = with_change(BURGER, change)
+        space = space_of(robot)
+        if name in space.names:
+            at = space.names.index(name)
+            assert space.theta0[at] == pytest.approx(change.value)
+            assert space.low[at] <= change.value <= space.high[at]
+    speed = with_change(BURGER, found["max_vel_x"]).parameters()["DWAPlannerROS"]
+    assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
+    assert space_of(BURGER).theta0[0] == pytest.approx(0.22)
+
+
+def test_a_planner_that_stands_before_a_door_alone_is_a_remark_with_what_to_enter(capsys):
+    """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
+    assert check_robot.main(["husky"]) == 0
+    *_, door, remark = capsys.readouterr().out.splitlines()
+    assert door.startswith("drive through a door of 0.98 m: it turns or stands")
+    wider = float(remark.partition("remark: as the C++ planner would, it can drive through a door of ")[2].split()[0])
+    assert wider in [pytest.approx(0.68 + margin) for margin in (0.8, 1.0, 1.5)]
+    said = remark.partition("to drive through both, ")[2]
+    assert said == "give DWAPlannerROS/occdist_scale 0.005 instead of 0.01"
+
+
+def test_a_robot_that_drives_through_no_door_is_set_up_wrong(tmp_path, capsys):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / PLANNER).read_text()
+    (folder / PLANNER).write_text(text.replace("occdist_scale: 0.02", "occdist_scale: 5.0"))
+    assert check_robot.main([str(folder)]) == 1
+    *_, door, error = capsys.readouterr().out.splitlines()
+    assert door.startswith("drive through a door of 0.53 m: ")
+    arrive = "all four arrive if you give DWAPlannerROS/occdist_scale 0.05 instead of 5"
+    assert error == f"error: the set-up is wrong: {arrive}"
+
+
+def test_a_monitor_that_stops_it_before_a_door_is_a_wrong_set_up_though_it_passes_a_wider_one(tmp_path, monkeypatch):
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    text = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
+    robot = read(str(folder))
+    assert not Floor(robot).drive(courses(robot, 1.0)[-1])
+    monkeypatch.setattr(open_floor, "changes", lambda robot: ())
+    drives, (*_, door, error) = open_floor.check(robot)
+    assert (drives, "door of 0.53 m: the collision monitor holds it" in door) == (False, True), door
+    assert "no single parameter of the planner mends it" in error
+
+
+def test_a_check_of_a_robot_that_drives_ends_with_how_long_each_drive_took(capsys):
+    assert check_robot.main(["turtlebot3_burger"]) == 0
+    lines = capsys.readouterr().out.splitlines()[-4:]
+    assert [re.sub(r"\d+ s$", "", line) for line in lines] == [
+        f"{world.name}: " for world in courses(load("turtlebot3_burger"))
+    ]

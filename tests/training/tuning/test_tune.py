@@ -1,0 +1,382 @@
+"""./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import rosparam
+import yaml
+
+from applr_ros1 import robots
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import folder as robot_folder
+from training import tune_robot
+from training.evaluation import verdict as judging
+from training.evaluation.loaded import move_base_parameters
+from training.evaluation.score import AIMS, Baseline
+from training.evaluation.table import Trials
+from training.evaluation.trial import Result
+from training.tuning import best_set, judge, parameter_file
+from training.tuning import clock as clocks
+
+PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
+WIDTH = robots.JACKAL.body.size[1]
+FEW = ["--workers", "0", "--worlds", "generated:1-12"]
+DRIVEN = []  # trials, each of which takes a second
+LOADED = []  # of each, whether the planner starts with its set
+MONITORED = []  # of each, whether the collision monitor is behind the planner
+
+
+def toy(settings, task, gain=12.0):
+    """As training.evaluation.runner.run: the nearer to PAY, the faster; other parameters are nothing to it."""
+    DRIVEN.append(task)
+    LOADED.append(settings.loaded)
+    MONITORED.append(settings.monitor)
+    robot = settings.load_robot()
+    space = space_of(robot)
+    theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
+    here = dict(zip(space.names, space.to_action(theta)))
+    best = dict(zip(space.names, space.to_action(space.from_dict(PAY))))
+    seconds = (
+        12.0
+        + task.seed % 3
+        + (gain + gain * (task.seed % 7) / 40.0) * float(sum(abs(here[name] - best[name]) for name in PAY))
+    )
+    return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
+
+
+def none_better(settings, task):
+    return toy(settings, task, 0.0)
+
+
+def only_in_search(settings, task):
+    """In the courses of the verdict nothing is left of it."""
+    return toy(settings, task, 12.0 if task.theta else 0.0)
+
+
+def better_without_monitor(settings, task):
+    return toy(settings, task, 0.0 if settings.monitor else 12.0)
+
+
+def better_with_monitor(settings, task):
+    """In the search as well, where no monitor drives; but not in the courses of the verdict without it."""
+    return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
+
+
+def none_arrives(settings, task):
+    result, trace = toy(settings, task)
+    return replace(result, success=False, timeout=True), trace
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Few courses, and time in which each drive takes a second, and nothing else any."""
+    DRIVEN.clear()
+    LOADED.clear()
+    MONITORED.clear()
+    monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
+    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (True, []))
+
+
+@pytest.fixture
+def jackal(tmp_path, few):
+    """A folder of a Jackal that has nothing but its description."""
+    left_out = shutil.ignore_patterns("static.json", "*.safetensors")
+    return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=left_out)
+
+
+def tune(folder, runner, *more):
+    robot_folder._read.cache_clear()  # a command is a process of its own
+    words = [str(folder), "--out", str(folder.parent / "out"), "--minutes", "12", *more]
+    return tune_robot.main([*words, *FEW, "--runner", f"{__name__}:{runner}"])
+
+
+def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
+    assert tune(jackal, "toy") == 0
+    printed = capsys.readouterr().out
+    left = re.findall(r"^putting back .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
+    assert left == [str(number) for number in range(len(left), 0, -1)] != []
+    for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
+        _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
+        _, own, tuned, line, found, _ = table.splitlines()[:6]
+        assert (own.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
+        assert line.startswith("better: yes, ")
+        assert found == f"set: {jackal}/{file}"
+    robot = robots.load(str(jackal))
+    space = space_of(robot)
+    set_ = json.loads((jackal / "static.json").read_text())["parameters"]
+    assert set(PAY) <= set(set_)
+    assert len(set_) <= 5, "idle parameters stay out"
+    assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+    assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
+    page = next((tmp_path / "out").glob("fast_*/without/report/index.html")).read_text()
+    said = ("tuned.yaml, without the collision monitor:", "better: yes, ", "What changed", "Table")
+    assert [page.index(words) for words in said] == sorted(page.index(words) for words in said)
+    assert "Duration for which each sampled velocity is simulated." in page
+    assert "0.5 m/s" in page
+    searched = {task.world for task in DRIVEN if task.theta}
+    judged = {task.world for task in DRIVEN if not task.theta}
+    assert len(searched) > 8
+    assert not searched & judged
+    assert all(LOADED), "the owner loads tuned.yaml"
+    assert {task.planner for task in DRIVEN} == {"cpp-like"}
+    assert "cpp-like, started with the sets" in page
+    assert "the collision monitor" not in page.partition("How it was measured")[2]
+    padding = space.names.index("footprint_padding")
+    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would not mean the same by reconfigure"
+
+
+def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_it_was(tmp_path, monkeypatch):
+    now = [7.0]
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    def begun(clock, fewest=1):
+        found = []
+        for block in clock.until(0.5, range(10), fewest):
+            found.append(block)
+            now[0] += 20.0
+        return found
+
+    table = Trials(tmp_path, {})
+    clock = clocks.Clock(table, "readings", 100.0)
+    assert begun(clock) == [0, 1, 2]
+    assert begun(clock, fewest=2) == [0, 1]
+    now[0] = 1000.0
+    again = clocks.Clock(table, "readings", 100.0)
+    assert list(again.until(0.5, range(10))) == [0, 1, 2]
+    assert list(again.until(0.5, range(10), fewest=2)) == [0, 1]
+    now[0] += 3.0
+    assert again.spent() == pytest.approx(1.03)
+
+
+def test_what_a_parameter_saves_has_no_sign_where_it_is_nothing():
+    row = judge.changes(robots.load("jackal"), {"sim_time": 1.5}, {"sim_time": ((-0.04, -0.3, -0.01), -0.02)}).rows[0]
+    assert row[3:5] == ["0.0 (-0.3 to 0.0)", "0.0"]
+
+
+@pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
+def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal, capsys):
+    before = sorted(jackal.iterdir())
+    assert tune(jackal, runner) == 1
+    printed = capsys.readouterr().out
+    assert "better: no, " in printed
+    assert "better: yes" not in printed
+    assert sorted(jackal.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("runner", "files"), [("better_without_monitor", {"tuned.yaml"}), ("better_with_monitor", {"static.json"})]
+)
+def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(runner, files, jackal):
+    before = {path.name for path in jackal.iterdir()}
+    assert tune(jackal, runner) == 0
+    assert {path.name for path in jackal.iterdir()} - before == files
+    drives = list(zip(DRIVEN, MONITORED))
+    assert not any(monitor for task, monitor in drives if task.theta), "the search"
+    assert [monitor for task, monitor in drives if not task.theta] == [False] * 24 + [True] * 24
+
+
+def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
+    assert tune(jackal, "none_arrives") == 1
+    demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
+    said = capsys.readouterr()
+    assert f"no set arrives in any course, so that there is nothing to compare: {demo}" in said.err
+    assert "better:" not in said.out
+
+
+def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
+    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (False, ["The set-up is wrong."]))
+    assert tune(jackal, "toy") == 1
+    assert capsys.readouterr().out == "The set-up is wrong.\n"
+    assert not DRIVEN
+    assert tune(jackal, "toy", "--anyway") == 0
+
+
+@pytest.mark.fault("19")
+def test_a_run_that_was_stopped_goes_on_and_drives_nothing_twice(jackal, monkeypatch):
+    note = Trials.note
+
+    def stop(table, **values):
+        note(table, **values)
+        if len(values.get("readings_fast", ())) == 6:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Trials, "note", stop)
+    assert tune(jackal, "toy") == 130
+    monkeypatch.setattr(Trials, "note", note)
+    before = len(DRIVEN)
+    assert before
+    assert tune(jackal, "toy") == 0
+    assert len(set(zip(DRIVEN, MONITORED))) == len(DRIVEN) > before
+    assert json.loads((jackal / "static.json").read_text())["parameters"]["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+
+
+def test_a_finished_run_searches_on_from_what_it_found(jackal, capsys):
+    for _ in range(2):
+        assert tune(jackal, "toy", "--minutes", "4") == 0
+        begun = re.search(r"best of (\d+) sets to begin with: ", capsys.readouterr().out)
+    assert int(begun[1]) == len(best_set.warm_starts(robots.load(str(jackal))))
+
+
+def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
+    words = ["jackal", "--out", str(tmp_path), "--minutes", "5", "--runner", f"{__name__}:toy"]
+    assert tune_robot.main([*words, *FEW]) == 0
+    assert (tmp_path / "tuned.yaml").exists()
+    assert not (Path(robots.JACKAL.folder) / "tuned.yaml").exists()
+
+
+def result(**values):
+    return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
+
+
+def test_each_aim_prices_what_it_is_named_for():
+    robot = robots.JACKAL  # at most 2 m/s: the optimal time is 5 s
+
+    def cost(aim, **values):
+        return AIMS[aim].cost(result(**values), robot, Baseline(4.0, 8.0, 1.0))
+
+    assert cost("fast") == 12.0
+    assert cost("fast", success=False, time_s=60.0) == 100.0
+    assert cost("fast", collided=True) == cost("fast", success=False), "nothing that is loaded stops the robot"
+    assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
+    assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
+    assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
+    assert cost("careful", mean_jerk=6.0, mean_turn=2.0) == pytest.approx(12.0)
+    assert cost("smooth", mean_jerk=6.0) == pytest.approx(12.0 + 5.0 * 15.0 * 0.75)
+    assert cost("smooth", mean_turn=2.0) == pytest.approx(12.0 + 5.0 * 10.0 * 2.0)
+    assert cost("smooth", mean_clearance_m=0.3) == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("aim", ["careful", "smooth"])
+def test_what_an_aim_is_named_for_outweighs_time_and_never_an_arrival(aim):
+    robot, aim = robots.JACKAL, AIMS[aim]
+    own = result(time_s=20.0, mean_clearance_m=0.8, mean_jerk=8.0, mean_turn=1.0)
+    fast = replace(own, time_s=10.0, mean_clearance_m=0.72, mean_jerk=8.8, mean_turn=1.1)
+    better = replace(own, mean_clearance_m=0.88, mean_jerk=7.2, mean_turn=0.9)
+    of_own = Baseline.of([own, replace(own, time_s=10.0), replace(own, success=False, mean_jerk=99.0)], robot)
+    assert of_own == (3.0, 8.0, 1.0)
+    costs = [aim.cost(one, robot, Baseline(4.0, *of_own[1:])) for one in (better, own, fast)]
+    assert costs == sorted(costs)
+    slow = replace(better, time_s=30.0)
+    assert aim.cost(slow, robot, Baseline(4.0, *of_own[1:])) > costs[1], "half as slow again is too slow"
+    stands = replace(own, success=False, time_s=60.0, mean_clearance_m=3.0 * WIDTH, mean_jerk=0.0, mean_turn=0.0)
+    assert aim.cost(stands, robot, of_own) > 1.5 * costs[2]
+    assert Baseline.of([stands], robot) == Baseline()
+    assert aim.cost(slow, robot, Baseline()) < 1e4, "no own drive arrives"
+
+
+def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_speed():
+    robot = robots.load("turtlebot3_waffle_pi")
+    space = space_of(robot)
+    starts = best_set.warm_starts(robot)
+    assert starts[0].tolist() == space.theta0.tolist()
+    assert len(starts) == 1 + 2 * 3, "its own, those of the other two that have one, and half-way to them"
+    assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
+    jackals = methods.make("static").theta(None)
+    speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
+    fast = [theta for theta in starts if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)]
+    assert len(fast) == 1
+    assert fast[0][space.names.index("sim_time")] == pytest.approx(1.113)
+    assert all((space.low <= theta).all() and (theta <= space.high).all() for theta in starts)
+
+
+@pytest.mark.parametrize(
+    ("name", "searched"),
+    [
+        ("jackal", ["min_in_place_vel_theta", "escape_reset_dist", "escape_reset_theta", "footprint_padding"]),
+        ("husky", ["footprint_padding", "planner_frequency"]),  # its files plan once
+        ("turtlebot3_burger", ["footprint_padding"]),
+    ],
+)
+def test_a_robot_without_a_space_has_what_pays_for_searches_alone(name, searched, tmp_path):
+    folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
+    described = yaml.safe_load((folder / "robot.yaml").read_text())
+    described.pop("parameter_space", None)
+    (folder / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    space = space_of(robots.load(str(folder)))
+    assert list(space.fixed) == searched
+    assert {"max_vel_x", "sim_time", "inflation_radius"} <= set(space.chosen.names)
+    assert len(best_set.warm_starts(robots.load(str(folder)))) >= 5
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
+    """Loaded after the robot's own files it gives the set: into the parameter server, and as a file of robot.yaml."""
+    folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
+    robot = robots.load(str(folder))
+    space = space_of(robot)
+    theta = space.clip(0.7 * space.low + 0.3 * space.high)
+    values = {name: value for name, value in space.as_dict(theta).items() if name not in ("sim_time", "vx_samples")}
+    parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
+    wanted = space.from_dict(values)
+    assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
+    if name == "jackal":  # its planner would take the padding for its own outline, too
+        wanted = space.from_dict({**values, "footprint_padding": 0.1})
+    ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
+    assert namespace.strip("/") == "move_base"
+    assert loaded == move_base_parameters(robot, values)
+    assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (False if name == "jackal" else None)
+    assert "sim_time" not in (folder / "tuned.yaml").read_text()
+    unit = "cells" if name == "jackal" else "metres"
+    assert f"# Its distance biases count {unit}, as the C++ planner does" in (folder / "tuned.yaml").read_text()
+    described = yaml.safe_load((folder / "robot.yaml").read_text())
+    described["move_base"]["without_map"]["files"] = [
+        *described["move_base"]["without_map"].get("files", []),
+        {"file": "tuned.yaml"},
+    ]
+    other = shutil.copytree(folder, tmp_path / "other" / name)
+    (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    assert space_of(robots.folder.read(str(other))).theta0.tolist() == wanted.tolist()
+
+
+def trials_of(rows):
+    columns = ["world", "trial", "method", "success", "collided", "time_s", "reason", "score"]
+    return pd.DataFrame(rows, columns=[*columns, "mean_clearance_m", "mean_jerk", "mean_turn"])
+
+
+@pytest.mark.parametrize("aim", ["careful", "smooth"])
+def test_the_verdict_names_what_was_asked_for_and_that_must_get_better(aim):
+    rows = []
+    for number in range(30):
+        off = 0.01 * (number % 5)
+        rows.append((f"w{number}", 0, "dwa", True, False, 20.0, "", 20.0, 0.4 + off, 8.0 + off, 1.0))
+        jerk = 6.0 if number != 7 else 0.0  # it stands
+        rows.append((f"w{number}", 0, "static", number != 7, False, 20.0, "", 10.0 + off, 0.5, jerk, 0.75))
+    lines = {
+        "careful": ["clearance: 0.5 m, own 0.42, gain 0.08 (0.07"],
+        "smooth": ["jerk: 6 m/s^3, own 8.02, gain 2", "yaw acceleration: 0.75 rad/s^2, own 1, gain 0.25 ("],
+    }[aim]
+    better, (_, *named, last) = judging.tuned_verdict(trials_of(rows), aim)
+    assert better
+    assert [line.startswith(start) for line, start in zip(named, lines)] == [True] * len(lines)
+    assert last.startswith("better: yes, ")
+    name, value = {"careful": ("mean_clearance_m", 0.4), "smooth": ("mean_turn", 1.01)}[aim]
+    trials = trials_of(rows)
+    worse = trials.assign(**{name: trials[name].where(trials.method == "dwa", value)})
+    better, lines = judging.tuned_verdict(worse, aim)
+    assert not better
+    assert lines[-1].startswith("better: no, 10.0 s less per course" if aim == "smooth" else "better: no, ")
+
+
+def test_the_verdict_shows_what_gets_worse_although_it_is_faster():
+    rows = []
+    for number in range(30):
+        for method, seconds in (("dwa", 30.0), ("static", 12.0)):
+            failed = method == "static" and number == 3
+            score = 50.0 if failed else seconds
+            rows.append((f"w{number}", 0, method, not failed, False, seconds, "", score, 1.0, 1.0, 1.0))
+    better, (table, line) = judging.tuned_verdict(trials_of(rows), "fast")
+    assert better
+    assert [row.split()[1:3] for row in table.splitlines()[1:]] == [["30", "30"], ["30", "29"]]
+    assert line.startswith("better: yes, 16.7 s less per course (")
+    better, (_, line) = judging.tuned_verdict(trials_of(rows).replace({"dwa": "static", "static": "dwa"}), "fast")
+    assert not better
+    assert line.startswith("better: no, 16.7 s more per course (")

@@ -1,0 +1,194 @@
+"""Drives a trial, which depends on its task and settings only, not on who drives it or what was before.
+
+Evaluations, searches and the rounds of a training have run() called in a pool of workers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+from functools import lru_cache
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+import sim_bridge
+import worlds as worlds_package
+from applr_ros1.common.files import sha256
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Policy
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import Robot
+from training.env.episode import Episode
+from training.env.outcome import Trace
+from training.env.settings import PROTOCOLS, TrialSettings, under
+from training.evaluation.loaded import loadable_space, with_set
+from training.evaluation.trial import POLICY, TRACED, Result, Trial
+from training.workers.collect import PolicyWeights
+from worlds import World, WorldError
+
+TRIAL_RUNNER = "training.evaluation.runner:run"  # as the commands' hidden option names it
+
+
+def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Result, bytes]:
+    """Drive a trial.
+
+    Args:
+        settings: what with.
+        trial: which.
+        weights: of the policy that a trial of the method POLICY drives.
+
+    Returns:
+        Its result, and the packed trace where the trial asks for it.
+    """
+    runner = _runner(settings.model_dump_json())
+    result = runner.run(trial, PolicyWeights(weights) if weights else None)
+    return result, pack_trace(runner.trace) if trial.trace else b""
+
+
+def at_scale(protocol: str, spec: str, robot: Robot) -> World:
+    """Return a world with a protocol's course, at the robot's scale. Raises WorldError."""
+    return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
+
+
+def described(robot: Robot) -> Dict[str, Any]:
+    """Return a robot as evaluation.json has it: name, length and width [m], scale of the worlds, space, content."""
+    space = space_of(robot).to_dict()
+    return {
+        "name": robot.name,
+        "body": list(robot.body.size[:2]),
+        "world_scale": robot.world_scale,
+        "space": space,
+        "sha256": content(robot),
+    }
+
+
+def content(robot: Robot) -> str:
+    """Return the SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
+    trees = json.dumps(robot.move_base, sort_keys=True, default=str)
+    return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
+
+
+def content_of_worlds(worlds: Sequence[Tuple[str, str, World]]) -> str:
+    """Return the SHA-256 of what is in worlds of world_list, wherever their files are."""
+    digest = hashlib.sha256()
+    for name, _, world in worlds:
+        for part in (world.cylinders, world.boxes, world.course.path):
+            digest.update(part.tobytes())
+        digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
+        digest.update(b"the planner's word" * world.course.planner_ends)  # trials of before it counted are others
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=16)
+def _runner(settings: str) -> TrialRunner:
+    return TrialRunner(TrialSettings.model_validate_json(settings))
+
+
+class TrialRunner:
+    """One simulator, and a planner of each kind that the tasks name, which drive trials one after the other.
+
+    Attributes:
+        trace: Of the last one.
+    """
+
+    def __init__(self, settings: TrialSettings):
+        self.robot = settings.load_robot()
+        self.settings, self.period = settings, settings.period
+        self.space, self.form = space_of(self.robot), settings.form(self.robot)
+        self.loadable = loadable_space(self.robot)
+        self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
+        self._episodes: Dict[str, Episode] = {}
+        self.trace = Trace()
+        self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
+        self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
+
+    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Result:
+        """Drive the trial; policy: what a trial of the method POLICY drives."""
+        world, method = self._world(task.world_spec), self._method(task, policy)
+        if self.period is not None:
+            method.period = self.period
+        method.reset(task.seed)
+        loaded = None
+        if self.settings.loaded and method.static:
+            loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
+            method = methods.for_robot(methods.FixedParameters(loaded, space=self.space), self.robot)
+        episode = self.episode(task.planner, method.period, loaded)
+        episode.layout = method.layout
+        outcome = episode.reset(world, task.seed, theta=loaded)
+        changes: List[float] = []
+        total = 0.0
+        while not outcome.over:
+            context, before = episode.context(), outcome.theta
+            outcome = episode.decide(method.theta(context))
+            changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
+            total += self.settings.reward.judge(self.form, before, episode)[0]
+        self.trace = episode.trace
+        more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
+        found = {**vars(outcome), **more}
+        return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
+
+    def episode(self, planner: str, period: float, loaded: Optional[np.ndarray] = None) -> Episode:
+        """Return the loop that drives a kind of planner.
+
+        Args:
+            planner: applr_ros1/planner/variant.py.
+            period: that of the decisions [s].
+            loaded: a set (n,) with which the planner starts, which nobody else drives with then; None: the robot's own.
+        """
+        if loaded is not None:
+            own = zip(self.space.as_dict(loaded).items(), self.space.theta0)
+            starts = with_set(self.robot, {name: value for (name, value), there in own if value != there})
+            return self._episode(planner, period, starts)
+        if planner not in self._episodes:
+            self._episodes[planner] = self._episode(planner, period, self.robot)
+        self._episodes[planner].set_period(period)
+        return self._episodes[planner]
+
+    def _episode(self, planner: str, period: float, starts: Robot) -> Episode:
+        episode = Episode(
+            self.simulator,
+            MoveBase(self.settings.planner_parameters(starts), planner=planner),
+            self.robot,
+            period=period,
+            end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
+            record=True,
+            monitor=self.settings.monitor,
+            escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot
+        )
+        episode.time_limit = self.settings.time_limit
+        return episode
+
+    def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
+        if task.theta is not None:
+            return methods.for_robot(methods.FixedParameters(np.array(task.theta), space=self.space), self.robot)
+        if task.method_spec == POLICY:
+            if policy is None:
+                raise ValueError("a trial of the policy came without a policy")
+            if self.period is None:
+                raise ValueError("the policy that is being learnt has no decision period of its own: state it")
+            return Policy(self.form, policy.layers)
+        return self._made(task.method_spec)
+
+
+def pack_trace(trace: Trace) -> bytes:
+    """Return a trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
+    buffer = io.BytesIO()
+    arrays: Dict[str, Any] = {name: np.array(getattr(trace, name), np.float32) for name in TRACED}
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
+    """Return [(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
+    found: List[Tuple[str, str, World]] = []
+    for part in text.split(","):
+        for spec in worlds_package.specs(part.strip()):
+            world = at_scale(protocol, spec, robot)
+            if any(world.name == name for name, _, _ in found):
+                raise WorldError(f"two worlds are called {world.name!r}: evaluate one at a time, or rename a file")
+            found.append((world.name, spec, world))
+    return found

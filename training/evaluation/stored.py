@@ -1,0 +1,131 @@
+"""The trials of an evaluation as a DataFrame: in the paper's two sets of worlds, in thirds of difficulty.
+
+All tables and figures of the report are made from it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+
+import numpy as np
+import pandas as pd
+
+import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_json
+from applr_ros1.policy.parameter_space import Space
+from training.env.settings import under
+from training.evaluation.compare import Comparison, compare
+from training.evaluation.score import FAILURE_SECONDS
+from training.evaluation.table import SETTINGS, TRIALS, read_trace, read_trials
+from training.evaluation.trial import BASELINE
+from worlds import World, barn
+
+SETS = ("Training", "Test", "Physical course", "Other")
+THIRDS = ("Easy", "Medium", "Difficult")
+
+log = logging.getLogger(__name__)
+
+
+class Results:
+    """The trials of an evaluation, its settings, and how worlds are grouped.
+
+    Args:
+        folder: the folder of an evaluation.
+
+    Attributes:
+        trials: a row per trial with the columns of trials.csv, the "set" of its world, and "counted",
+            its time [s] or, where it failed, however that ended, the limit.
+
+    Raises:
+        ApplrError: there are no trials.
+        StorageError: the folder cannot be read.
+    """
+
+    def __init__(self, folder: os.PathLike | str):
+        self.folder = Path(folder)
+        trials = read_trials(self.folder / TRIALS)
+        if trials.empty:
+            raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
+        self.settings = dict(read_json(self.folder / SETTINGS))
+        self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
+        self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
+        self.space = Space.stated(self.robot["space"], self.robot["name"])
+        self.planner: str = self.settings["planner"]
+        if self.settings["monitor"]:
+            self.planner += ", with the collision monitor"
+        if self.settings.get("movers"):
+            self.planner += ", told where moving obstacles will be"
+        moving = self.settings["worlds_with_movers"]
+        set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
+        self.trials = trials.assign(
+            set=trials.world.map(set_of_world), counted=trials.time_s.where(trials.success, FAILURE_SECONDS)
+        )
+        self.methods: List[str] = trials.method.unique().tolist()
+        self.worlds: List[str] = trials.world.unique().tolist()
+        self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
+        self.rivals = [m for m in self.methods if m != self.baseline]
+
+    def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
+        """The trials of a method in some worlds."""
+        return self.trials[(self.trials.method == method) & self.trials.world.isin(worlds)]
+
+    def of_set(self, name: str) -> List[str]:
+        """Worlds of one of SETS, in their order."""
+        return self.trials.world[self.trials.set == name].unique().tolist()
+
+    def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, str, pd.DataFrame]]:
+        """(name of the set, method, trials) of each of SETS that has worlds, and each of the methods, or all."""
+        for name in SETS:
+            worlds = self.of_set(name)
+            for method in (self.methods if methods is None else methods) if worlds else []:
+                yield name, method, self.of(method, worlds)
+
+    def both(self, worlds: Sequence[str], *methods: str) -> List[str]:
+        """Those of `worlds` that all of some methods have driven."""
+        driven = [set(self.of(method, worlds).world) for method in methods]
+        return [w for w in worlds if all(w in of_method for of_method in driven)]
+
+    def scores(self, method: str, worlds: Sequence[str]) -> pd.Series:
+        """A method's mean time over all trials of each world [s], a failed one counting as the limit."""
+        return self.of(method, worlds).groupby("world", sort=False).counted.mean().reindex(worlds)
+
+    def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
+        """A method beside another in those of some worlds that both have driven."""
+        both = self.both(worlds, method, other)
+        return compare(self.scores(method, both), self.scores(other, both))
+
+    def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
+        """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""
+        scores = self.scores(self.baseline, self.both(worlds, self.baseline))
+        return sorted(scores.index, key=lambda world: (scores[world], world))
+
+    def thirds(self) -> Dict[str, List[str]]:
+        """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""
+        ordered = self.by_difficulty(self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist())
+        return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
+
+    def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+        """Return what was recorded of a trial (evaluation/table.py), None where nothing was."""
+        return read_trace(self.folder, world, method, trial)
+
+    def load(self, name: str) -> Optional[World]:
+        """A world of the evaluation, None where its file has gone since."""
+        try:
+            world = under(self.settings["protocol"], worlds_package.load(self._specs[name]))
+            return worlds_package.scaled(world, self.robot["world_scale"])
+        except ApplrError as error:
+            log.warning("no map of %s: %s", name, error)
+            return None
+
+
+def set_of(world: str) -> str:
+    """Training or Test by BARN's split, for the built-in worlds and for BARN's own files, going by the name."""
+    match = re.match(r"^(?:generated:|world_)(\d+)$", world)
+    if match and int(match.group(1)) < 300:
+        return "Test" if int(match.group(1)) in barn.TEST else "Training"
+    return "Physical course" if world == "physical_course" else "Other"

@@ -1,0 +1,159 @@
+"""A table of trials: what evaluations, searches and their verdicts keep, and the only way in which they keep it.
+
+Its folder has trials.csv with a row for each trial, appended when it was driven, evaluation.json with what was asked,
+and the driven paths in traces/. A kill at any moment costs only the trials that were under way.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from training.common.folders import Lock, make_folder
+from training.evaluation.trial import TRACED, Result, Trial
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
+COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
+KEY = tuple(COLUMNS)
+COLUMNS.update({field.name: field.type for field in fields(Result)})
+NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
+
+
+def read_trials(path: os.PathLike | str) -> pd.DataFrame:
+    """Return a table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
+
+    What follows the last end of a line is left out: the process was killed while it wrote that row.
+    """
+    import pandas as pd
+
+    data = read_bytes(path) if Path(path).exists() else b""
+    whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
+    options: Dict[str, Any] = {"dtype": COLUMNS, "keep_default_na": False, "na_values": NAN}
+    try:
+        return pd.read_csv(io.BytesIO(whole), usecols=list(COLUMNS), **options)[[*COLUMNS]].round(4)
+    except ValueError as error:
+        raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
+
+
+class Trials:
+    """A folder with a table of trials, numbers to four digits, locked for this process until it is closed.
+
+    Args:
+        folder: is made where it is missing.
+        settings: what must be the same when the table is continued, as JSON values.
+
+    Attributes:
+        notes: the settings, and what else was noted beside them.
+        added: how many trials were added since the table was opened.
+
+    Raises:
+        StorageError: the folder is another evaluation's.
+    """
+
+    def __init__(self, folder: os.PathLike | str, settings: Dict[str, Any]):
+        self.folder, self.added = make_folder(folder), 0
+        self._lock = Lock(self.folder, "evaluate.py")
+        try:
+            self.notes = self._checked(settings)
+            rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
+            self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
+            self.order([])
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Trials:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._lock.close()
+
+    def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
+        """The settings with what else is noted. StorageError where the folder is another evaluation's."""
+        path = self.folder / SETTINGS
+        if not path.exists():
+            if (self.folder / TRIALS).exists():
+                raise StorageError(f"{self.folder}: holds trials, but {SETTINGS} is missing; give another --out")
+            write_json(path, settings)
+            return dict(settings)
+        stored = read_json(path)
+        for name in settings:
+            there = stored.get(name)
+            if json.loads(json.dumps(settings[name])) != there:
+                change = f"another {name} ({_short(there)}, now {_short(settings[name])})"
+                raise StorageError(f"{self.folder}: was begun with {change}; give another --out, or the same options")
+        return stored
+
+    def find(self, trial: Trial) -> Optional[Result]:
+        """Return the result of a trial, or None."""
+        return self._results.get(_key(trial))
+
+    def add(self, trial: Trial, result: Result, trace: bytes = b"") -> Result:
+        """Keep a trial on the disk; its row comes last: what is there is whole. Return the result as it is kept."""
+        if trace:
+            write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
+        values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
+        kept = self._results[_key(trial)] = Result(**values)
+        self.added += 1
+        with open(self.folder / TRIALS, "ab") as file:
+            file.write(_lines([(*_key(trial), *astuple(kept))]))
+            file.flush()
+            os.fsync(file.fileno())
+        return kept
+
+    def order(self, plan: Sequence[Trial]) -> None:
+        """Write the file anew: the trials of a plan in its order, and then the others."""
+        keys = [*filter(self._results.__contains__, map(_key, plan)), *self._results]
+        rows = [(*key, *astuple(self._results[key])) for key in dict.fromkeys(keys)]
+        write_bytes(self.folder / TRIALS, _lines([tuple(COLUMNS), *rows]))
+
+    def note(self, **values: Any) -> None:
+        """Keep JSON values beside the settings."""
+        self.notes.update(values)
+        write_json(self.folder / SETTINGS, self.notes)
+
+
+def trace_name(world: str, method: str, trial: int) -> str:
+    """Return the file name of a trial's trace."""
+    return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
+
+
+def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+    """Return {"time", "pose", "twist", "theta", "decided"} of a trial whose trace was kept, else None.
+
+    decided: when each row of theta was chosen [s].
+    """
+    path = Path(folder) / TRACES / trace_name(world, method, trial)
+    try:
+        with np.load(path) as arrays:
+            return {name: arrays[name] for name in TRACED}
+    except FileNotFoundError:
+        return None
+
+
+def _key(trial: Trial) -> Any:
+    return tuple(getattr(trial, name) for name in KEY)
+
+
+def _lines(rows: Iterable[Sequence[Any]]) -> bytes:
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue().encode()
+
+
+def _short(value) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

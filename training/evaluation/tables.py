@@ -1,0 +1,330 @@
+"""The tables of the report, as CSV and HTML: the paper's Tables I to IV from our trials, with its numbers, and more.
+
+page.py writes them.
+"""
+
+from __future__ import annotations
+
+import html
+import warnings
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Callable, Dict, Iterator, List, Sequence, Tuple
+
+import numpy as np
+import pandas as pd
+import scipy
+
+from applr_ros1.policy.decision import PERIOD
+from training.evaluation import paper
+from training.evaluation.compare import LEVEL, mean_time, rate
+from training.evaluation.score import barn_metric
+from training.evaluation.stored import SETS, Results
+
+NONE = "–"
+Rows = Iterator[Dict[str, str]]
+
+
+@dataclass
+class Table:
+    """name: of its file and in the page; rows of strings as long as columns; notes: sentences under it."""
+
+    name: str
+    title: str
+    columns: List[str]
+    rows: List[List[str]]
+    notes: Sequence[str] = ()
+
+    @classmethod
+    def of(
+        cls, name: str, title: str, rows: Sequence[Dict[str, str]], *notes: str, of_paper: Sequence[str] = ()
+    ) -> Table:
+        """A table of rows that name their columns, all the same ones in the same order.
+
+        Columns whose names begin with "paper", and the notes `of_paper`, are left out where no row has a value in them.
+        """
+        cited = [c for c in (rows[0] if rows else ()) if c.startswith("paper") and any(row[c] != NONE for row in rows)]
+        columns = [c for c in (rows[0] if rows else ()) if c in cited or not c.startswith("paper")]
+        shown = [[row[column] for column in columns] for row in rows]
+        return cls(name, title, columns, shown, [*notes, *(of_paper if cited else ())])
+
+    def csv(self) -> str:
+        """The table as CSV with a header line."""
+        return pd.DataFrame(self.rows, columns=self.columns).to_csv(index=False, lineterminator="\n")
+
+    def html(self) -> str:
+        """The table in HTML, its title above and its notes below; a wide one scrolls in its own box."""
+
+        def line(tag: str, row: Sequence[str]) -> str:
+            return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
+
+        head, body = line("th", self.columns), "".join(line("td", row) for row in self.rows)
+        notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
+        title = f"<h2 id={self.name}>{html.escape(self.title)}</h2>"
+        table = f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
+        return f"{title}<div class=wide>{table}</div>{notes}"
+
+
+Made = Callable[[Results], Table]
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number with so many decimals, NONE where there is none."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
+
+
+def span(low: float, high: float, digits: int = 2) -> str:
+    """An interval with so many decimals, NONE where there is none."""
+    return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low) else NONE
+
+
+def share(n: int, total: int) -> str:
+    """State how many of all, also in percent; NONE of nothing."""
+    return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
+
+
+def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
+    """Makes a Table of a function that yields its rows, with the name of that function. Arguments: as of Table.of."""
+
+    def of(rows: Callable[[Results], Rows]) -> Made:
+        return lambda results: Table.of(rows.__name__, title, list(rows(results)), *notes, of_paper=of_paper)
+
+    return of
+
+
+def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
+    """Two-sided Welch tests of the successful trials' times of two methods, in each world that both have driven.
+
+    Returns:
+        A row per world: "sign", -1 if the first is faster, 1 if the other is; "p", nan where it cannot be tested
+        because a side has fewer than two successes.
+    """
+    ours, theirs = (
+        {world: t.time_s[t.success].to_numpy() for world, t in one.groupby("world", sort=False)}
+        for one in (trials, others)
+    )
+    both = [(times, theirs[world]) for world, times in ours.items() if world in theirs]
+    signs = [np.sign(a.mean() - b.mean()) if len(a) and len(b) else 0.0 for a, b in both]
+    return pd.DataFrame({"sign": signs, "p": [welch_p(a, b) for a, b in both]}, dtype=float)
+
+
+def welch_p(a: np.ndarray, b: np.ndarray) -> float:
+    """The p-value of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
+    if len(a) < 2 or len(b) < 2:
+        return float("nan")
+    if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:  # a standard deviation need not be 0 then
+        return float(a[0] == b[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
+        return float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)
+
+
+def significant(tests: pd.DataFrame, corrected: bool = False) -> Tuple[int, int]:
+    """Number of worlds where the first method is significantly faster at .05, and where the other is.
+
+    With `corrected`, Holm's step-down procedure over all tested worlds keeps the chance of any false one below .05.
+    """
+    p = tests.p.to_numpy()
+    significant = (holm_adjusted(p) if corrected else p) < LEVEL
+    return int((significant & (tests.sign == -1)).sum()), int((significant & (tests.sign == 1)).sum())
+
+
+def holm_adjusted(p: np.ndarray) -> np.ndarray:
+    """(n,) p-values adjusted by Holm's procedure: under .05 the procedure rejects at .05. NaN stays and counts not."""
+    adjusted = np.full(len(p), np.nan)
+    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
+    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
+    return adjusted
+
+
+@table(
+    "Table I: average traversal time",
+    "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
+    "the mean over all trials, a failed one counting as the limit. Intervals by bootstrap over worlds. In "
+    "two-second decisions: seconds / 2.",
+    of_paper=(
+        paper.UNIT,
+        f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
+    ),
+)
+def table_1(results: Results) -> Rows:
+    """Average traversal times, in seconds and in two-second decisions."""
+    for name, method, trials in results.groups():
+        mean, low, high = mean_time(trials)
+        found = results.compare(method, results.baseline, results.of_set(name))
+        gain, least, most = found.gain
+        rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
+        yield {
+            "worlds": name,
+            "method": method,
+            "time [s]": number(mean),
+            "95 % interval": span(low, high),
+            "two-second decisions": number(mean / PERIOD),
+            "successes": f"{trials.success.sum()} of {len(trials)}",
+            f"faster than {results.baseline} [s]": number(-found.difference.value) if rival else NONE,
+            "faster [%]": number(100 * gain, 1) if rival else NONE,
+            "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
+            "paper [decisions]": number(stated),
+            "paper [s]": number(stated * PERIOD),
+        }
+
+
+@table(
+    "Table II: worlds in which one method is significantly faster",
+    "Two-sided Welch t-test of the successful trials' times at .05, in each world; a world with "
+    "fewer than two successes on a side cannot be tested and counts for neither.",
+    "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
+)
+def table_2(results: Results) -> Rows:
+    """Welch tests per world."""
+    base = results.baseline
+    for name, method, trials in results.groups(results.rivals):
+        tests = welch(trials, results.of(base, results.of_set(name)))
+        counts = significant(tests) + significant(tests, corrected=True)
+        shares = [share(n, len(tests)) for n in counts]
+        stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
+        yield {
+            "worlds": name,
+            "method": method,
+            "tested": f"{tests.p.count()} of {len(tests)}",
+            "method better": shares[0],
+            f"{base} better": shares[1],
+            "method better (Holm)": shares[2],
+            f"{base} better (Holm)": shares[3],
+            "paper: applr better": stated[0],
+            "paper: dwa better": stated[1],
+        }
+
+
+@table(
+    "Table III: the same by difficulty",
+    "Thirds of all training and test worlds of this evaluation, by the baseline's mean time over all trials "
+    "(a failed one counts as the limit).",
+    of_paper=("(*) " + paper.SWAP_SLIP,),
+)
+def table_3(results: Results) -> Rows:
+    """The same by thirds of difficulty."""
+    base, thirds = results.baseline, results.thirds()
+    parts = {part: set(results.of_set(part)) for part in SETS[:2]}
+    for third, part in paper.THIRDS:
+        worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
+        for method in results.rivals if worlds else []:
+            tests = welch(results.of(method, worlds), results.of(base, worlds))
+            better, worse = significant(tests)
+            stated = (NONE, NONE)
+            if (method, base) == ("applr", "dwa"):
+                mark = " (*)" if (third, part) in paper.SWAPPED else ""
+                theirs = paper.THIRDS[third, part]
+                stated = f"{theirs[0]} %", f"{theirs[1]} %{mark}"
+            yield {
+                "worlds": f"{third} {part}",
+                "method": method,
+                "n": str(len(tests)),
+                "method better": share(better, len(tests)),
+                f"{base} better": share(worse, len(tests)),
+                f"{base} mean time, all trials [s]": number(results.of(base, worlds).counted.mean()),
+                "paper: applr better": stated[0],
+                "paper: dwa better": stated[1],
+            }
+
+
+@table(
+    "Table IV: traversal time on the physical course",
+    "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
+    "mean and standard deviation over the successful trials.",
+    of_paper=("The paper's numbers are from the real robot, five trials each.",),
+)
+def table_4(results: Results) -> Rows:
+    """The physical course, with failures named."""
+    for method in results.methods:
+        trials = results.of(method, ["physical_course"])
+        if trials.empty:
+            continue
+        times = trials.time_s[trials.success]
+        failures = trials.reason[~trials.success].replace("", "failed").value_counts(sort=False)
+        deviation = times.std() if len(times) > 1 else 0.0
+        yield {
+            "method": method,
+            "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
+            "successes": f"{trials.success.sum()} of {len(trials)}",
+            "failures": "; ".join(f"{n}: {why}" for why, n in failures.items()) or "none",
+            "contacts": f"{trials.collided.sum()} of {len(trials)}",
+            "paper [s]": paper.PHYSICAL.get(method, NONE),
+        }
+
+
+PAPER = [table_1, table_2, table_3, table_4]
+
+
+@table(
+    "Arrivals, contacts, and BARN's metric",
+    "With Wilson's 95 % interval, wider where the trials of a world go alike; contact: touched anything at any time, "
+    "also where the trial went on and arrived.",
+    "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT), OT = reference route / (2 m/s); a trial with a contact scores "
+    "0. It is comparable with the Challenge's numbers only under --protocol barn-challenge.",
+)
+def rates(results: Results) -> Rows:
+    """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
+    for name, method, trials in results.groups():
+        row = {"worlds": name, "method": method, "trials": str(len(trials))}
+        for column, flags in (("success [%]", trials.success), ("collided [%]", trials.collided)):
+            share, low, high = (100.0 * value for value in rate(flags, trials.world))
+            row[column] = f"{share:.1f} ({low:.1f} to {high:.1f})"
+        scores = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m)
+        row["metric"] = number(scores.mean(), 3)
+        yield row
+
+
+@table(
+    "Between any two methods",
+    "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit; "
+    "negative where the method is faster. Interval by bootstrap over worlds. The trials of both have the same "
+    "seeds, and p is of the test of this mean by exchanging the two methods in worlds at random.",
+    "Holm: p corrected for all pairs of the same worlds, so that the chance of any false difference among them is "
+    "at most .05 where p (Holm) < .05 is taken for a difference. Faster in: worlds by Welch's test of the "
+    "successful trials' times at .05, corrected by Holm over the worlds of the row.",
+)
+def pairs(results: Results) -> Rows:
+    """Every method against every other: paired over worlds, and world by world."""
+    for name in SETS:
+        worlds = results.of_set(name)
+        couples = [c for c in combinations(results.methods, 2) if results.both(worlds, *c)]
+        found = [results.compare(*couple, worlds) for couple in couples]
+        adjusted = holm_adjusted(np.array([f.p for f in found]))
+        for (a, b), f, p in zip(couples, found, adjusted):
+            tests = welch(results.of(a, worlds), results.of(b, worlds))
+            faster, slower = (share(n, len(tests)) for n in significant(tests, corrected=True))
+            yield {
+                "worlds": name,
+                "method": a,
+                "other": b,
+                "n": str(f.worlds),
+                "difference, all trials [s]": number(f.difference.value),
+                "95 % interval": span(f.difference.low, f.difference.high),
+                "p": _p(f.p),
+                "p (Holm)": _p(p),
+                "method faster in": faster,
+                "other faster in": slower,
+            }
+
+
+@table("Methods")
+def methods(results: Results) -> Rows:
+    """Tabulate the methods, as recorded when they were driven."""
+    for name in results.methods:
+        parts = []
+        for key, value in results.settings.get("methods", {}).get(name, {}).items():
+            if isinstance(value, dict):
+                items = value.items()
+                value = ", ".join(("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items)
+            parts.append(f"{key}: {value}")
+        yield {"method": name, "what it is": "; ".join(parts) or NONE}
+
+
+def _p(value: float) -> str:
+    if np.isnan(value):
+        return NONE
+    return "≤ 0.0001" if value < 1.5e-4 else f"{value:.4f}"
+
+
+MORE = [pairs, rates, methods]

@@ -1,0 +1,87 @@
+"""Several trainings one after the other, of which the best is kept: `train.py --seeds 3`.
+
+The end of a training depends on its seed. Here runs of several seeds share the time or a dataset, their best policies
+drive the same fresh courses, and the one with the lowest mean score drives other fresh courses beside the robot's own
+parameters: no course on which something was chosen is part of the verdict.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Sequence
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import write_json
+from applr_ros1.policy import methods
+from applr_ros1.robots import load
+from training.common.folders import make_folder
+from training.evaluate import EvaluationOptions, evaluate
+from training.evaluation.trial import BASELINE
+from training.evaluation.verdict import POLICY, SET, mean_scores, paired_trials, verdict
+from training.learner.config import TrainConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
+
+
+def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
+    """Train config.seeds policies into folders of config.out, and keep the best as best.safetensors there.
+
+    The time config.minutes is divided between the runs. A repetition with --resume continues where it was stopped.
+
+    Args:
+        config: The options.
+        make_run: Makes the TrainingRun of one seed.
+
+    Returns:
+        The exit status: 0 done, 130 stopped by a signal and saved.
+
+    Raises:
+        ApplrError: with one line.
+    """
+    out = make_folder(config.out)
+    if (out / "config.json").exists() and not config.resume:
+        raise ApplrError(f"{out} holds a run already: --resume goes on with it, another --out begins one")
+    write_json(out / "config.json", config.model_dump(exclude={"resume"}))
+    policies = []
+    for seed in range(config.seed, config.seed + config.seeds):
+        folder = out / f"seed_{seed}"
+        one = {"seed": seed, "out": str(folder), "minutes": config.minutes / config.seeds}
+        run = make_run(config.model_copy(update={**one, "resume": (folder / "config.json").exists()}))
+        status = run.run()
+        if status:
+            return status
+        policies.append(folder / ("best.safetensors" if run.evaluation.best else "actor.safetensors"))
+    print("\n".join(choose(config, out, policies)))
+    return 0
+
+
+def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
+    """Keep the best of some policies as best.safetensors in `out`; return lines about it."""
+    by_run = {path.parent.name: path for path in policies}
+    means = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
+    best = out / "best.safetensors"
+    shutil.copyfile(by_run[str(means.idxmin())], best)
+    robot = load(config.robot)
+    others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
+    method, lines = verdict(_driven(config, out / "verdict", VERDICT, others, {POLICY: best}))
+    chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
+    return [f"mean scores of the policies: {chosen}", *lines, f"drive with: {method}; best policy: {best}"]
+
+
+def _driven(
+    config: TrainConfig, out: Path, worlds: str, others: Sequence[str], policies: Mapping[str, Path]
+) -> pd.DataFrame:
+    """Evaluate methods and policies {name: file} under the rules of the run's own evaluations; return paired_trials."""
+    shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
+    out.mkdir(parents=True)
+    files = {name: out / f"{name}.safetensors" for name in policies}
+    for name, file in files.items():
+        shutil.copyfile(policies[name], file)
+    chosen = ",".join(map(str, [*others, *files.values()]))
+    how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
+    how.update(worlds=worlds, methods=chosen, trials=1, out=str(out), protocol=config.eval_protocol)
+    return paired_trials(evaluate(EvaluationOptions(**how, workers=config.actors)), [*others, *files])

@@ -1,0 +1,158 @@
+"""The best parameter set of a robot within a time: CMA-ES in two simulators, a last race, and pruning.
+
+tune_robot.py calls it; search.py has the parts.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.progress import announced
+from applr_ros1.policy import methods
+from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import NAMES, Robot, load
+from training.env.episode import TIME_LIMIT
+from training.env.settings import CHALLENGE, TrialSettings
+from training.evaluation.drive import drive
+from training.evaluation.loaded import loadable_space
+from training.evaluation.score import AIMS, Baseline
+from training.evaluation.table import Trials
+from training.evaluation.trial import Result
+from training.tuning.clock import Clock
+from training.tuning.search import (
+    Block,
+    Drive,
+    Saved,
+    blocks_of,
+    finalists,
+    last_race,
+    plan_sets,
+    search,
+    without_idle,
+)
+from training.workers.pool import Pool
+from worlds import World
+
+if TYPE_CHECKING:
+    from training.tune_robot import TuneOptions
+
+# share of the time until which the search drives in the kinematic simulator, then in pybullet, the best sets race, and
+# parameters are put back; the rest is the verdicts'
+COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
+SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
+COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
+LIMIT_OPTIMAL_TIMES = 10.0  # optimal times after which a drive of the search has failed
+PUT_BACK_BLOCKS = 6  # largest number of blocks of drives in which a parameter is put back
+LINES_S = 10.0, 15.0  # time until the first line about long work, and between further ones [s]
+DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
+    **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
+    **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
+}
+say = partial(print, flush=True)
+
+
+def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
+    """Return the trial settings of a search in some worlds; the simulator is added later."""
+    farthest = max(world.course.route_m for *_, world in worlds)
+    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "loaded": True}
+    rules["randomisation"] = DRAWN
+    return TrialSettings(**rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed))
+
+
+def find(
+    options: TuneOptions,
+    settings: TrialSettings,
+    worlds: Sequence[Tuple[str, str, World]],
+    first: np.ndarray,
+    table: Trials,
+    clock: Clock,
+) -> Tuple[np.ndarray, Dict[str, Saved]]:
+    """Find the best parameter set (n,) in some worlds, and the time that each changed parameter saves [s].
+
+    Args:
+        options: Options of the command.
+        settings: Trial settings without the simulator (drives_of).
+        worlds: [(name, specification, world), ...].
+        first: Parameter sets (k, n) to begin with (warm_starts).
+        table: Table that keeps the trials.
+        clock: Clock that ends each stage.
+
+    Raises:
+        ApplrError: no set arrives anywhere.
+    """
+    robot, seed = settings.load_robot(), options.seed
+    whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    space = whole.chosen
+    means, driven = [], []  # type: List[np.ndarray], List[str]
+
+    def tell(what: str) -> None:
+        say(f"{options.minutes * clock.spent():4.1f} min: {what}")
+
+    def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
+        """Return each set's results in the worlds of a block; all sets drive the first one at first."""
+        runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
+        plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
+        trials = [trial for of_world in zip(*plan) for trial in of_world]
+        with announced(f"driving {len(sets)} sets in {len(block)} courses, {simulator}", say, *LINES_S):
+            results = drive(pool, runner, table, [trials])
+        return [[results[trial] for trial in of_set] for of_set in plan]
+
+    def rounds() -> Iterator[Drive]:
+        """Yield what drives each generation."""
+        while (spent := clock.spent()) < SEARCH_SHARE or not driven:
+            driven.append(COARSE if spent < COARSE_SHARE else FINE)
+            yield partial(drives, driven[-1])
+
+    with Pool(options.workers) as pool:
+        coarse, fine = partial(drives, COARSE), partial(drives, FINE)
+        every = blocks_of(len(worlds), seed)
+        (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
+        cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
+        begun = last_race(coarse, whole.pick(first), every[:2], cost, seed)
+        tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
+        starts = [one.theta for one in begun]
+        for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
+            means.append(mean)
+            tell(f"generation {len(means)}, {driven[-1]}: {winner}")
+        best = last_race(fine, finalists(space, starts, means), clock.until(RACE_SHARE, every), cost, seed)[0]
+        tell(f"best of the last race: {best}")
+        if not any(result.success for result in best.results):
+            demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
+            raise ApplrError(f"no set arrives in any course, so that there is nothing to compare: {demo} shows why")
+        theta = space.clip([float(f"{value:.4g}") for value in best.theta])
+        turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
+        some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]
+
+        def next_turn() -> Iterator[Block]:
+            say(f"putting back at the robot's own value, one by one: {len(turns)} parameters are left")
+            return clock.until(turns.pop(0), some)
+
+        theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1, aim.asked())
+        return whole.fill(theta), worth
+
+
+def warm_starts(robot: Robot) -> np.ndarray:
+    """Return parameter sets (k, n) to begin with: the robot's own, the set in its folder, and those of included robots.
+
+    Each set is also tried half-way to the robot's own parameters. Sets of other robots are scaled to its size and
+    speed; parameters that the dimensionless form does not know keep their place in the range.
+    """
+    space, found = space_of(robot), [space_of(robot).theta0]
+    for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
+        with suppress(ApplrError):  # there is no set, or one of other parameters, or the laser does not look ahead
+            theirs, _ = space_of(other).read(methods.shipped(methods.SET, other))
+            action = space_of(other).to_action(theirs)
+            if other is not robot:
+                there = dict(zip(space_of(other).names, action))
+                form, their_form = DimensionlessForm(robot, 1.0), DimensionlessForm(other, 1.0)
+                here = zip(space.names, space.to_action(form.theta(their_form.action(theirs))))
+                action = np.array([at if name in form.chosen else there.get(name, at) for name, at in here])
+            found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
+    return np.array(found)

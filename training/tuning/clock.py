@@ -1,0 +1,45 @@
+"""The time of a search."""
+
+from __future__ import annotations
+
+import time
+from typing import Iterable, Iterator, TypeVar
+
+from training.evaluation.table import Trials
+
+T = TypeVar("T")
+
+
+class Clock:
+    """Wall time of a search over all its sessions.
+
+    The table of trials keeps each reading, so that a search that was stopped repeats its decisions, finds its trials in
+    the table, and goes on where it was.
+
+    Args:
+        table: Table that keeps the readings.
+        name: Name of the readings in the table.
+        seconds: Time of the whole search [s].
+    """
+
+    def __init__(self, table: Trials, name: str, seconds: float):
+        self._table, self._name, self._seconds = table, name, seconds
+        self._readings = list(table.notes.get(name, []))
+        self._again = iter(list(self._readings))
+        self._began = time.monotonic() - (self._readings[-1] if self._readings else 0.0)
+
+    def spent(self) -> float:
+        """Return the share of the time that has passed."""
+        now = next(self._again, None)
+        if now is None:
+            now = time.monotonic() - self._began
+            self._readings.append(now)
+            self._table.note(**{self._name: self._readings})
+        return now / self._seconds
+
+    def until(self, share: float, blocks: Iterable[T], fewest: int = 1) -> Iterator[T]:
+        """Yield blocks until this share of the time is spent, but at least the fewest."""
+        for number, block in enumerate(blocks):
+            if number >= fewest and self.spent() >= share:
+                return
+            yield block

@@ -1,0 +1,88 @@
+"""What a tuned set is worth in courses that its search did not use, and what each of its parameters saves."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Sequence
+
+from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import Robot
+from training.env.settings import CHALLENGE
+from training.evaluate import EvaluationOptions, evaluate
+from training.evaluation.score import AIMS, Baseline
+from training.evaluation.trial import BASELINE, Trial
+from training.evaluation.verdict import SET, paired_trials
+from training.tuning.clock import Clock
+from training.tuning.search import Saved
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from training.evaluation.tables import Table
+    from training.tune_robot import TuneOptions
+
+VERDICT_COURSES = 12  # least number of courses of each verdict
+
+
+def driven_unseen(
+    options: TuneOptions, worlds: str, drives: Path, monitor: str, clock: Clock, share: float
+) -> pd.DataFrame:
+    """Drive the robot's own parameters and the tuned set in some worlds; return the paired trials of both.
+
+    Args:
+        options: Options of the command.
+        worlds: Worlds that the search did not use.
+        drives: Folder with static.json, the tuned set.
+        monitor: "with" or "without" the collision monitor; also the name of the trials' folder in `drives`.
+        clock: Clock of the search.
+        share: Share of the time at which the drives end.
+    """
+    robot = options.robot
+    names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
+    how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
+    how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
+    evaluation = EvaluationOptions.model_construct(
+        **how, robot=robot, worlds=worlds, methods=names, out=str(drives / monitor)
+    )
+
+    def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
+        """Yield as many courses with both as there are workers, until the time is over."""
+        parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
+        return clock.until(share, parts, fewest=-(-VERDICT_COURSES // workers))
+
+    results = evaluate(evaluation, blocks)
+    baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
+    return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
+
+
+def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:
+    """Return a table of the changed parameters: own and tuned value, saved time [s], and description."""
+    space, rows = space_of(robot), []
+    known = servers(robot.all_parameters())
+    for name, own in space.as_dict(space.theta0).items():
+        if name not in values:
+            continue
+        target = space.targets[name][0]
+        declared = next(p for p in known[target.server].parameters if p.name in target.names)
+        unit, ((gain, low, high), median) = f" {declared.unit}".rstrip(), worth[name]
+        gain, low, high, median = (round(seconds, 1) + 0.0 for seconds in (gain, low, high, median))  # -0.0 is 0.0
+        rows.append(
+            {
+                "parameter": name,
+                "own": f"{own:.4g}{unit}",
+                "tuned": f"{values[name]:.4g}{unit}",
+                "saves per course [s]": f"{gain:.1f} ({low:.1f} to {high:.1f})",
+                "in the median": f"{median:.1f}",
+                "what it is": declared.doc,
+            }
+        )
+    note = (
+        "What is lost [s] when the parameter alone is put back at the robot's own value: the mean over courses with "
+        "its 95 % interval, in which a failure counts for much, and the median."
+    )
+    from training.evaluation.tables import Table  # with pandas
+
+    return Table.of("changes", "What changed", rows, note)
