@@ -228,11 +228,3 @@ def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
     assert cycles[-1][1].state == "clearing"
     made.set_goal((41.0, 0.0, 0.0), robot.time)
     assert made.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (0.0, 0.0)
-
-
-def test_a_goal_far_beyond_the_map_has_no_plan():
-    tree = quick()
-    tree["NavfnROS"] = {"default_tolerance": 0.1}
-    made, robot = start((1e16, 0.0, 0.0), tree=tree)
-    run(made, robot, 0.3)
-    assert len(made.global_plan) == 0

@@ -1,7 +1,5 @@
 """Worlds of any recipe: names, splits and scale, their picture and their map, and the commands that write them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,14 +9,9 @@ from applr_ros1.planner.costmap import footprint
 from tests.support.refusals import refused
 from tests.support.worlds_sdf import refused_world
 from worlds import barn, draw, dynabarn, sdf_writer
-from worlds.dynabarn import arena_course
-from worlds.occupancy import occupancy
 from worlds.world import clearance
 
 JACKAL_RATIO = 0.75 / 0.53
-MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5)))
-OPEN = worlds.World("open", np.zeros((0, 3)), np.zeros((0, 5)), arena_course(), (MOVER,))
-TINY = replace(OPEN, movers=())
 
 
 # -- names and splits
@@ -84,15 +77,6 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
 
 
 # -- pictures and maps
-def test_an_obstacle_fills_the_cells_into_whose_inner_circle_it_reaches():
-    post = replace(TINY, cylinders=np.array([[0.0, 0.0, 0.06]]), boxes=np.zeros((0, 5)))
-    cells, (left, low) = occupancy(post, 0.1)
-    rows, columns = np.nonzero(cells)
-    found = np.hypot(left + 0.1 * (columns + 0.5), low + 0.1 * (rows + 0.5))
-    away = np.hypot(*np.meshgrid(np.arange(-5, 5) * 0.1 + 0.05, np.arange(-5, 5) * 0.1 + 0.05))
-    assert sorted(found) == pytest.approx(sorted(away[away <= 0.06 + 0.05]))
-
-
 # -- commands
 def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
     for main, name, begin in ((draw.main, "out.png", b"\x89PNG"), (sdf_writer.main, "out.world", b"<?xml")):

@@ -14,7 +14,7 @@ from scipy import stats
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
-from training.evaluation import paper, runner, tables
+from training.evaluation import runner, tables
 from training.evaluation.compare import LEVEL, compare, over_worlds, rate, wilson
 from training.evaluation.figures import region_of
 from training.evaluation.report import summary, write
@@ -67,11 +67,6 @@ def results(folder):
 
 def row_of(table, method, name="Test"):
     return dict(zip(table.columns, next(r for r in table.rows if r[:2] == [name, method])))
-
-
-def arrivals(results, method, world):
-    trials = results.of(method, [world])
-    return trials.time_s[trials.success].to_numpy()
 
 
 def column(table, name):
@@ -144,70 +139,11 @@ def test_a_comparison_is_a_line(scores, line):
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
-def test_table_1_counts_successes_in_seconds_and_decisions(results):
-    table = tables.table_1(results)
-    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
-    times = np.concatenate([arrivals(results, "applr", w) for w in results.of_set("Training")])
-    base = np.concatenate([arrivals(results, "dwa", w) for w in results.of_set("Training")])
-    assert row["time [s]"] == "%.2f" % times.mean()
-    assert row["two-second decisions"] == "%.2f" % (times.mean() / 2)
-    counted = [results.of(m, results.of_set("Training")).counted.mean() for m in ("applr", "dwa")]
-    assert abs(counted[0] / counted[1] - times.mean() / base.mean()) > 0.01  # failures are not left out
-    assert row["faster [%]"] == "%.1f" % (100 * (1 - counted[0] / counted[1]))
-    assert row["faster than dwa [s]"] == "%.2f" % (counted[1] - counted[0])
-    assert row["paper [decisions]"] == "11.96"
-    assert row["paper [s]"] == "23.92"
-    assert any("two-second decisions" in n and "9.7 %" not in n for n in table.notes)
-    assert any("9.7 %" in n for n in table.notes)
-
-
-def test_table_2_tests_each_world(results):
-    table = tables.table_2(results)
-    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
-    worlds = results.of_set("Training")
-    won = sum(
-        stats.ttest_ind(*(arrivals(results, m, w) for m in ("applr", "dwa")), equal_var=False).pvalue < 0.05
-        for w in worlds
-        if w != "generated:3"
-    )
-    assert row["method better"].startswith("%d (" % won)
-    assert row["dwa better"].startswith("0 (")
-    assert row["tested"] == "%d of %d" % (len(worlds) - 1, len(worlds))  # generated:3 never succeeds
-    assert row["paper: applr better"] == "88 (35 %)"
-
-
-def test_table_3_has_thirds_and_the_papers_slip(results):
-    table = tables.table_3(results)
-    sizes = [int(r[2]) for r in table.rows if r[0].endswith("All") and r[1] == "applr"]
-    assert sizes == [13, 13, 13]
-    assert [r[-1] for r in table.rows if r[0] in ("Medium All", "Difficult All") and r[1] == "applr"] == [
-        "3 % (*)",
-        "14 % (*)",
-    ]
-    assert any(paper.SWAP_SLIP in n for n in table.notes)
-    assert results.thirds()["Difficult"][-1] == "generated:3"
-
-
 def test_table_4_names_failures(results):
     table = tables.table_4(results)
     assert [row[0] for row in table.rows] == list(METHODS)
     assert all(("time limit" in row[3]) == (not row[2].startswith("6")) for row in table.rows)
     assert column(table, "paper [s]")[0].startswith("72.8")
-
-
-def test_any_two_methods_are_compared_in_pairs(results):
-    table = tables.pairs(results)
-    assert list(dict.fromkeys(row[0] for row in table.rows)) == ["Training", "Test", "Physical course"]
-    row = dict(zip(table.columns, next(row for row in table.rows if row[:3] == ["Training", "dwa", "applr"])))
-    worlds = results.of_set("Training")
-    differences = [results.of("dwa", [w]).time_s.mean() - results.of("applr", [w]).time_s.mean() for w in worlds]
-    assert row["difference, all trials [s]"] == "%.2f" % np.mean(differences)
-    assert (row["p"], row["p (Holm)"]) == ("≤ 0.0001", "0.0003")  # of three pairs
-    low, high = map(float, row["95 % interval"].split(" to "))
-    assert low < np.mean(differences) < high
-    assert row["method faster in"].startswith("0 (")
-    assert int(row["other faster in"].split()[0]) > 0.8 * len(worlds)
-    assert table.rows[-1][table.columns.index("p")] == "–"  # one world is no sample of worlds
 
 
 def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
