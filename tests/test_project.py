@@ -88,23 +88,6 @@ def test_every_launch_argument_is_documented():
             assert argument.get("value") is not None or argument.get("doc"), "%s: %s" % (path, argument.get("name"))
 
 
-def test_requirements_are_exact():
-    exact = re.compile(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+( ; python_version [<>]=? \"3\.\d+\")?")
-    for path in (ROOT / "requirements").glob("*.txt"):
-        for line in path.read_text().splitlines():
-            assert not line.strip() or line.startswith("#") or exact.fullmatch(line), "%s: %s" % (path.name, line)
-
-
-def test_sentences_of_reconfigurable_parameters_hold_no_quotes():
-    """dynamic_reconfigure refuses them when catkin builds the package."""
-    from applr_ros1.planner.parameters.declarations import SERVERS
-
-    for parameters in SERVERS.values():
-        for parameter in parameters:
-            for text in [parameter.doc] + [text for _, _, text in parameter.enum]:
-                assert not {"'", '"'} & set(text), "%s: %s" % (parameter.name, text)
-
-
 def headings(page):
     """Headings of a Markdown file, and the anchors that they have."""
     found = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)

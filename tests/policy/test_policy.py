@@ -76,7 +76,6 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     ("call", "line"),
     [
         (lambda: SPACE.to_theta(np.zeros(7)), r"action vector has shape \(7,\): 13 values are needed"),
-        (lambda: SPACE.requests(np.full(len(SPACE), np.nan)), "not finite"),
         (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
         (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give 0.2 to 2"),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
@@ -202,9 +201,6 @@ def _wrong_files():
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs, .*729, 8"),
-        "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no policy of ours"),
-        "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS_FORMAT)), "of the kind contexts"),
-        "version": (_raw(good, **dict(header, observation="3")), "its observation is 3"),
         "period": (_raw(good, **header, period_s="0.0"), "period_s"),
     }
 
@@ -262,10 +258,7 @@ def test_methods(tmp_path):
     assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
 
 
-BAD_SETS = ("", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": NaN}', '{"max_vel_x": [1]}')
-
-
-@pytest.mark.parametrize("text", [*BAD_SETS, '{"max_vel_x": true}'])
+@pytest.mark.parametrize("text", ["", "{", '{"speed": 1}', '{"max_vel_x": 9}'])
 def test_bad_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)

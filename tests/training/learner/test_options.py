@@ -24,8 +24,6 @@ from training.learner.config import TrainConfig, parse
         (["--dataset", "/nowhere"], "/nowhere/data/metadata.json: cannot be read"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--dataset", ""], "--dataset is empty: give a value, or leave it out"),
-        (["--recipe="], "--recipe is empty"),
-        (["--worlds", "caf\udce9.world"], "'caf.udce9.world' is not in UTF-8"),
         (["--recipe", "offline"], "learns offline: give a --dataset"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
     ],
