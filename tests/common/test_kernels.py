@@ -83,16 +83,6 @@ def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(s
     assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4  # two kernels for two types
 
 
-def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
-    assert kernels.cache_folder.__wrapped__() == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
-    assert os.listdir(tmp_path) == ["tmp"]
-
-
 def test_a_part_that_fails_is_one_line(monkeypatch, capsys):
     def fails():
         raise ApplrError("the world is flat")

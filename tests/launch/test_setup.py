@@ -122,13 +122,6 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     assert "these packages are missing" in lines[-1]
 
 
-@pytest.mark.parametrize("given", ["", "/given"])
-def test_ros_writes_into_the_clone_where_the_user_has_no_home(clone, tmp_path, given):
-    for home, expected in (("/proc/none", str(tmp_path / ".applr" / "ros")), (str(tmp_path), "")):
-        code, _ = clone.quick("exec", "sh", "-c", "echo $ROS_HOME", HOME=home, ROS_HOME=given)
-        assert (code, clone.stdout.strip()) == (0, given or expected)
-
-
 def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_path):
     """As in an image that root has made."""
     how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'

@@ -118,17 +118,6 @@ def test_a_map_whose_size_a_static_layer_decides_is_not_emptied():
     assert (made.global_costmap.cells == before).all()
 
 
-def test_reconfigured_inflation_and_sizes_show():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    inflated = (made.global_costmap.cells > 0).sum()
-    made.reconfigure("global_costmap/inflater_layer", {"inflation_radius": 0.6})
-    run(made, robot, 0.1)
-    assert (made.global_costmap.cells > 0).sum() > 1.3 * inflated
-    made.reconfigure("local_costmap", {"width": 8})
-    assert made.local_costmap.size == (160, 120)
-
-
 def test_send_calls_no_server_whose_values_are_in_force():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     theta = SPACE.theta0.copy()

@@ -1,7 +1,5 @@
 """A robot that is none of the shipped ones, described in a file of its own: trained, driven, recorded."""
 
-import re
-
 import pytest
 import yaml
 
@@ -14,10 +12,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from tests.support.recording import RecordingEpisode, StackWriter
-from training import check_robot, evaluate, train
-from training.bags.bag import read
-from training.bags.topics import TopicNames
+from training import evaluate, train
 from training.env.episode import Episode
 from training.evaluation.table import read_trials
 from training.tuning import parameter_file
@@ -126,15 +121,6 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     assert (planner.local_costmap.cells == LETHAL).any()
 
 
-def test_check_says_what_it_makes_of_a_description(crate, capsys):
-    assert check_robot.main([str(crate)]) == 0
-    said = capsys.readouterr().out
-    assert "crate: two_wheel, 0.8 m/s, 2.5 rad/s" in said
-    assert "DWAPlannerROS, 10 commands per second, without a map only" in said
-    assert re.search(r"speed +0.5 +0.3 to 0.8\n", said)
-    assert "remark" not in said
-
-
 def test_trained_and_driven(crate, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
@@ -160,16 +146,3 @@ def test_trained_and_driven(crate, tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
     planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]  # the set, for move_base
     assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)
-
-
-def test_recorded_and_read_back(crate, tmp_path):
-    robot = robots.load(str(crate))
-    space, topics = space_of(robot), TopicNames.of(robot)
-    with StackWriter(tmp_path / "a.bag", topics, robot) as writer:
-        simulator, planner = sim_bridge.make("kinematic", robot=robot), MoveBase(robot.parameters())
-        episode = RecordingEpisode(simulator, planner, writer, period=2.0, limit=2)
-        outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
-        while not outcome.over:
-            outcome = episode.decide(space.high)
-    decision = read(tmp_path / "a.bag", topics).decisions[-1]
-    assert set(decision.after) == set(space.names)

@@ -11,7 +11,6 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.parameter_space import SPACE
@@ -411,21 +410,6 @@ def test_options_choose_world_and_start(env):
     for wrong in (7, "generated:9"):
         with pytest.raises(ValueError, match="world"):
             env.reset(options={"world": wrong})
-
-
-def test_drives_a_course_with_the_real_planner():
-    """Default parameters through one of the easy worlds."""
-    from training.env.env import load_worlds
-
-    episode = Episode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), period=2.0)
-    episode.reset(load_worlds("generated:2")[0], 1)
-    outcomes = []
-    while not episode.outcome.over:
-        assert np.isfinite(episode.context().observation).all()
-        outcomes += drive(episode, most=1)
-    assert outcomes[-1].success
-    assert 11.0 < outcomes[-1].time_s < 100.0
-    assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)
 
 
 def test_decision_period_changes_the_steps_not_what_a_second_costs():

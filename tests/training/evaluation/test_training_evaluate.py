@@ -250,15 +250,6 @@ def theta(method, name):
     return method.theta(context())[SPACE.names.index(name)]
 
 
-def test_baselines(tmp_path):
-    assert np.array_equal(methods.make("dwa").theta(context()), SPACE.theta0)
-    (tmp_path / "set.json").write_text('{"parameters": {"max_vel_x": 1.5}, "log": "whatever"}')
-    assert theta(methods.make(str(tmp_path / "set.json")), "max_vel_x") == 1.5
-    (tmp_path / "set.json").write_text('{"max_vel_x": 99}')
-    with pytest.raises(ApplrError, match="0.2 to 2"):
-        methods.make(str(tmp_path / "set.json"))
-
-
 def test_a_persons_own_class(tmp_path, monkeypatch):
     (tmp_path / "my_module.py").write_text(
         "from applr_ros1.policy.methods import Method\n"

@@ -255,24 +255,6 @@ def test_each_aim_prices_what_it_is_named_for():
     assert cost("smooth", mean_clearance_m=0.3) == pytest.approx(12.0)
 
 
-@pytest.mark.parametrize("aim", ["careful", "smooth"])
-def test_what_an_aim_is_named_for_outweighs_time_and_never_an_arrival(aim):
-    robot, aim = robots.JACKAL, AIMS[aim]
-    own = result(time_s=20.0, mean_clearance_m=0.8, mean_jerk=8.0, mean_turn=1.0)
-    fast = replace(own, time_s=10.0, mean_clearance_m=0.72, mean_jerk=8.8, mean_turn=1.1)
-    better = replace(own, mean_clearance_m=0.88, mean_jerk=7.2, mean_turn=0.9)
-    of_own = Baseline.of([own, replace(own, time_s=10.0), replace(own, success=False, mean_jerk=99.0)], robot)
-    assert of_own == (3.0, 8.0, 1.0)
-    costs = [aim.cost(one, robot, Baseline(4.0, *of_own[1:])) for one in (better, own, fast)]
-    assert costs == sorted(costs)
-    slow = replace(better, time_s=30.0)
-    assert aim.cost(slow, robot, Baseline(4.0, *of_own[1:])) > costs[1], "half as slow again is too slow"
-    stands = replace(own, success=False, time_s=60.0, mean_clearance_m=3.0 * WIDTH, mean_jerk=0.0, mean_turn=0.0)
-    assert aim.cost(stands, robot, of_own) > 1.5 * costs[2]
-    assert Baseline.of([stands], robot) == Baseline()
-    assert aim.cost(slow, robot, Baseline()) < 1e4, "no own drive arrives"
-
-
 def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_speed():
     robot = robots.load("turtlebot3_waffle_pi")
     space = space_of(robot)
