@@ -88,10 +88,7 @@ def run(options: DatasetOptions) -> None:
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)
-                found = list(transitions(recorded, options.robot, options.observation, reward, report, options.finish))
-                for trajectory in found:
-                    trajectory.check(layout)
-            made += found
+                made += transitions(recorded, options.robot, options.observation, reward, report, options.finish)
         except BagError as error:
             report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)

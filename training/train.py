@@ -35,11 +35,11 @@ from training.evaluation.trial import POLICY, Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig, parse
 from training.learner.metrics import TensorBoardLog, describe, mean
 from training.learner.prepare import dataset_of, prepare
+from training.replay.trajectory import Trajectory
 from training.workers.collect import Collect, draw_world
 from training.workers.pool import CallFailed, Pool
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
-MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
 BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
 CHECKPOINT_SECONDS = 120.0  # between two checkpoints
 STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
@@ -88,7 +88,7 @@ class TrainingRun:
         self._evaluated = b""  # weights of the policy that the present evaluation drives
         self._saved = self._shown = time.monotonic()
         self._failed: Counter[str] = Counter()  # episodes, by error
-        self._in_a_row = {"failed": 0, "were refused": 0}
+        self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
         self.board = TensorBoardLog(self.folder, self.steps)
@@ -195,36 +195,28 @@ class TrainingRun:
             task, result = self._running[future], None
             try:
                 result = future.result()
-                self._in_a_row["failed"] = 0
+                self._failed_in_a_row = 0
             except CallFailed as error:
                 self._failed[str(error)] += 1
                 if self._failed[str(error)] == 1:
                     self.bar.write(f"an episode failed: {error}")
-                self._count("failed", MANY_ERRORS, str(error))
+                self._failed_in_a_row += 1
+                if self._failed_in_a_row >= MANY_ERRORS:
+                    raise ApplrError(f"{MANY_ERRORS} episodes in a row failed: {error}") from None
             if isinstance(task, Trial):
                 self._trial_done(result and result[0])
             elif result is not None and not self.finished:
                 self._take(result)
             del self._running[future]  # until here it holds its slot
 
-    def _take(self, blob: bytes) -> None:
-        """Takes in an episode, and makes the gradient steps that are due for it."""
-        trajectory = self.learner.take(blob)
-        if trajectory is None:
-            self._count("were refused", MANY_REFUSALS, self.learner.refused.most_common(1)[0][0])
-            return
-        self._in_a_row["were refused"] = 0
+    def _take(self, trajectory: Trajectory) -> None:
+        """Take in an episode, and make the gradient steps that are due for it."""
+        self.learner.take(trajectory)
         self.board.episode(trajectory.info, self.steps)
         while self.learner.updates_due and not self.stopping:
             self.learner.train(10)
             self._publish()
             self._submit()
-
-    def _count(self, what: str, most: int, why: str) -> None:
-        """One more episode that failed or was refused. Too many in a row end the run: it would learn nothing more."""
-        self._in_a_row[what] += 1
-        if self._in_a_row[what] >= most:
-            raise ApplrError(f"{most} episodes in a row {what}: {why}")
 
     def _publish(self) -> None:
         updates = self.learner.td3.updates
@@ -297,7 +289,6 @@ class TrainingRun:
             "policy_lag": mean(learner.lags[-100:]),
             "actors": self.pool.alive,
             "replaced": self.pool.replaced,
-            "refused": sum(learner.refused.values()),
             **learner.td3.report(),
         }
         self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
@@ -311,8 +302,6 @@ class TrainingRun:
         print(f"{how} after {made}, {seconds}; {self.folder}")
         if self.evaluation.best:
             print(f"best actor: {describe(self.evaluation.best)}")
-        for reason, count in sorted(learner.refused.items()):
-            print(f"refused {count} trajectories: {reason}")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

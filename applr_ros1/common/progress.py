@@ -1,4 +1,4 @@
-"""Lines about what a program does: long work is announced, repeated lines are throttled. The nodes use both."""
+"""Lines about long work: it is announced, and repeated until it is done."""
 
 from __future__ import annotations
 
@@ -43,17 +43,3 @@ def announced(
         speaker.join()
         if spoken:
             say(f"done {short}: took {time.monotonic() - began:.0f} s")
-
-
-class Throttled:
-    """A filter of a repeated line: one in NEXT_LINE_S of wall time passes, with how often it has come so far."""
-
-    def __init__(self, say: Callable[[str], object]):
-        self._say, self._count, self._due = say, 0, 0.0
-
-    def __call__(self, line: str) -> None:
-        """Count the line, and pass it on if the last one that was passed on is long ago."""
-        self._count += 1
-        if time.monotonic() >= self._due:
-            self._due = time.monotonic() + NEXT_LINE_S
-            self._say(line if self._count == 1 else f"{line} ({self._count} times so far)")

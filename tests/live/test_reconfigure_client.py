@@ -177,7 +177,7 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert applied(client, np.full(len(SPACE), 1e9))
     assert np.array_equal(client.theta(), SPACE.high)
-    assert applied(client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1]))
+    assert applied(client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1, 0.1, 0.1]))
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
     wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
     wait_for(lambda: not wide.connect(), "servers")

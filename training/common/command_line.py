@@ -60,16 +60,13 @@ class Parser(argparse.ArgumentParser):
 def words(arguments: Optional[Sequence[str]] = None) -> List[str]:
     """Return a command line (None: this process's) without ROS's remapping arguments.
 
-    Raises ApplrError for an empty value: what a shell makes of a variable that is not set is nobody's choice. And for
-    bytes that are no text, which can be neither printed nor written into a file of settings.
+    Raises ApplrError for an empty value, which a shell makes of a variable that is not set.
     """
     found = without_remappings(arguments)
     for before, word in zip(["", *found], found):
         if not word or (word.startswith("--") and word.endswith("=")):
             place = (word or before).rstrip("=") if (word or before).startswith("--") else "an argument"
             raise ApplrError(f"{place} is empty: give a value, or leave it out")
-        if word.encode(errors="replace") != word.encode(errors="surrogateescape"):
-            raise ApplrError(f"{ascii(word)} is not in UTF-8: give another name")
     return found
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections import Counter, deque
+from collections import deque
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Optional
 
@@ -24,7 +24,7 @@ from training.common.folders import make_folder
 from training.learner.config import LearnerOptions, Start
 from training.replay.buffer import Replay
 from training.replay.dataset import Dataset
-from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
+from training.replay.trajectory import Trajectory, TransitionLayout
 from training.td3.td3 import TD3, Batch, Weights
 
 
@@ -57,7 +57,6 @@ class Learner:
                 self.td3.begin_with(begun_policy(start.policy), start.policy)
             if start.run:
                 self._begin_with(Path(start.run))
-        self.refused: Counter[str] = Counter()  # trajectories, by reason
         self.lags: List[int] = []  # how old, in updates, the policies were that drove what was taken
         self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # of the newest trajectories
         self.checkpoints = 0
@@ -66,17 +65,11 @@ class Learner:
         self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
 
     # -- taking ------------------------------------------------------------------------------------
-    def take(self, blob: bytes) -> Optional[Trajectory]:
-        """One packed trajectory from an actor. Malformed ones are counted and dropped: None."""
-        try:
-            trajectory = Trajectory.unpack(blob, self.layout)
-            self.replay.add(trajectory)
-        except TrajectoryError as error:
-            self.refused[str(error)] += 1
-            return None
+    def take(self, trajectory: Trajectory) -> None:
+        """Add an actor's trajectory to the replay."""
+        self.replay.add(trajectory)
         self.lags.append(self.td3.updates - trajectory.info.get("version", self.td3.updates))
         self.infos.append(trajectory.info)
-        return trajectory
 
     # -- learning ----------------------------------------------------------------------------------
     @property

@@ -13,7 +13,7 @@ from typing import Dict, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
+from training.replay.trajectory import Trajectory, TransitionLayout
 
 COLUMNS = ("scan", "rest", "action", "reward", "end")  # arrays of the ring
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
@@ -41,9 +41,9 @@ class Replay:
         return min(self.written, self.capacity)
 
     def check_size(self, trajectory: Trajectory) -> None:
-        """Raises TrajectoryError for one that is larger than the ring."""
+        """Raises ApplrError for one that is larger than the ring."""
         if len(trajectory) + 1 > self.capacity:
-            raise TrajectoryError(f"{len(trajectory)} transitions do not fit a replay of {self.capacity} rows")
+            raise ApplrError(f"{len(trajectory)} transitions do not fit a replay of {self.capacity} rows")
 
     def add(self, trajectory: Trajectory) -> None:
         """Takes in one episode that has been checked. Raises as check_size()."""

@@ -33,11 +33,12 @@ def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Traject
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
+    folder = folder.absolute()  # Minari joins a relative path with itself.
     partial = folder / f"{DATA}.partial"
     shutil.rmtree(partial, ignore_errors=True)
     storage = MinariStorage.new(partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,)))
     storage.update_episodes(_buffer(layout, trajectory, EpisodeBuffer) for trajectory in trajectories)
-    names = {"dataset_id": folder.absolute().name, "minari_version": minari.__version__}
+    names = {"dataset_id": folder.name, "minari_version": minari.__version__}
     storage.update_metadata({**names, "layout": layout.to_dict(), **about})
     partial.rename(folder / DATA)
 
@@ -80,6 +81,4 @@ class Dataset:
                 episode = {name: values[()] for name, values in file[f"episode_{number}"].items()}
                 observations, actions, rewards = (episode[name] for name in ("observations", "actions", "rewards"))
                 ends = bool(episode["terminations"][-1])
-                trajectory = Trajectory.of(self.layout, observations, actions, rewards, ends)
-                trajectory.check(self.layout)
-                yield trajectory
+                yield Trajectory.of(self.layout, observations, actions, rewards, ends)

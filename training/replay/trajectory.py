@@ -1,25 +1,14 @@
-"""One episode as it travels from an actor to the replay: arrays in safetensors, no pickle.
-
-Actors pack, the learner unpacks and checks. The scan is stored in whole steps of its resolution.
-"""
+"""One episode, as an actor hands it to the learner. The scan is stored in whole steps of its resolution."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
-import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError
-from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.form import Form, Mirror
-
-
-class TrajectoryError(ApplrError):
-    """A trajectory that must not enter the replay; one line with the reason."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +104,14 @@ class Trajectory:
 
     @classmethod
     def of(cls, layout: TransitionLayout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
-        """From float observations (T+1, size), actions (T, m), rewards (T,)."""
+        """Make a trajectory of observations (T+1, size), actions (T, m) and rewards (T,).
+
+        Raises ApplrError if one of them is not finite.
+        """
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
-        if not np.isfinite(observations).all():
-            raise TrajectoryError("observation holds NaN or inf")
+        for name, values in (("an observation", observations), ("an action", actions), ("a reward", rewards)):
+            if not np.isfinite(values).all():
+                raise ApplrError(f"{name} holds NaN or inf")
         return cls(
             layout.quantise(observations),
             np.ascontiguousarray(observations[:, layout.scan :]),
@@ -127,43 +120,3 @@ class Trajectory:
             bool(terminated),
             dict(info or {}),
         )
-
-    def check(self, layout: TransitionLayout) -> None:
-        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
-        t = len(self.reward) if self.reward.ndim == 1 else -1
-        if t < 1:
-            raise TrajectoryError(f"a trajectory of {t} transitions; 1 or more are needed")
-        wanted = {
-            "scan": (np.uint8, (t + 1, layout.scan)),
-            "rest": (np.float32, (t + 1, layout.rest)),
-            "action": (np.float32, (t, layout.action)),
-            "reward": (np.float32, (t,)),
-        }
-        for name, (dtype, shape) in wanted.items():
-            array = getattr(self, name)
-            if array.dtype != dtype or array.shape != shape:
-                raise TrajectoryError(f"{name} is {array.dtype} {array.shape}, {np.dtype(dtype)} {shape} is needed")
-            if not np.isfinite(array).all():
-                raise TrajectoryError(f"{name} holds NaN or inf")
-        if (np.abs(self.action) > 1.0 + 1e-6).any():
-            raise TrajectoryError("an action lies outside [-1, 1]")
-
-    def pack(self) -> bytes:
-        """The trajectory as safetensors bytes; unpack() is the inverse."""
-        arrays = {"scan": self.scan, "rest": self.rest, "action": self.action, "reward": self.reward}
-        header = {"info": json.dumps(self.info), "terminated": json.dumps(bool(self.terminated))}
-        return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)
-
-    @classmethod
-    def unpack(cls, blob: bytes, layout: TransitionLayout) -> "Trajectory":
-        """The inverse of pack, checked. Raises TrajectoryError for bytes that are none, or none of the layout."""
-        try:
-            arrays, header = unpack(blob, "trajectory")
-            info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
-            made = cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
-        except StorageError as error:
-            raise TrajectoryError(str(error)) from None
-        except (KeyError, TypeError, ValueError):
-            raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
-        made.check(layout)
-        return made

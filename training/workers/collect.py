@@ -50,8 +50,8 @@ def environment(env: str, options: str) -> gymnasium.Env:
     return resolve_name(env)(**json.loads(options))
 
 
-def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
-    """Drives an episode and packs its trajectory.
+def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory:
+    """Drive an episode and return its trajectory.
 
     Args:
         env: "module:Class" of the environment.
@@ -91,7 +91,7 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> bytes:
     if terms:
         info["terms"] = terms
     info.update(version=task.version, sigma=task.sigma)
-    return Trajectory.of(layout, observations, actions, rewards, terminated, info).pack()
+    return Trajectory.of(layout, observations, actions, rewards, terminated, info)
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:

@@ -14,7 +14,6 @@ import numpy as np
 import rospy
 
 from applr_ros1.common.errors import ApplrError, one_line
-from applr_ros1.common.progress import Throttled
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.sensors import Clock
@@ -64,7 +63,6 @@ class ApplrNode:
         self.enabled = True
         self._by_hand = None  # (n,) that a person has set; the method is off then
         self._max_speed = max_speed
-        self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
         self.degraded = ""  # why the chosen method is not the one that drives
@@ -117,7 +115,7 @@ class ApplrNode:
 
     def _clock_jumped(self):
         """Start afresh on theta_0; a clock that jumps all the time is reported now and then only."""
-        self._report_jump("applr: the clock jumped back; starting afresh on theta_0")
+        rospy.logwarn("applr: the clock jumped back; starting afresh on theta_0")
         self.inputs.clear()
         with self._deciding:
             self._goal = self._due = self._last = None

@@ -27,7 +27,6 @@ from std_msgs.msg import Bool, String
 
 from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.errors import ApplrError, run_script
-from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.settings import MonitorSettings
@@ -79,7 +78,6 @@ class CollisionMonitorNode:
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
         self._zeros = 0  # number of zeros that the base has got since it stands without a command
-        self._report_jump = Throttled(rospy.logwarn)
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
         self._stalls = StalledMoveBase(near) if escape else None
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
@@ -121,7 +119,7 @@ class CollisionMonitorNode:
     def _take_scans(self) -> None:
         last = self._clock.now
         if self._clock.went_back():
-            self._report_jump("collision monitor: the clock jumped back; starting afresh")
+            rospy.logwarn("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)

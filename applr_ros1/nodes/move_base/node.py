@@ -28,7 +28,7 @@ from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.progress import Throttled, announced
+from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
@@ -97,7 +97,6 @@ class MoveBaseNode:
             distance = {"reset_distance": static[name]["reset_distance"]}
             mirror.post(partial(write_parameters, f"{rospy.get_name()}/{name}/", distance))
         self._pose = None
-        self._report_jump = Throttled(rospy.logwarn)
         rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
@@ -328,7 +327,7 @@ class MoveBaseNode:
 
     # -- when time or the node ends --------------------------------------------------------------------------------
     def _clock_went_back(self) -> None:
-        self._report_jump("the clock jumped back: maps, plan and goal are dropped")
+        rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
         self.sensors.forget()
         self._finish("aborted", WENT_BACK)

@@ -20,7 +20,6 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.arguments import frame_prefix, number_within
-from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.robots import JACKAL, Robot, load
@@ -91,7 +90,6 @@ class Viewer:
 
     def spin(self) -> None:
         """Draw until shutdown, at RATE_HZ while a page is open."""
-        report = Throttled(rospy.logerr)
         while not rospy.is_shutdown():
             began = time.monotonic()
             if not self.server.get_clients():
@@ -102,7 +100,7 @@ class Viewer:
                 with self.server.atomic():
                     self.draw()
             except Exception as problem:  # one message that cannot be drawn does not end the page
-                report(f"viewer: {type(problem).__name__}: {problem}")
+                rospy.logerr_throttle(10.0, f"viewer: {type(problem).__name__}: {problem}")
             time.sleep(max(0.0, began + 1.0 / RATE_HZ - time.monotonic()))
 
     def draw(self) -> None:

@@ -20,7 +20,7 @@ from training.learner.config import TrainConfig, recipe
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
 from training.replay import dataset
-from training.replay.trajectory import Trajectory, TransitionLayout
+from training.replay.trajectory import TransitionLayout
 from training.train import MANY_ERRORS
 from training.workers.collect import Collect, collect
 
@@ -44,7 +44,7 @@ def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     """From random drives it learns to drive."""
     weights = safetensors.numpy.save({"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)})
     random = [collect(LINE, "{}", Collect(number, 0, 0.0, True), weights) for number in range(80)]
-    data = write(tmp_path / "data", made=[Trajectory.unpack(blob, LAYOUT) for blob in random])
+    data = write(tmp_path / "data", made=random)
     run = tmp_path / "run"
     offline = ["--dataset", data, "--bc-alpha", "2.5", "--eval-freq", "100"]
     assert main(toy(run, *offline, "--gradient-steps", "150")) == 0

@@ -7,8 +7,9 @@ import pytest
 
 from tests.support.episodes import episode
 from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
+from training import train
 from training.evaluation.trial import Result, Trial
-from training.learner import several, train
+from training.learner import several
 from training.learner.config import parse
 from training.replay import dataset
 from training.replay.trajectory import TransitionLayout

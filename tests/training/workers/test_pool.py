@@ -1,7 +1,6 @@
 """The pool of workers: both kinds execute calls, dead ones are replaced, Ray's nodes may go, a training goes on."""
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -19,8 +18,8 @@ from tests.support.processes import is_alive
 from tests.support.toy_env import drive
 from tests.support.toy_training import main, toy_run
 from training.learner.config import parse
-from training.learner.learner import Learner, LearnerOptions
-from training.replay.trajectory import Trajectory, TransitionLayout
+from training.learner.learner import Learner
+from training.replay.trajectory import TransitionLayout
 from training.td3.td3 import TD3, TD3Options
 from training.workers.collect import Collect, collect, draw_world
 from training.workers.pool import CallFailed, Pool
@@ -48,7 +47,7 @@ def test_an_episode_depends_on_run_and_number_only_and_noise_has_its_standard_de
     for sigma in (0.0, 0.1):
         tasks = [Collect(episode, 0, sigma, False, version=7) for episode in range(40)]
         driven = [collect(*env, task, safetensors.numpy.save(still)) for task in [*tasks, tasks[3]]]
-        *trajectories, again = [Trajectory.unpack(data, LAYOUT) for data in driven]
+        *trajectories, again = driven
         assert np.array_equal(again.action, trajectories[3].action)
         assert np.array_equal(again.rest, trajectories[3].rest)
         assert 0.9 * sigma <= np.concatenate([t.action for t in trajectories]).std() <= 1.1 * sigma
@@ -141,29 +140,6 @@ def test_training_with_processes_some_of_which_die(tmp_path, capsys):
         main(["--resume", "--out", str(out), "--total-timesteps", "700"], env) == 0
     )  # another incarnation, new episodes
     assert Learner.saved(out)["transitions"] >= 700
-
-
-def trajectory(number, version=0):
-    rng = np.random.default_rng(number)
-    states, actions = rng.uniform(-1, 1, (11, 1)), rng.uniform(-1, 1, (10, 1))
-    return Trajectory.of(LAYOUT, states, actions, rng.normal(size=10), False, {"version": version})
-
-
-@pytest.mark.fault("20")
-def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on(tmp_path):
-    options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=1000, utd_ratio=1.0, device="cpu")
-    learner = Learner(LAYOUT, options, tmp_path)
-    broken = trajectory(3)
-    broken.reward[1] = np.nan
-    wrong = b"", b"nonsense" * 20, broken.pack(), pickle.dumps([1])
-    good = [each.pack() for each in (trajectory(1), trajectory(2), trajectory(5, version=9))]
-    for blob in (*good[:2], *wrong, *good[2:]):
-        learner.take(blob)
-        learner.train()
-    assert learner.transitions == 30
-    assert learner.td3.updates == 30
-    reasons = " | ".join(learner.refused)
-    assert all(part in reasons for part in ("no safetensors file", "NaN")), reasons
 
 
 def test_ray_addresses_of_no_use_are_one_line_soon():
