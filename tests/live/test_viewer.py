@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from applr_ros1.nodes.viewer.node import Viewer
-from applr_ros1.robots import JACKAL, load
+from applr_ros1.robots import JACKAL
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import LONGEST, free_port, session, wait_for
 
@@ -141,24 +141,6 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     finally:
         applr.kill()
         move_base.kill()
-
-
-def test_a_robot_with_another_planner_has_its_sliders(ros):
-    move_base = ros.node("tests.support.fake_move_base", "--robot", "turtlebot3_waffle_pi")
-    applr = ros.node("applr", "_method:=dwa", "_robot:=turtlebot3_waffle_pi")
-    made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", free_port())
-    try:
-        wait_for(lambda: state(made) and made.pilot.theta() is not None, "the parameters")
-        assert list(made.panel.sliders) == list(made.pilot.space.names)
-        by_hand(made.panel.sliders["max_vel_x"], 0.2)
-        wait_for(
-            lambda: state(made) and rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.2,
-            "the value in move_base",
-        )
-    finally:
-        made.close()
-        applr.kill()
-        move_base.end()
 
 
 def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):

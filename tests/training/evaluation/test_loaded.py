@@ -6,11 +6,10 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
-from training import evaluate
 from training.env.settings import TrialSettings
 from training.evaluation.loaded import loadable_space
 from training.evaluation.runner import TrialRunner
-from training.evaluation.trial import Result, Trial
+from training.evaluation.trial import Trial
 
 SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.75, "vx_samples": 9}
 
@@ -54,18 +53,3 @@ def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
     assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")
     assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS asks for it in every cycle"
-
-
-def test_an_evaluation_with_loaded_sets_is_another_one(tmp_path, capsys):
-    drive = ["--worlds", "generated:0", "--methods", "dwa,static", "--trials", "1", "--workers", "0", "--no-report"]
-    drive += ["--runner", f"{__name__}:told", "--out", str(tmp_path / "a")]
-    assert evaluate.main([*drive, "--loaded"]) == 0
-    assert told.loaded == {True}
-    assert evaluate.main(drive) == 1
-    assert "was begun with another planner (ours, started with the sets, now ours)" in capsys.readouterr().err
-
-
-def told(settings, trial):
-    """As training.evaluation.runner.run."""
-    told.loaded = {settings.loaded}
-    return Result(success=True, time_s=9.0, reason="finished", route_m=6.0), b""

@@ -172,6 +172,7 @@ def test_more_trials_only_append(tmp_path, run, refused):
     refused(command(tmp_path, "--seed", 3), "another seed", "--out")
     refused(command(tmp_path, "--monitor"), "another monitor", "--out")
     refused(command(tmp_path, "--movers"), "another movers", "--out")
+    refused(command(tmp_path, "--loaded"), "another planner (ours, now ours, started with the sets)")
 
 
 def test_another_evaluations_folder_is_refused(tmp_path):

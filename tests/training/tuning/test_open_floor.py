@@ -1,6 +1,5 @@
 """Open floor: its courses, why a robot does not drive there, and the check that drives all of it."""
 
-import re
 import shutil
 
 import pytest
@@ -104,11 +103,3 @@ def test_a_monitor_that_stops_it_before_a_door_is_a_wrong_set_up_though_it_passe
     drives, (*_, door, error) = open_floor.check(robot)
     assert (drives, "door of 0.53 m: the collision monitor holds it" in door) == (False, True), door
     assert "no single parameter of the planner mends it" in error
-
-
-def test_a_check_of_a_robot_that_drives_ends_with_how_long_each_drive_took(capsys):
-    assert check_robot.main(["turtlebot3_burger"]) == 0
-    lines = capsys.readouterr().out.splitlines()[-4:]
-    assert [re.sub(r"\d+ s$", "", line) for line in lines] == [
-        f"{world.name}: " for world in courses(load("turtlebot3_burger"))
-    ]
