@@ -20,7 +20,7 @@ from training.evaluation.runner import run, world_list
 from training.evaluation.trial import Result, Trial
 from training.learner.config import TrainConfig
 from training.replay.dataset import Dataset
-from training.replay.trajectory import TransitionLayout
+from training.replay.trajectory import Trajectory, TransitionLayout
 from training.workers.collect import NAVIGATION, Collect, collect, layout_of
 
 
@@ -28,7 +28,7 @@ from training.workers.collect import NAVIGATION, Collect, collect, layout_of
 class Preparation:
     """Findings of prepare()."""
 
-    collect: Callable[[Collect, bytes], bytes]  # drives a training episode with a policy's weights in a worker
+    collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with a policy's weights in a worker
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # the same of a trial
     worlds: Optional[int]  # how many there are to train in; None: the environment chooses
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
