@@ -16,6 +16,7 @@ what took most of its processor time, with that of the processes that tests star
 """
 
 import collections
+import contextlib
 import csv
 import importlib.util
 import os
@@ -94,21 +95,26 @@ def pytest_runtest_logstart():
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport():
+def pytest_runtest_makereport(item):
     report = yield
     report.processor_s = spent()  # pytest-xdist brings it to the process that prints
+    item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item, nextitem):
+    """Ends a test's nodes. A test marked `ros` that has failed leaves nothing to those behind it, nor the master."""
     try:
         return (yield)
     finally:
-        harness = sys.modules.get("tests.support.ros_harness")
+        harness, failed = sys.modules.get("tests.support.ros_harness"), item.has_failed
         if harness:
             harness.forget_ended()
-            if nextitem is None or group_of(nextitem.path) != group_of(item.path):
+            if failed and item.get_closest_marker("ros"):
+                with contextlib.suppress(Exception, pytest.fail.Exception):  # what failed has been said
+                    item.session._setupstate.teardown_exact(None)
+            if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
                 harness.close_session()
 
 

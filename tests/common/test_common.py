@@ -125,13 +125,6 @@ def test_an_error_names_the_line_that_raised_it(tmp_path):
     assert one_line(ApplrError("9 is not 8")) == "9 is not 8"
 
 
-def test_quick_work_is_silent_and_an_error_passes_through():
-    lines = []
-    with pytest.raises(KeyError), announced("compiling", lines.append, first=5.0):
-        raise KeyError
-    assert lines == []
-
-
 def test_work_that_an_error_ended_is_not_called_done():
     lines = []
     with pytest.raises(IndexError), announced("compiling", lines.append, first=0.02):

@@ -14,7 +14,6 @@ from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan
 from sensor_msgs.msg import PointCloud2
 
-from tests.support import HANGS
 from tests.support.move_base_stack import PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
 from tests.support.ros_harness import Kept, wait_for
 
@@ -154,17 +153,6 @@ def test_costmaps_footprints_and_cloud(idle):
 
 
 # -- start and end -------------------------------------------------------------------------------------------------
-def test_bad_parameters_are_named_and_nothing_starts(stack, master):
-    rospy.set_param("/bad_one", {"TrajectoryPlannerROS": {"sim_granularity": 0.0, "pdist_scala": 1.0}, "colour": "red"})
-    child = master.node("move_base", "__name:=bad_one")
-    child.process.wait(HANGS)
-    assert child.process.returncode == 1
-    lines = [line for line in child.text.splitlines() if line.startswith("move_base: parameter")]
-    assert len(lines) == 1, "misspelt names stop nothing"
-    assert "Traceback" not in child.text
-    assert "sim_granularity is 0" in child.text
-
-
 def test_zero_velocity_at_shutdown(idle):
     """Ctrl-C while driving; the last test of this file, since the node has ended then."""
     idle.client.send_goal(goal(4.0))

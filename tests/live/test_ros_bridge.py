@@ -247,14 +247,6 @@ def test_ends_on_interrupt(robot):
     assert "Traceback" not in robot.process.text
 
 
-def test_a_mistake_ends_it_with_one_line():
-    """tests/nodes/test_start_of_nodes.py has which mistakes these are."""
-    child = start("wrong_bridge", {"world": "nowhere.world"})
-    assert child.process.wait(LONGEST) == 1
-    (line,) = (line for line in child.text.splitlines() if line.strip())
-    assert "nowhere.world" in line
-
-
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
 def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
     """A planner that commands when its cycle is due, or a tick before, is waited for then alone, and never in vain."""
