@@ -354,18 +354,6 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
     assert robot.values["level"] == 0
 
 
-def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
-    rospy.set_param("/use_sim_time", True)
-    robot.clock = 100.0
-    node, _, _ = stack("dwa")
-    for _ in range(5):
-        count = len(robot.beats)
-        robot.clock -= 3.0
-        wait_for(lambda count=count: len(robot.beats) > count + 1, "the node goes on")
-    node.until("jumped back")
-    assert node.text.count("jumped back") == 1
-
-
 def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
     """A policy's sets count per cell; rescaled for a planner whose cost_cloud shows that it counts per metre."""
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
