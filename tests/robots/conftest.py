@@ -1,4 +1,4 @@
-"""Descriptions are checked here; tests/training/test_open_floor.py drives on open floor."""
+"""Descriptions are checked here; tests/training/tuning/test_open_floor.py drives on open floor."""
 
 import pytest
 

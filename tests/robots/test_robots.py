@@ -39,23 +39,6 @@ def test_jackal_has_the_files_of_the_authors():
         jackal.parameters(with_map=True)
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("base: {drive: [", "not readable as YAML"),
-        ("a: !!python/object/apply:os.system [true]\n", "could not determine a constructor"),
-        ("- 1\n", "holds no mapping"),
-    ],
-    ids=["open", "object", "list"],
-)
-def test_damaged_file_is_one_line(tmp_path, text, line):
-    (tmp_path / "robot.yaml").write_text(text)
-    with pytest.raises(ApplrError) as found:
-        robots.load(str(tmp_path))
-    assert line in str(found.value)
-    assert "\n" not in str(found.value)
-
-
 def with_files(folder, **files):
     """A copy of the Jackal's description whose further parameter files have these texts, {name: (text, namespace)}."""
     shutil.copytree(os.path.join(HERE, "jackal"), folder)

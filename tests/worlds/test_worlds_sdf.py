@@ -152,15 +152,6 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
     assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
 
 
-def test_bytes_that_gazebos_parser_passes_over(tmp_path):
-    text = "<!-- a -- \xfc -->\n<?xml version='1.0' encoding='latin-1'?>" + sdf(cylinder(0, 0)).replace(
-        "unit", "\xfc & "
-    )
-    text = text.replace("<sdf ", "<sdf xmlns='http://sdf' ").replace("</world>", "<not:declared/></world>")
-    (tmp_path / "w.world").write_bytes(b"\xef\xbb\xbf" + text.encode("latin-1"))
-    assert len(worlds.load(str(tmp_path / "w.world")).cylinders) == 1
-
-
 def test_a_world_of_stage_is_named_as_such(tmp_path):
     stage = put(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world")
     refused_world(stage, "a world of Stage")

@@ -352,12 +352,6 @@ def test_made_by_the_packages_name_it_passes_the_check():
     made.close()
 
 
-@pytest.mark.filterwarnings("error")
-def test_stable_baselines3s_checker(env):
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(env.unwrapped, skip_render_check=True)
-
-
 def test_same_seed_same_episode(env):
     def run(seed):
         rng = np.random.default_rng(0)

@@ -65,10 +65,6 @@ def results(folder):
     return Results(folder)
 
 
-def row_of(table, method, name="Test"):
-    return dict(zip(table.columns, next(r for r in table.rows if r[:2] == [name, method])))
-
-
 def column(table, name):
     return [row[table.columns.index(name)] for row in table.rows]
 
@@ -212,13 +208,6 @@ def test_report_of_one_method_and_one_world(tmp_path):
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
     assert "paper [" not in text
     assert "paper&#x27;s numbers" not in text
-
-
-def test_the_summary_has_the_differences_of_table_1(results):
-    table = tables.table_1(results)
-    for method, line in zip(METHODS[1:], summary(results)):
-        less = float(row_of(table, method)["faster than dwa [s]"])
-        assert line.startswith(f"{method} beside dwa, better: yes, {less:.1f} s less per course (")
 
 
 def test_nothing_to_report_is_one_line(tmp_path):

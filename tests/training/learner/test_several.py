@@ -5,14 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.episodes import episode
 from tests.support.toy_training import NO_EVALUATION, one_line, toy, toy_run
 from training import train
 from training.evaluation.trial import Result, Trial
 from training.learner import several
 from training.learner.config import parse
-from training.replay import dataset
-from training.replay.trajectory import TransitionLayout
 from worlds import specs
 
 SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7.5}
@@ -81,15 +78,3 @@ def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, method, t
     assert [row.split()[-1] for row in table.splitlines()[1:]] == ends
     assert last.startswith(f"drive with: {method}; ")
     assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"
-
-
-def test_policies_of_a_dataset_are_judged_in_the_same_way(tmp_path, evaluated, capsys, monkeypatch):
-    for name, value in {"applr": 30.0, "static": 20.0}.items():
-        monkeypatch.setitem(SECONDS, name, value)
-    layout = TransitionLayout(0, 1, 1)
-    (tmp_path / "drives").mkdir()
-    dataset.write(tmp_path / "drives", layout, [episode(layout, number, 10) for number in range(4)], {})
-    learnt = ["--dataset", tmp_path / "drives", "--gradient-steps", 20, "--seeds", 2, "--seed", 3]
-    assert several.train(parse(toy(tmp_path / "runs", *learnt, *NO_EVALUATION)), toy_run) == 0
-    assert [options.workers for options in evaluated] == [0, 0]
-    assert "drive with: dwa; " in capsys.readouterr().out
