@@ -1,14 +1,12 @@
 """Better parameters for the move_base that a robot runs already, from the robot's folder.
 
-Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: where a robot's own
-parameters do not drive it there, it says why and what to change, and ends. CMA-ES searches in the kinematic simulator,
-then in pybullet; the best sets race there, and of the winner each parameter is put back at the robot's own value where
-nothing is lost by it. In all drives a planner with the defects of the C++ move_base starts with the set, as it will on
-the robot; parameters that mean something else while it runs are left out, so that the method `static` drives the same.
-The search drives without the collision monitor. In courses that it did not use the set is then judged twice: without
-the monitor for ROBOT/tuned.yaml, which any move_base loads, and with it for ROBOT/static.json, with which the applr
-node and the method `static` drive. A file is written only where its verdict is clearly better, and the exit status is 0
-only where one is. A stopped run continues with the same command.
+Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: if the robot's
+default parameters do not drive there, it reports why and what to change. CMA-ES then searches in the kinematic
+simulator and in pybullet, the best sets race, and each parameter of the winner is reverted to its default if nothing is
+lost by it. Each drive starts a planner with the defects of the C++ move_base with the set, without the collision
+monitor. Courses that the search did not use judge the set twice: without the monitor for ROBOT/tuned.yaml, which any
+move_base loads, and with it for ROBOT/static.json, which the applr node uses. A file is written only if its verdict is
+clearly better, and the exit status is 0 only if one is. A stopped run continues with the same command.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 
-from training.evaluate import EvaluationOptions, settings
+from training.evaluation.evaluation import EvaluationOptions, settings
 from training.evaluation.trial import Result
 
 SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of itself, with nothing in it

@@ -14,7 +14,7 @@ from training.evaluation.trial import POLICY, Result
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
-from training.train import TrainingRun
+from training.learner.run import TrainingRun
 from training.workers.collect import PolicyWeights, collect, environment, layout_of
 
 LINE = "tests.support.toy_env:Line"

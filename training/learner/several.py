@@ -16,7 +16,7 @@ from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
 from applr_ros1.robots import load
 from training.common.folders import make_folder
-from training.evaluate import EvaluationOptions, evaluate
+from training.evaluation.evaluation import EvaluationOptions, evaluate
 from training.evaluation.trial import BASELINE
 from training.evaluation.verdict import POLICY, SET, mean_scores, paired_trials, verdict
 from training.learner.config import TrainConfig

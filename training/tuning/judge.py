@@ -11,7 +11,7 @@ from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.settings import CHALLENGE
-from training.evaluate import EvaluationOptions, evaluate
+from training.evaluation.evaluation import EvaluationOptions, evaluate
 from training.evaluation.score import AIMS, Baseline
 from training.evaluation.trial import BASELINE, Trial
 from training.evaluation.verdict import SET, paired_trials

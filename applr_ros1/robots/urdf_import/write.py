@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple, Type
 
 import yaml
 
-from applr_ros1.robots.robot import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
+from applr_ros1.common.trees import merged
+from applr_ros1.robots.robot import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics, number_at
+from applr_ros1.robots.urdf_import.description import Description
+from applr_ros1.robots.urdf_import.parameters import Parameters
+
+BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}  # base's field: monitor's
+GRIP = 2.0  # lateral acceleration [m/s^2] at which tyres slide, until somebody measures it
 
 _MODELS: Dict[str, Type[Section]] = {
     "base": Base,
@@ -100,3 +107,71 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.5g}") if abs(value) > 1e-8 else 0.0
     return value
+
+
+def add_parameters(found: Description, parameters: Parameters) -> None:
+    """Add what the parameter files say of the robot: limits, frames, topics, and how hard the monitor brakes."""
+    values = found.values
+    values["base"].update(parameters.limits)
+    values["frames"] = parameters.frames()
+    topics = (source["topic"].rstrip("/") for source in parameters.scans())
+    names = {"scan": next(topics, ""), "odometry": parameters.planner.get("odom_topic", "")}
+    values["topics"].update((name, topic) for name, topic in names.items() if topic)
+    base, usual = values["base"], Monitoring()
+    values["monitor"] = {
+        name: min(getattr(usual, name), base[limit]) for limit, name in BRAKES.items() if limit in base
+    }
+    values["simulation"] = {"grip_limit": GRIP}
+
+
+def move_base_section(parameters: Parameters, values: Dict[str, Any], size: int) -> Tuple[Dict[str, Any], List[str]]:
+    """Return the section move_base of robot.yaml, and notes about driving without a map.
+
+    Args:
+        parameters: Of the files.
+        values: What is known of the robot, by section and field.
+        size: Width of a global costmap [m] that holds the robot's courses.
+    """
+    copies, notes = copies_of(parameters), []
+    section: Dict[str, Any] = {
+        "files": [{"file": copies[path], **({"namespace": name} if name else {})} for path, name in parameters.files]
+    }
+    if parameters.added:
+        section["parameters"] = parameters.added
+    changes = parameters.without_map(values["frames"].get("odom", "odom"), size)
+    scan_alone, others = parameters.one_scan(values["topics"].get("scan", ""))
+    if changes:
+        section["with_map"] = {}
+    if changes or others:
+        section["without_map"] = {"parameters": merged(changes, scan_alone)}
+        kept = f", and none of {', '.join(sorted(others))}" if others else ""
+        notes.append(
+            "without a map, as on courses, move_base.without_map counts, with a global costmap that stands still and "
+            f"the laser alone{kept}: correct it before your robot drives without a map"
+        )
+    return section, notes
+
+
+def copies_of(parameters: Parameters) -> Dict[str, str]:
+    """Return the name in the robot's folder of each parameter file, with its folder if two have the same name."""
+    paths = list(dict.fromkeys(path for path, _ in parameters.files))
+    names = [Path(path).name for path in paths]
+    folders = [Path(path).resolve().parent.name for path in paths]
+    return {p: n if names.count(n) == 1 else f"{f}/{n}" for p, n, f in zip(paths, names, folders)}
+
+
+def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
+    """Return the limits of the local planner as hints for those of the base, which can at least do that."""
+    found: Dict[Tuple[str, str], Tuple[Any, str]] = {}
+    for field, names in (
+        ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
+        ("max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
+        ("max_acceleration", ("acc_lim_x",)),
+        ("max_yaw_acceleration", ("acc_lim_theta",)),
+    ):
+        known = [(x, f"the planner's {name}") for name in names if (x := number_at(planner, "", (name,))) is not None]
+        found.update({("base", field): max(known)} if known else {})
+        if known and field in BRAKES:
+            usual = getattr(Monitoring(), BRAKES[field]), "the default, less than the planner's limit"
+            found["monitor", BRAKES[field]] = min(max(known), usual)
+    return found

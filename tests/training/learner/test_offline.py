@@ -19,9 +19,9 @@ from training.env.reward import Reward
 from training.learner.config import TrainConfig, recipe
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
+from training.learner.run import MANY_ERRORS
 from training.replay import dataset
 from training.replay.trajectory import TransitionLayout
-from training.train import MANY_ERRORS
 from training.workers.collect import Collect, collect
 
 LAYOUT = TransitionLayout(0, 1, 1)

@@ -23,8 +23,8 @@ from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.trial import Result
 from training.learner.config import parse
 from training.learner.learner import Learner, LearnerOptions
+from training.learner.run import TrainingRun
 from training.replay.trajectory import TransitionLayout
-from training.train import TrainingRun
 from training.workers.collect import PolicyWeights
 
 
@@ -90,7 +90,7 @@ def test_the_policy_at_the_end_of_the_minutes_is_evaluated_beside_the_default(se
 
 OFTEN_SAVED = """
 import sys
-from training import train as run
+from training.learner import run
 from tests.support.toy_training import main
 run.CHECKPOINT_SECONDS = 0.1
 sys.exit(main())
@@ -148,8 +148,8 @@ def left_at_each_write(command, folder, copies, monkeypatch):
 
 @pytest.mark.fault("19")
 def test_killed_at_any_of_its_writes_a_run_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("training.train.provenance", lambda seed: {})
-    monkeypatch.setattr("training.train.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("training.learner.run.provenance", lambda seed: {})
+    monkeypatch.setattr("training.learner.run.CHECKPOINT_SECONDS", 0.0)
     whole, options = tmp_path / "whole", ["--total-timesteps=20", "--buffer-size=11", "--eval-freq=20", "--net-arch=8"]
     for number, name in enumerate(left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)):
         out = tmp_path / str(number)

@@ -1,0 +1,124 @@
+"""An evaluation: the options, the settings that a folder keeps, and the trials that it does not hold yet."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pkgutil import resolve_name
+from typing import Any, Callable, Dict, Iterable, List, Literal, Optional, Sequence, Tuple
+
+from tqdm import tqdm
+
+from applr_ros1.policy import methods
+from applr_ros1.robots import on_ground
+from training.common import command_line
+from training.common.options import Options, option
+from training.common.provenance import provenance
+from training.env.settings import TrialSettings
+from training.evaluation.drive import drive
+from training.evaluation.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
+from training.evaluation.table import Trials
+from training.evaluation.trial import Result, Trial, plan_trials
+from training.workers.pool import Pool
+from worlds import World
+
+
+class EvaluationOptions(Options):
+    """Options of an evaluation."""
+
+    # fmt: off
+    worlds: command_line.WorldNames = "generated:test"
+    robot: command_line.AnyRobot
+    methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
+    trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
+    simulator: command_line.SimulatorName = "pybullet"
+    protocol: command_line.ProtocolName
+    planner: command_line.Planner
+    monitor: command_line.Monitor
+    movers: command_line.Movers
+    loaded: bool = option(False,
+        "Start move_base with the set of a static method, as with a parameter file loaded on a robot, instead of "
+        "setting it by reconfigure.")
+    ground: Literal["", "plain", "gazebo"] = option("",
+        "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
+        "Jackal. Default: the robot's own.")
+    workers: command_line.Workers = option(2,
+        "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
+    ray_address: command_line.RayAddress
+    out: str = option("results",
+        "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
+    seed: command_line.Seed
+    traces: int = option(1,
+        "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
+    report: bool = option(True, "Write tables and figures of the trials.")
+    runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
+    # fmt: on
+
+
+def evaluate(
+    options: EvaluationOptions,
+    blocks: Optional[Callable[[List[Trial]], Iterable[Sequence[Trial]]]] = None,
+) -> Dict[Trial, Result]:
+    """Drive trials of the plan that the folder options.out does not hold, and return the results of all of them.
+
+    Args:
+        options: what to drive, and how.
+        blocks: those of the plan, each asked for when the last one is done; None: one, the whole plan.
+
+    Raises:
+        ApplrError: with one line; what was driven so far is kept.
+    """
+    began = time.monotonic()
+    worlds = world_list(options.worlds, options.protocol, options.robot)
+    chosen = methods.parse(options.methods)
+    names = [world[:2] for world in worlds]
+    plan = plan_trials(names, chosen, options.trials, options.seed, options.traces, options.planner)
+    if options.ground:
+        on_ground(options.robot, options.ground)  # refused here, not by every worker
+    how = "simulator", "protocol", "monitor", "movers", "loaded", "ground"
+    driven_with = {name: getattr(options, name) for name in how}
+    runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
+
+    def show(trial: Trial, result: Result) -> None:
+        bar.update()
+        how = f"{result.time_s:.1f} s" if result.success else result.reason
+        bar.set_postfix_str(f"{trial.world} {trial.method} {how}", refresh=False)
+
+    with Trials(options.out, settings(options, worlds, chosen)) as table:
+        done = sum(table.find(trial) is not None for trial in plan)
+        workers = min(options.workers, len(plan) - done)
+        total = None if blocks else len(plan)
+        bar = tqdm(total=total, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
+        try:
+            with bar, Pool(workers, options.ray_address) as pool:
+                return drive(pool, runner, table, blocks(plan) if blocks else [plan], show)
+        finally:
+            if done < len(plan):
+                seconds = time.monotonic() - began
+                session = dict(provenance(options.seed), trials=table.added, wall_s=round(seconds, 1))
+                table.note(
+                    wall_s=round(table.notes.get("wall_s", 0.0) + seconds, 1),
+                    provenance=[*table.notes.get("provenance", []), session],
+                    workers=workers,
+                    trials=options.trials,
+                )
+            table.order(plan)
+
+
+def settings(
+    options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
+) -> Dict[str, Any]:
+    """Return what must not change when an evaluation is continued, which goes into evaluation.json."""
+    made = {name: methods.make(spec, options.robot) for name, spec in chosen}
+    return {
+        "worlds": [name for name, _, _ in worlds],
+        "worlds_with_movers": [name for name, _, world in worlds if world.movers],
+        "worlds_sha256": content_of_worlds(worlds),
+        "world_specs": [spec for _, spec, _ in worlds],
+        "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
+        "robot": described(options.robot),
+        **{name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers")},
+        "planner": options.planner + ", started with the sets" * options.loaded,
+        "ground": options.ground or options.robot.simulation.ground,
+        "seed": options.seed,
+    }

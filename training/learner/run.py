@@ -1,0 +1,302 @@
+"""One training run: actors drive episodes, one learner learns from them, held-out worlds choose the best policy.
+
+The run's folder holds config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
+best.safetensors, evaluations.jsonl and tensorboard/.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from pathlib import Path
+from typing import Any, Deque, Dict, Optional, Union
+
+import numpy as np
+import safetensors.numpy
+from tqdm import tqdm
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_json, write_json
+from applr_ros1.policy import actor
+from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.robots import load
+from training.common.folders import Lock, make_folder
+from training.common.provenance import provenance, without_folders
+from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.score import CONTACT_SECONDS
+from training.evaluation.trial import POLICY, Result, Trial
+from training.learner.config import BASE, PROVENANCE, TrainConfig
+from training.learner.metrics import TensorBoardLog, describe, mean
+from training.learner.prepare import dataset_of, prepare
+from training.replay.trajectory import Trajectory
+from training.workers.collect import Collect, draw_world
+from training.workers.pool import CallFailed, Pool
+
+MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
+CHECKPOINT_SECONDS = 120.0  # between two checkpoints
+STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
+
+
+class TrainingRun:
+    """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
+
+    prepare = staticmethod(prepare)
+
+    def __init__(self, config: TrainConfig):
+        import torch  # seconds, which --help and mistakes in options do not take
+
+        from training.learner.learner import Learner
+
+        self.began = time.monotonic()
+        config = config.resolved()
+        self.made = self.prepare(config)
+        self.dataset = dataset_of(config, self.made.layout)
+        self.offline = self.dataset is not None
+        if self.dataset is not None:
+            config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
+        self.config, start = config, config.start
+        self.folder = make_folder(config.out)
+        self.lock = Lock(self.folder)
+        if not config.resume and (self.folder / "config.json").exists():
+            raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
+        if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
+            torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
+        self.learner = Learner(self.made.layout, config, self.folder, start)
+        self.extra = self.learner.resume(self.dataset)
+        self.evaluation = PeriodicEvaluation(
+            self.folder,
+            self.made.held_out,
+            config.n_eval_episodes,
+            config.eval_freq,
+            config.seed,
+            CONTACT_SECONDS,
+            setting=config.setting(),
+            planner=config.eval_planner,
+        )
+        self._next_episode = self.extra.get("next_episode", 0)
+        self._trials: Deque[Trial] = deque()  # of the evaluation, not yet begun
+        self._running: Dict[Future, Union[Trial, Collect]] = {}  # and those whose results are not yet taken
+        self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
+        self._evaluated = b""  # weights of the policy that the present evaluation drives
+        self._saved = self._shown = time.monotonic()
+        self._failed: Counter[str] = Counter()  # episodes, by error
+        self._failed_in_a_row = 0
+        self.stopping: Optional[str] = None
+        self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
+        self.board = TensorBoardLog(self.folder, self.steps)
+        often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
+        end = tqdm.format_interval(60.0 * config.minutes)  # the steps' own estimate would be of hours
+        limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
+        look: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
+        self.bar = tqdm(total=self.goal, initial=self.steps, **look)
+        self._write_config()  # from now on it is a run
+
+    def _write_config(self) -> None:
+        """config.json: the options, and where each session of the run comes from."""
+        path, config = self.folder / "config.json", self.config
+        before = read_json(path).get(PROVENANCE, []) if config.resume else []
+        options = config.model_dump(exclude={"resume"})
+        write_json(path, {**options, BASE: config.start.base, PROVENANCE: [*before, provenance(config.seed)]})
+
+    # -- the run -------------------------------------------------------------------------------------
+    @property
+    def steps(self) -> int:
+        """Return what the run, evaluations and curves count: collected transitions; offline: gradient steps."""
+        return self.learner.td3.updates if self.offline else self.learner.transitions
+
+    @property
+    def goal(self) -> int:
+        """Return the number of steps of the run in all."""
+        return self.config.gradient_steps if self.offline else self.config.total_timesteps
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds that the run has taken, interruptions not counted."""
+        return float(self.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
+
+    @property
+    def finished(self) -> bool:
+        """Return whether all steps are done, or the time is up; the last evaluation may still be open."""
+        return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
+
+    def run(self) -> int:
+        """Trains to the end, or until SIGINT or SIGTERM."""
+        handlers = {}
+        if threading.current_thread() is threading.main_thread():
+            handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            self._publish()
+            while not self.finished and not self.stopping:
+                self._evaluate()
+                if self.offline:
+                    for _ in range(min(10, self.goal - self.steps)):
+                        self.learner.update()
+                self._collect(0.0 if self.offline else 0.2)
+                self._publish()
+                if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
+                    self.save()
+                self._show_status()
+            while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
+                self._collect(0.2)
+            self.save()
+        finally:
+            self.pool.shutdown()
+            self.bar.close()
+            self.board.writer.close()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+            self.lock.close()
+        self._print_the_end()
+        return 130 if self.stopping else 0
+
+    def _signal(self, number: int, frame: Any) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
+        self.stopping = signal.Signals(number).name
+
+    def _submit(self) -> None:
+        """Keeps the workers busy, with the trials of an evaluation first; in this process, one task after the other.
+
+        Elsewhere workers go on while this process learns, until too many results wait to be taken in.
+        """
+        slots = self.pool.slots
+        most = 1 if self.pool.in_process else 4 * slots + 16
+        while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
+            if self._trials:
+                trial = self._trials.popleft()
+                weights = self._evaluated if trial.method_spec == POLICY else b""
+                self._running[self.pool.submit(self.made.drive, trial, weights)] = trial
+            elif self.offline or self.finished:
+                return
+            else:
+                episode = self._episode()
+                self._running[self.pool.submit(self.made.collect, episode, self._policy)] = episode
+
+    def _episode(self) -> Collect:
+        """The next training episode."""
+        config, number, transitions = self.config, self._next_episode, self.learner.transitions
+        self._next_episode += 1
+        random = transitions < config.learning_starts and not config.init_from
+        world = draw_world(config.seed, number, self.made.worlds)
+        return Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+
+    def _collect(self, timeout: float) -> None:
+        """Takes in the results that are there, after at most `timeout` seconds, and learns from them."""
+        self._submit()
+        for future in wait(self._running, timeout, FIRST_COMPLETED).done:
+            task, result = self._running[future], None
+            try:
+                result = future.result()
+                self._failed_in_a_row = 0
+            except CallFailed as error:
+                self._failed[str(error)] += 1
+                if self._failed[str(error)] == 1:
+                    self.bar.write(f"an episode failed: {error}")
+                self._failed_in_a_row += 1
+                if self._failed_in_a_row >= MANY_ERRORS:
+                    raise ApplrError(f"{MANY_ERRORS} episodes in a row failed: {error}") from None
+            if isinstance(task, Trial):
+                self._trial_done(result and result[0])
+            elif result is not None and not self.finished:
+                self._take(result)
+            del self._running[future]  # until here it holds its slot
+
+    def _take(self, trajectory: Trajectory) -> None:
+        """Take in an episode, and make the gradient steps that are due for it."""
+        self.learner.take(trajectory)
+        self.board.episode(trajectory.info, self.steps)
+        while self.learner.updates_due and not self.stopping:
+            self.learner.train(10)
+            self._publish()
+            self._submit()
+
+    def _publish(self) -> None:
+        updates = self.learner.td3.updates
+        interval = BROADCAST_INTERVAL if self.config.actors else 1
+        if self._published < 0 or updates >= self._published + interval:
+            self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
+
+    # -- evaluation ------------------------------------------------------------------------------------
+    def _evaluate(self) -> bool:
+        """Begins a round of the evaluation if one is due.
+
+        The default parameters, which may drive for minutes, come last where the time is limited. Of several seeds none
+        drives them: several.py compares the best policy with them.
+        """
+        limited, finished = self.config.minutes > 0.0, self.finished
+        default = self.config.seeds == 1 and (finished or not limited)
+        number = self.evaluation.due(self.steps, last=finished and limited, default=default)
+        if number is None:
+            return False
+        self._evaluated = safetensors.numpy.save(self.learner.td3.actor_weights())
+        self._trials.extend(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
+        return True
+
+    def _trial_done(self, result: Optional[Result]) -> None:
+        summary = self.evaluation.add(result)
+        if summary is None:
+            return
+        self.bar.write(describe(summary))
+        if summary["best"]:
+            self.export(self.folder / "best.safetensors", safetensors.numpy.load(self._evaluated), summary)
+        self.board.round(summary)
+
+    # -- files -------------------------------------------------------------------------------------------
+    def save(self) -> None:
+        """A checkpoint, and the newest policy."""
+        self.learner.save({"elapsed": self.elapsed, "next_episode": self._next_episode})
+        self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
+        self._saved = time.monotonic()
+
+    def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
+        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
+        training = {
+            "steps": self.steps,
+            "updates": self.learner.td3.updates,
+            "transitions": self.learner.transitions,
+            "options": {k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()},
+        }
+        default = self.evaluation.default if result else None
+        period = self.config.decision_period
+        self.write_policy(path, weights, dict(period_s=period, training=training, result=result, default=default))
+
+    def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
+        """The file of a policy in the form that the run learns."""
+        config = self.config
+        form = FORMS[config.observation](load(config.robot), config.decision_period, config.start.base)
+        actor.save(path, weights, metadata, form)
+
+    # -- progress ------------------------------------------------------------------------------------------
+    def _show_status(self) -> None:
+        self.bar.update(self.steps - self.bar.n)
+        if time.monotonic() - self._shown < STATUS_SECONDS:
+            return
+        self._shown = time.monotonic()
+        learner, infos = self.learner, self.learner.infos
+        values = {
+            **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
+            "sigma": self.config.noise(learner.transitions),
+            "updates": learner.td3.updates,
+            "policy_lag": mean(learner.lags[-100:]),
+            "actors": self.pool.alive,
+            "replaced": self.pool.replaced,
+            **learner.td3.report(),
+        }
+        self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
+        self.board.scalars("training", values, self.steps)
+
+    def _print_the_end(self) -> None:
+        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
+        seconds = tqdm.format_interval(time.monotonic() - self.began)
+        learner = self.learner
+        made = f"{learner.transitions:,} transitions and {learner.td3.updates:,} updates"
+        print(f"{how} after {made}, {seconds}; {self.folder}")
+        if self.evaluation.best:
+            print(f"best actor: {describe(self.evaluation.best)}")
