@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, List, Optional, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -16,13 +16,7 @@ from applr_ros1.policy.observation import ObservationError
 
 LEAST_LEVEL_COS = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
 MAX_AGE_S = 1.0  # age of a message, and time that its stamp is ahead of the clock, above which it is not used [s]
-LATEST_S = 2**31 - 100  # s: stamps 2^31 s apart, or an end in 2106, end the process inside tf2
 MAX_AHEAD_S = 3.0  # s that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
-
-
-def _is_possible(stamp: rospy.Time, *frames: str) -> bool:
-    """Return whether tf2 takes this time and these names."""
-    return stamp.secs < LATEST_S and "\0" not in "".join(frames)
 
 
 def check_age(
@@ -45,18 +39,18 @@ class Transforms:
 
     def __init__(self) -> None:
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
-        self._listener: Optional[_Listener] = None
+        self._listener: Optional[tf2_ros.TransformListener] = None
 
     def listen(self) -> None:
         """Fill the buffer from now on."""
-        self._listener = self._listener or _Listener(self.buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
+        self._listener = self._listener or tf2_ros.TransformListener(
+            self.buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True
+        )
 
     def at(self, target: str, source: str, stamp: rospy.Time) -> Any:
         """Return the geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest of all."""
         if not source.strip("/"):
             raise ObservationError("a message has no frame_id: give it one")
-        if not _is_possible(stamp, target, source):
-            raise ObservationError(f"transform {target} <- {source!r} at {stamp.to_sec():g}: no such name or time")
         self.listen()
         try:
             return self.buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), stamp)
@@ -66,8 +60,7 @@ class Transforms:
 
     def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
         """Return whether `at` would give the transform now."""
-        names = target.lstrip("/"), source.lstrip("/")
-        return _is_possible(stamp, *names) and self.buffer.can_transform_core(*names, stamp)[0]
+        return self.buffer.can_transform_core(target.lstrip("/"), source.lstrip("/"), stamp)[0]
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
         """Return the newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
@@ -88,28 +81,6 @@ class Transforms:
             self._listener.unregister()
             self._listener = None
         self.buffer.clear()
-
-
-class _Listener(tf2_ros.TransformListener):
-    """A listener that fills a tf buffer with the transforms that tf2 takes."""
-
-    def callback(self, data: Any) -> None:
-        """Transforms have come."""
-        data.transforms = _possible(data.transforms)
-        super().callback(data)
-
-    def static_callback(self, data: Any) -> None:
-        """Transforms have come that hold for ever."""
-        data.transforms = _possible(data.transforms)
-        super().static_callback(data)
-
-
-def _possible(transforms: List[Any]) -> List[Any]:
-    """Return those of the geometry_msgs/TransformStamped that tf2 takes."""
-    found = [t for t in transforms if _is_possible(t.header.stamp, t.header.frame_id, t.child_frame_id)]
-    if len(found) < len(transforms):
-        rospy.logerr_throttle(1.0, f"tf: a transform is stamped after {LATEST_S} s, or a name has a zero: not used")
-    return found
 
 
 class LaserMount:

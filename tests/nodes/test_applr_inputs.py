@@ -40,7 +40,7 @@ class Beside:
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
         monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
-        monkeypatch.setattr(module, "_Listener", lambda *_, **__: "listens")
+        monkeypatch.setattr(module.tf2_ros, "TransformListener", lambda *_, **__: "listens")
         self.inputs = RobotInputs()
         self.place("odom", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
         self.inputs._mount = SimpleNamespace(beams=lambda scan, base: (scan.ranges, scan.angle_min, 0.01))

@@ -9,11 +9,7 @@ from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
 from applr_ros1.nodes import transforms
-from applr_ros1.policy.observation import ObservationError
 from tests.support.fake_jackal import transform
-from tests.support.refusals import refused
-
-LISTENER = transforms._Listener
 
 
 @pytest.fixture
@@ -28,7 +24,7 @@ def robot(monkeypatch):
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
-    monkeypatch.setattr(transforms, "_Listener", lambda *_, **__: "listens")
+    monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
     made = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
     def time(t):
@@ -142,23 +138,6 @@ def test_ages_as_diagnostics_show_them():
     for k in range(101):
         ages.add({"scan": 0.001 * k})
     assert ages.values() == {"scan_age_s": "median 0.050, 99 % 0.099, largest 0.100"}
-
-
-@pytest.mark.parametrize(
-    ("secs", "frame"), [(2**32 - 1, "base"), (2**31, "base"), (101, "ba\0se")], ids=["2106", "2038", "a zero in a name"]
-)
-def test_no_stamp_or_name_ends_the_process_inside_tf2(robot, secs, frame):
-    """Of a scan, of a transform and of one that holds for ever; what is possible is used as before."""
-    known, listener = robot.sensors.transforms, object.__new__(LISTENER)
-    listener.buffer = known.buffer
-    listener.check_for_reset = listener.unregister = lambda: None
-    robot.tf(101.0)
-    for callback in (listener.callback, listener.static_callback):
-        odd = transform("odom", frame, (0.0, 0.0, 0.0), rospy.Time(secs))
-        callback(SimpleNamespace(transforms=[odd], _connection_header={}))
-    assert not known.has("odom", frame, rospy.Time(secs))
-    refused(lambda: known.at("odom", frame, rospy.Time(secs)), "no such name or time", kind=ObservationError)
-    assert known.has("odom", "base", rospy.Time(101))
 
 
 @pytest.mark.parametrize("later", [0.0, 0.02])
