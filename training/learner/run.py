@@ -142,6 +142,7 @@ class TrainingRun:
                 if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
                     self.save()
                 self._show_status()
+            self.save()  # The last evaluation may take minutes.
             while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
                 self._collect(0.2)
             self.save()
