@@ -101,9 +101,9 @@ def test_install_space(tmp_path):
 
 
 def demo(tmp_path, *arguments):
-    picture = "picture:=%s" % (tmp_path / "drive.png")
+    page = "page:=%s" % (tmp_path / "drive.html")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
-    return subprocess.Popen([APPLR, "demo", *arguments, picture], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes)
+    return subprocess.Popen([APPLR, "demo", *arguments, page], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes)
 
 
 def test_demo_reaches_the_goal(tmp_path):
@@ -117,7 +117,6 @@ def test_demo_reaches_the_goal(tmp_path):
     for words in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):
         assert re.search(words, out), out
     assert "m to the finish line at y = 10 m" in out
-    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "drive.html").read_text(encoding="utf-8")
     drawn = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1))
     ((drive,),) = (world["drives"] for world in drawn["worlds"])
@@ -125,7 +124,7 @@ def test_demo_reaches_the_goal(tmp_path):
     assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000  # the finish line [cm]
     assert len(drive["a"]) == len(drive["at"]) >= 2
     assert len(drive["a"][0]) == len(drawn["parameters"])
-    assert (result["picture"], result["page"]) == tuple(str(tmp_path / "drive") + end for end in (".png", ".html"))
+    assert result["page"] == str(tmp_path / "drive.html")
 
 
 @pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
@@ -186,14 +185,14 @@ def test_how_a_demo_ends(speed, gives_up_at, goal, status, reason, time, tmp_pat
     stack = SimpleNamespace(check=lambda: told[0].check())
     monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext(stack))
     monkeypatch.setattr(demo_tool, "Observer", Told)
-    words = "world:=generated:0", "limit:=2", f"picture:={tmp_path}/drive.png", f"goal:={goal}"
+    words = "world:=generated:0", "limit:=2", f"page:={tmp_path}/drive.html", f"goal:={goal}"
     monkeypatch.setattr("sys.argv", ["demo.py", *words])
     assert demo_tool.main() == status
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert (result["success"], result["timeout"], result["reason"]) == (not status, reason == "timed out", reason)
     assert result["time_s"] == pytest.approx(time, abs=0.11)
     assert told[0].cancelled
-    assert (tmp_path / "drive.png").exists()
+    assert (tmp_path / "drive.html").exists()
 
 
 @pytest.mark.fault("23")
@@ -213,5 +212,5 @@ def test_interrupted_demo_leaves_nobody(tmp_path, measured):
     measured("everything has ended after", took, "s")
     assert took < 5.0 + kept.waiting()
     assert not [pid for pid in below if is_alive(pid)]
-    assert not (tmp_path / "drive.png").exists()
+    assert not (tmp_path / "drive.html").exists()
     assert not list(tmp_path.glob("applr_demo_*"))  # the log is of no use any more

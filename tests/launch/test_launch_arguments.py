@@ -204,7 +204,7 @@ def test_two_robots_in_namespaces_share_no_name(tmp_path):
         (demo, ["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
         (demo, ["goal:=none"], "the demo needs sim:=true"),
         (demo, ["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
-        (demo, ["picture:=/no/such/folder/a.png"], "give a .png file in a folder that can be written"),
+        (demo, ["page:=/no/such/folder/a.html"], "give a .html file in a folder that can be written"),
         (play, ["robot:=foo"], "robot foo: give"),
     ],
 )

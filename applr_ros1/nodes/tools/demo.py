@@ -1,7 +1,7 @@
 """The demo (./applr demo): one course from start to finish with the whole stack, on a ROS master of its own.
 
-It says when each part of the stack is up, sends the goal, reports progress, ends every process, and leaves a picture,
-a page that plays the drive, and one line of JSON. The robot's true pose decides by the course's rule (Course.arrived).
+It says when each part of the stack is up, sends the goal, reports progress, ends every process, and leaves a page that
+plays the drive, and one line of JSON. The robot's true pose decides by the course's rule (Course.arrived).
 """
 
 import contextlib
@@ -11,7 +11,6 @@ import math
 import os
 import sys
 import time
-from typing import List, NamedTuple
 
 import actionlib
 import numpy as np
@@ -27,7 +26,6 @@ from applr_ros1.common.arguments import boolean, frame_prefix, number_within, po
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
-from applr_ros1.drives import drawing
 from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
 from applr_ros1.policy import methods
@@ -42,15 +40,15 @@ STATUS = "/move_base/status"
 PROGRESS_PERIOD_S = 2.0  # of simulated time between lines of progress
 REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
 STALLED_S = 120.0  # of wall time without a new pose, on a busy machine
-EXTRA = {"picture": "applr_demo.png", "limit": "300"}  # arguments beside the launch file's
+EXTRA = {"page": "applr_demo.html", "limit": "300"}  # arguments beside the launch file's
 COLOR = "#2ca02c"  # of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
 Drives one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
 if the goal was reached.
 
-  picture:={EXTRA["picture"]}  File for the picture (.png), beside which a page plays the drive (.html); none: neither.
-  limit:={EXTRA["limit"]}               Simulated time [s] after which the drive counts as timed out, 1 to 3600.
+  page:={EXTRA["page"]}  File for a page that plays the drive (.html), or none.
+  limit:={EXTRA["limit"]}             Simulated time [s] after which the drive counts as timed out, 1 to 3600.
 
 The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
@@ -61,16 +59,13 @@ def main():
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
-    record = None
     with contextlib.ExitStack() as ending:
         try:
             with private_stack(passed) as stack:
-                record = _drive(stack, values, robot, world, result)
-                ending.enter_context(announced("ending the nodes, drawing the drive", say))
+                _drive(stack, values, robot, world, result)
+                ending.enter_context(announced("ending the nodes", say))
         except ApplrError as problem:
             say(result.setdefault("reason", str(problem)))
-        if record is not None and values["picture"] != "none":
-            _leave(os.path.abspath(values["picture"]), record, robot, world, result)
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
@@ -87,10 +82,10 @@ def prepare(words):
         with contextlib.suppress(ValueError):
             values[name] = kind(values[name])
         number_within(name, values[name], low, high)
-    picture = values["picture"]
-    writable = os.access(os.path.dirname(os.path.abspath(picture)), os.W_OK)
-    if picture != "none" and not (picture.endswith(".png") and writable):
-        raise ApplrError(f"picture is {picture}: give a .png file in a folder that can be written")
+    if values["page"] != "none":
+        values["page"] = os.path.abspath(values["page"])
+        if not (values["page"].endswith(".html") and os.access(os.path.dirname(values["page"]), os.W_OK)):
+            raise ApplrError(f"page is {values['page']}: give a .html file in a folder that can be written")
     robot = load(values["robot"], report=True)
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
@@ -105,71 +100,28 @@ def prepare(words):
 
 
 def _drive(stack, values, robot, world, result):
-    """Drive the course, complete the result; returns the Record."""
+    """Drive the course, complete the result, and write the page."""
     began = time.monotonic()
     observer = Observer(robot, world, values)
     for part, up in observer.parts():
         stack.wait_until_up(part, up)
         say(f"{part:12} up after {time.monotonic() - began:.1f} s")
     seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
-    record = observer.record(seconds)
-    length = float(np.hypot(*np.diff(record.track[:, 1:3], axis=0).T).sum())
-    touching = ", touching something" if record.contacts else ""
-    say(f"{text} after {seconds:.1f} s and {length:.2f} m{touching}")
-    result.update(success=text == REACHED, collided=bool(record.contacts), time_s=round(seconds, 2), reason=text)
-    result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3))
-    return record
-
-
-def _leave(picture, record, robot, world, result):
-    """Write the picture, and the page beside it; their paths stand in the result, None for one that is not written."""
-    space, file = space_of(robot), os.path.splitext(picture)[0] + ".html"
-    title = "{world}, {robot}, method {method}".format(**result)
-
-    def draw():
-        ended = "{reason} in {time_s:.1f} s".format(**result)
-        drawing.save(picture, f"{title}: {ended}", world, *record[:2], space.names, *record[2:4])
-
-    def play():
-        end = record.track[-1, 0]
-        times = np.unique(np.append(np.arange(0.0, end, POSE_PERIOD_S), end))
-        columns = (*record.track[:, 1:3].T, np.unwrap(record.track[:, 3]), record.track[:, 4])
-        *poses, speeds = (np.interp(times, record.track[:, 0], column) for column in columns)
-        actions = np.array([space.to_action(theta) for theta in record.theta])
-        how = (result["time_s"], result["success"], result["collided"], result["reason"])
-        drive = Drive(0, 0, *how, np.column_stack(poses), speeds, record.decided, actions)
-        scene = Scene(world.name, world, [drive], record.begins)
-        write_bytes(file, page(title, {result["method"]: COLOR}, space.names, robot.body.size[:2], [scene]))
-
-    for name, path, write in (("picture", picture, draw), ("page", file, play)):
-        try:
-            write()
-            result[name] = path
-            say(path)
-        except (OSError, ApplrError) as problem:
-            result[name] = None
-            say(f"not written: {problem}")
-
-
-class Record(NamedTuple):
-    """The record of a drive, times since the goal was sent.
-
-    track     (n, 6) time [s], x [m], y [m], yaw [rad], speed [m/s], turn rate [rad/s], in the world's frame
-    contacts  times [s] at which the robot touched something
-    decided   (d,) times [s] at which the parameters changed
-    theta     (d, k) the parameters from then on
-    begins    time of the world [s] when the goal was sent: what its moving obstacles go by
-    """
-
-    track: np.ndarray
-    contacts: List[float]
-    decided: np.ndarray
-    theta: np.ndarray
-    begins: float
+    length = float(np.hypot(*np.diff(np.array(observer.track)[:, 1:3], axis=0).T).sum())
+    say(f"{text} after {seconds:.1f} s and {length:.2f} m{', touching something' if observer.contacts else ''}")
+    result.update(success=text == REACHED, collided=bool(observer.contacts), time_s=round(seconds, 2), reason=text)
+    result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3), page=None)
+    if values["page"] != "none":
+        title = "{world}, {robot}, method {method}".format(**result)
+        space = space_of(robot)
+        scene = observer.scene(seconds, result, space)
+        write_bytes(values["page"], page(title, {result["method"]: COLOR}, space.names, robot.body.size[:2], [scene]))
+        result["page"] = values["page"]
+        say(result["page"])
 
 
 class Observer:
-    """A listener to the stack of a robot in a world; `parts`, then `drive`, then `record`."""
+    """A listener to the stack of a robot in a world; `parts`, then `drive`, then `scene`."""
 
     def __init__(self, robot, world, values):
         self.world, self._tolerance = world, robot.goal_tolerance
@@ -228,18 +180,17 @@ class Observer:
         self._client.cancel_goal()
         return seconds, ended
 
-    def record(self, seconds):
-        """The Record of the first `seconds` after the goal was sent."""
-        began = self._began
-        track = np.array(self.track, dtype=np.float64) - (began, 0.0, 0.0, 0.0, 0.0, 0.0)
-        changes = [(max(0.0, t - began), theta) for t, theta in self.parameters if t - began <= seconds]
-        return Record(
-            track[track[:, 0] <= seconds + 1e-6],
-            [t - began for t in self.contacts if t - began <= seconds],
-            np.array([time for time, _ in changes]),
-            np.array([theta for _, theta in changes]),
-            began - BASE_TIME_S,
-        )
+    def scene(self, seconds, result, space):
+        """Return the drive, which took so many seconds, for its page."""
+        track = np.array(self.track, dtype=np.float64)
+        times = np.unique(np.append(np.arange(0.0, seconds, POSE_PERIOD_S), seconds))
+        columns = (*track[:, 1:3].T, np.unwrap(track[:, 3]), track[:, 4])
+        *poses, speeds = (np.interp(times, track[:, 0] - self._began, column) for column in columns)
+        changes = [(max(0.0, t - self._began), space.to_action(theta)) for t, theta in self.parameters]
+        how = (result["time_s"], result["success"], result["collided"], result["reason"])
+        decided, actions = [time for time, _ in changes], np.array([action for _, action in changes])
+        drive = Drive(0, 0, *how, np.column_stack(poses), speeds, decided, actions)
+        return Scene(self.world.name, self.world, [drive], self._began - BASE_TIME_S)
 
     def _move_base_up(self):
         if self._client is None:
