@@ -1,9 +1,7 @@
 """For all tests: what is left out, what counts as a failure, how tests are shared among processes, figures of faults.
 
-A test marked `ros` that fails is run once more, with all anew that it shares with others, the master too: it lives in
-real time, on a machine that others use. The end of a run says which these were and why they failed; one that is there
-in two of ten runs has a defect. A test that takes more than a quarter of an hour hangs and fails; those marked `long`
-may take hours.
+A test that takes more than a quarter of an hour hangs and fails; those marked `long` may take hours. No test is run
+twice: one that fails on a busy machine has a defect.
 
 `./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
 the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
@@ -28,7 +26,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from _pytest.runner import runtestprotocol
 
 from tests.support import seeds
 
@@ -98,47 +95,27 @@ def pytest_runtest_logstart():
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport():
+def pytest_runtest_makereport(item):
     report = yield
     report.processor_s = spent()  # pytest-xdist brings it to the process that prints
+    item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown():
-    yield
-    harness = sys.modules.get("tests.support.ros_harness")
-    if harness:
-        harness.forget_ended()
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_protocol(item, nextitem):
-    """A test marked `ros`, a second time where it fails. What has failed leaves nothing to the tests behind it."""
-    if not item.get_closest_marker("ros"):
-        return None
-    for outcome in ("rerun", "failed"):
-        item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-        reports = runtestprotocol(item, nextitem=nextitem, log=False)
-        failed = any(report.failed for report in reports)
-        if failed:
-            with contextlib.suppress(Exception, pytest.fail.Exception):  # what failed has been said
-                item.session._setupstate.teardown_exact(None)
-        if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
-            harness = sys.modules.get("tests.support.ros_harness")
-            harness and harness.close_session()
-        reports[-1].processor_s += spent()
-        for report in reports:
-            report.outcome = outcome if report.failed else report.outcome
-            item.ihook.pytest_runtest_logreport(report=report)
-        item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-        if not failed:
-            break
-    return True
-
-
-def pytest_report_teststatus(report):
-    return ("rerun", "R", "RERUN") if report.outcome == "rerun" else None
+def pytest_runtest_teardown(item, nextitem):
+    """Ends a test's nodes. A test marked `ros` that has failed leaves nothing to those behind it, nor the master."""
+    try:
+        return (yield)
+    finally:
+        harness, failed = sys.modules.get("tests.support.ros_harness"), item.has_failed
+        if harness:
+            harness.forget_ended()
+            if failed and item.get_closest_marker("ros"):
+                with contextlib.suppress(Exception, pytest.fail.Exception):  # what failed has been said
+                    item.session._setupstate.teardown_exact(None)
+            if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
+                harness.close_session()
 
 
 @pytest.fixture
@@ -173,11 +150,6 @@ def write_figures(path, reports):
 
 
 def pytest_terminal_summary(terminalreporter):
-    again = terminalreporter.stats.get("rerun", [])
-    if again:
-        terminalreporter.section(f"run a second time: {len(again)}")
-        for report in again:
-            terminalreporter.line(f"{report.nodeid}\n{report.longreprtext}")
     tests, rooms = collections.defaultdict(lambda: [0.0, 0.0]), collections.Counter()
     for report in [report for reports in terminalreporter.stats.values() for report in reports]:
         if hasattr(report, "processor_s"):

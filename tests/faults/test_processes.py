@@ -95,6 +95,7 @@ def test_nothing_reaches_the_base_any_more(stack, measured, killed):
     lose = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.bend.update(command=lambda _: None)
     measured("stands after", stack.stands_after(lose, STANDS), "s")
     if killed:
+        assert stack.relay.commands[-1][1:] == (0.0, 0.0), "a base without a time-out must stand, too"
         stack.start("collision_monitor")
     stack.relay.mend()
     stack.drives_again()

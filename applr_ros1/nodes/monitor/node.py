@@ -109,8 +109,9 @@ class CollisionMonitorNode:
                 except Exception as problem:
                     self._fail(problem)
             if not heartbeat.beat():
-                self._out.publish(conversions.twist(0.0, 0.0))
-                rospy.signal_shutdown("the process that started this node is gone")
+                with self._lock:  # held until rospy is shut down: no command may follow the zero
+                    self._out.publish(conversions.twist(0.0, 0.0))
+                    rospy.signal_shutdown("the process that started this node is gone")
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT_S
                 self._report()
@@ -167,6 +168,8 @@ class CollisionMonitorNode:
 
     def _take_command(self, message: Twist) -> None:
         with self._lock, until_shutdown():
+            if rospy.is_shutdown():
+                return
             try:
                 self._take_scans()
                 self._commanded, self._heard, self._zeros = self._clock.now, time.monotonic(), 0
