@@ -2,6 +2,7 @@
 
 Only ros_*.py know ROS.
 """
+# Imports robots, worlds and common; no ROS but in ros_*.py.
 
 from __future__ import annotations
 

@@ -1,1 +1,2 @@
-"""Learning: the meta-environment, TD3, actors and learner, datasets, evaluation and reports."""
+"""Learning and measuring: the commands of this folder, and a room for each of their parts."""
+# Imports all packages but nodes; no ROS.

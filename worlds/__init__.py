@@ -1,4 +1,5 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
+# Imports applr_ros1.common alone.
 
 from .loading import Worlds, load, scaled, specs
 from .world import Course, Mover, World, WorldError

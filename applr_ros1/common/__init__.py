@@ -1,1 +1,2 @@
-"""Helpers that several packages share; they import none of them."""
+"""Helpers that several packages share: angles, scans, files, errors, kernels, progress."""
+# Imports none of them.

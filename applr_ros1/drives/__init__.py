@@ -1,1 +1,2 @@
-"""Recorded drives as pictures and as a page that plays them; without ROS."""
+"""Recorded drives as pictures and as a page that plays them."""
+# Imports worlds and common; no ROS.

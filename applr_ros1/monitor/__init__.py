@@ -4,3 +4,4 @@ No ROS in it. CollisionMonitor takes every scan and every command and lets throu
 base can still stop before it touches anything. The ROS node, the training environment and evaluation use the same
 object.
 """
+# Imports planner/costmap, robots and common; no ROS.

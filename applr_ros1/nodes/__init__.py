@@ -1,1 +1,2 @@
-"""The ROS nodes. Beside them only sim_bridge's ros_bridge.py and ros_topics.py import rospy."""
+"""The ROS nodes, a folder for each program; `common` are the parts that several share."""
+# Imports all packages but training; beside it only sim_bridge's ros_*.py know ROS.

@@ -1,1 +1,2 @@
-"""The classical planner (navfn and the DWA trajectory planner of move_base), free of ROS."""
+"""The classical planner of move_base: costmaps, navfn, the two local planners, recoveries, MoveBase."""
+# Imports numpy, numba and common alone; no ROS.

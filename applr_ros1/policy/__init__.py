@@ -1,1 +1,2 @@
-"""The parameter policy: which parameters, what it sees, and the actor that decides. Free of ROS."""
+"""The parameter policy: parameter space, observation, the actor that decides, and the other methods."""
+# Imports robots, planner/costmap and common; no ROS, no torch.

@@ -4,6 +4,7 @@
 and the launch file take what it returns. urdf_import/ makes a folder from what a robot's owner has.
 docs/tutorials/your_robot.md says how to describe another robot.
 """
+# Imports planner and common; no ROS.
 
 from __future__ import annotations
 

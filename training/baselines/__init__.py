@@ -1,1 +1,2 @@
 """Baselines that the learned policy is compared with."""
+# Import no learner and no tuning.

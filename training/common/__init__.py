@@ -1,1 +1,2 @@
-"""Common parts of training commands: their options, run folders, and the provenance of results."""
+"""Parts of all training commands: options, run folders, the provenance of results."""
+# Imports no other room.

@@ -2,6 +2,7 @@
 
 Importing this package makes the environment known to Gymnasium under the name ID.
 """
+# Imports common; sim_bridge, worlds and applr_ros1 without nodes.
 
 from gymnasium.envs.registration import register
 

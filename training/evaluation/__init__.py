@@ -1,1 +1,2 @@
-"""Trials of methods in worlds: trial.py, the runner that drives one, the table that keeps them, drive(), the score."""
+"""Trials of methods in worlds: a trial, its runner, their table, comparison, score, report and pages."""
+# Imports workers, env and common.

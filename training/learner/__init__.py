@@ -1,1 +1,2 @@
-"""Distributed training after Gorila: one learner, many actors, the scheduler between them, and the options of a run."""
+"""Distributed training after Gorila: one learner, many actors, the scheduler, and the options of a run."""
+# Imports every room but baselines and tuning.

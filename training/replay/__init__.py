@@ -1,1 +1,2 @@
-"""Experience as data: trajectories, the replay buffer that is learnt from, and the store on disk."""
+"""Experience: trajectories, the replay buffer, and datasets on disk."""
+# Imports no other room.

@@ -1,1 +1,2 @@
-"""The learning algorithm TD3 and its networks. Knows neither replay nor robot."""
+"""TD3 and its networks."""
+# Imports common alone; knows neither replay nor robot.

@@ -1,1 +1,2 @@
-"""Better parameters for the planner that a robot runs: the search, what a set is written as, and the page about it."""
+"""Better parameters for the planner that a robot runs (./applr tune): the search and what it writes."""
+# Imports every room but learner and baselines.

@@ -1,1 +1,2 @@
-"""Workers that drive episodes and trials: a pool of them (pool.py, ray.py), and a training episode (collect.py)."""
+"""Processes that drive episodes and trials: a local pool and Ray behind one interface."""
+# Imports replay alone.

@@ -1,1 +1,2 @@
-"""The node collision_monitor, between a source of velocities and the base."""
+"""The node collision_monitor, between a source of velocities and the base, and its guard."""
+# Imports monitor, robots and what nodes share.

@@ -1,1 +1,2 @@
-"""The node movers: what moves and where it will be, for move_base's costmaps, the policy and display."""
+"""The node movers: moving obstacles and where they will be, for costmaps, policy and display."""
+# Imports movers, robots and what nodes share.

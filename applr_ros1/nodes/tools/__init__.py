@@ -1,1 +1,2 @@
-"""Programs that a person starts beside the robot: demo, recording, RViz, the BARN Challenge."""
+"""Programs that a person starts beside the robot: the launcher, the demo, the BARN Challenge, braking."""
+# Imports what the nodes import.

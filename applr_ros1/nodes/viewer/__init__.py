@@ -2,3 +2,4 @@
 
 It subscribes to what the other nodes publish and calls what they offer to everybody.
 """
+# Imports policy, robots and what nodes share.

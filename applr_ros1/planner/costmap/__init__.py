@@ -1,1 +1,2 @@
-"""The costmap of costmap_2d: grid arithmetic, footprints, the obstacle layer fed by laser scans, and inflation."""
+"""The costmap of costmap_2d: grid, footprint, and the static, obstacle and inflation layers."""
+# Imports common alone.

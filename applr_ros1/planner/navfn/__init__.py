@@ -1,1 +1,2 @@
-"""The global planner of navfn: a potential flooded from the robot's cell, and the gradient path through it."""
+"""The global planner of navfn: a potential flooded from the goal, and the gradient path through it."""
+# Imports costmap/ and common.

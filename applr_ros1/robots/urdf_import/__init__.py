@@ -1,1 +1,2 @@
-"""A robot's folder from what its owner has: a URDF or xacro file and the parameter files of move_base."""
+"""A robot's folder from a URDF or xacro file and the parameter files of move_base."""
+# Imports robots, planner and common.

@@ -1,1 +1,2 @@
-"""APPLD, the paper's second baseline: contexts from a demonstration, a parameter set for each, and a classifier."""
+"""APPLD: contexts of a demonstration, a parameter set for each, and a classifier that chooses among them."""
+# Imports bags, env and common.
