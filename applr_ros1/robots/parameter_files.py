@@ -19,8 +19,17 @@ from applr_ros1.common.yaml_files import yaml_value
 _ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
 
 
+_SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
+
+
 class Loader(yaml.SafeLoader):
-    """YAML with the angles of rosparam: !degrees 90, !radians pi/2, deg(90), rad(pi/2)."""
+    """YAML with the angles of rosparam (!degrees 90, !radians pi/2, deg(90), rad(pi/2)) and rqt_reconfigure's files."""
+
+
+def _saved(loader: Any, node: Any) -> Dict[str, Any]:
+    """Return the values that `dynparam dump` or rqt_reconfigure saved, as a plain mapping."""
+    values = loader.construct_mapping(node, deep=True)["dictitems"]
+    return {name: value for name, value in values.items() if name != "groups"}
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
@@ -36,6 +45,7 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
     return read
 
 
+Loader.add_constructor(_SAVED, _saved)
 for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
     Loader.add_constructor(f"!{_name}", _angle(_unit))
     Loader.add_implicit_resolver(f"!{_name}", re.compile(rf"^{_name[:3]}\([^)]*\)$"), [_name[0]])

@@ -71,9 +71,10 @@ def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
     assert sorted(side[3:]) == pytest.approx([0.5, 2.0])
 
 
-def test_degrees_and_the_empty_pose(tmp_path):
+def test_degrees_the_empty_pose_and_one_of_five_numbers(tmp_path):
     body = (
-        "<model name='m'><pose/><link name='l'><collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
+        "<model name='m'><pose/><link name='l'><pose>0 0 0 0 0</pose>"
+        "<collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
         "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
     )
     assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]])

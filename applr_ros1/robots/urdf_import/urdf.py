@@ -87,7 +87,10 @@ class UrdfFile:
         if self.xml.find("link") is None:
             raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # It warns of joints that mimic others.
-        self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
+        try:
+            self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
+        except Exception as error:  # of any kind, for what it does not expect
+            raise ApplrError(f"{path}: yourdfpy refuses it: {error!r}; check_urdf names the place") from error
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
