@@ -31,7 +31,7 @@ from training.common.options import PLACE, Options, option
 from training.env.settings import CHALLENGE
 from training.evaluation.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
 from training.evaluation.table import Trials
-from training.evaluation.verdict import tuned_verdict
+from training.evaluation.verdict import SET, verdict
 from training.tuning import open_floor, parameter_file
 from training.tuning.best_set import LINES_S, drives_of, find, say, warm_starts
 from training.tuning.clock import Clock
@@ -101,19 +101,19 @@ def run(options: TuneOptions) -> int:
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
         changed = changes(robot, values, worth)
-        say("What each parameter saves per course:")
-        for name, own, tuned, gain, median, _ in changed.rows:
-            say(f"  {name}: {tuned} instead of {own}; {gain} s, in the median {median} s")
-        any_better = False
+        write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
+        say("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
+        written = []
         for file, monitor, share in JUDGED:
-            better, lines = tuned_verdict(driven_unseen(options, UNSEEN, drives, monitor, clock, share), options.for_)
+            method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor, clock, share))
             lines.insert(0, f"{file}, {monitor} the collision monitor:")
-            shown = report.write(drives / monitor, above=lines, first=[changed])
-            if better:
+            shown = report.write(drives / monitor, above=lines)
+            if method == SET:
                 write_bytes(folder / file, read_bytes(drives / file))
-            say("\n".join([*lines, f"set: {(folder if better else drives) / file}", f"page: {shown}"]))
-            any_better |= better
-    return 0 if any_better else 1
+                written.append(folder / file)
+            end = f"written: {folder / file}" if method == SET else f"nothing written; the set is in {drives / file}"
+            say("\n".join([*lines, end, f"page: {shown}"]))
+    return 0 if written else 1
 
 
 if __name__ == "__main__":

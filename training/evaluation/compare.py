@@ -48,13 +48,15 @@ class Comparison(NamedTuple):
         """Return whether the method is significantly better than the other."""
         return self.difference.value < 0.0 and self.p < level
 
-    def line(self, level: float, pays: bool = True) -> str:
-        """Return whether the method is better than the other, and how much it saves; pays: whether it may be."""
-        saved, low, high = -self.difference.value, -self.difference.high, -self.difference.low
-        if saved < 0.0:
-            low, high = -high, -low
-        how = f"{abs(saved):.1f} s {'less' if saved >= 0.0 else 'more'} per course ({low:.1f} to {high:.1f}"
-        return f"better: {'yes' if pays and self.better(level) else 'no'}, {how}, p = {self.p:.2g})"
+    def line(self, level: float) -> str:
+        """Return whether the method is better than the other, how much it saves, and whether the test can tell."""
+        value, low, high = self.difference
+        if value <= 0.0:
+            value, low, high = -value, -high, -low
+        word = "less" if self.difference.value <= 0.0 else "more"
+        how = f"{value:.1f} s {word} per course ({low:.1f} to {high:.1f}, p = {self.p:.2g})"
+        unsure = "" if self.p < level else ": too few courses to tell"
+        return f"better: {'yes' if self.better(level) else 'no'}, {how}{unsure}"
 
 
 def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:

@@ -27,9 +27,8 @@ class PeriodicEvaluation:
         trials: in each world.
         every: steps between two rounds.
         seed: of the run. No trial of evaluate.py has the seed of a trial that chose the actor.
-        contact_seconds: what a contact adds to a trial's time in the score [s].
         setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
-            of another number of worlds or trials or another price of a contact.
+            of another number of worlds or trials.
         planner: kind of planner (applr_ros1/planner/variant.py).
     """
 
@@ -40,15 +39,13 @@ class PeriodicEvaluation:
         trials: int,
         every: int,
         seed: int,
-        contact_seconds: float,
         setting: str = "",
         planner: str = OURS,
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
-        self.contact_seconds, self.planner = contact_seconds, planner
-        setting_of = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
-        self._judged: Dict[str, Any] = {**setting_of, "contact_seconds": contact_seconds}
+        self.planner = planner
+        self._judged: Dict[str, Any] = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
         self._results: List[Result] = []
@@ -92,7 +89,7 @@ class PeriodicEvaluation:
         number, self.number = self.number, None
         if not self._results:
             raise StorageError("every trial of an evaluation failed; see the messages above")
-        found = summary(self._results, self.contact_seconds)
+        found = summary(self._results)
         found.update(round=number, step=self.step, version=self.version, **self._judged)
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
         # of another round the trials that failed by an error may have been the hard ones

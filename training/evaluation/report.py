@@ -6,8 +6,7 @@ The page begins with a line for each comparison with the baseline. evaluate.py a
 from __future__ import annotations
 
 import html
-from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import List, Sequence
 
 from tqdm import tqdm
 
@@ -19,7 +18,7 @@ from training.env.settings import PROTOCOLS
 from training.evaluation import drives_page, figures
 from training.evaluation.compare import LEVEL
 from training.evaluation.stored import Results
-from training.evaluation.tables import MORE, PAPER, Table
+from training.evaluation.tables import TABLES
 
 FOLDER = "report"
 
@@ -28,44 +27,41 @@ table{border-collapse:collapse;font-size:13px;margin:.6em 0}
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}
 th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
 .wide{overflow-x:auto}h1,h2,p{overflow-wrap:anywhere}
-#methods+.wide :is(td,th),#changes+.wide :is(td,th):last-child{text-align:left;white-space:normal}
-.verdict{font-size:15px}.drives{display:inline-block}.drives img{display:block;max-height:320px}
+#methods+.wide :is(td,th){text-align:left;white-space:normal}
+.verdict{font-size:15px}
 .note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, above: Sequence[str] = (), first: Sequence[Table] = ()) -> str:
+def write(folder, above: Sequence[str] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
         above: lines that the page begins with, instead of the summary.
-        first: tables that come before the others.
 
     Raises:
-        ApplrError: trials are missing.
+        ApplrError: there are no trials.
         StorageError: the folder cannot be read or written.
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
     title = f"APPLR: evaluation of {', '.join(results.methods)}"
-    tables = [table for table in (*first, *(make(results) for make in PAPER + MORE)) if table.rows]
+    tables = [table for make in TABLES if not (table := make(results)).rows.empty]
     for table in tables:
-        write_bytes(out / f"{table.name}.csv", table.csv().encode())
+        write_bytes(out / f"{table.name}.csv", table.rows.to_csv(index=False, lineterminator="\n").encode())
     missing = absent("matplotlib")
     if missing:
         print(f"the report is without pictures: {missing}")
-    pictures = [] if missing else _pictures(results, out)
-    shown = [_picture(*picture) for picture in pictures]
-    verdict = [f"<pre class=verdict>{html.escape(line)}</pre>" for line in above or summary(results)]
-    body = [f"<h1>{html.escape(title)}</h1>", *verdict]
-    body += [table.html() for table in tables[:1]] + shown[:1]
+    body = [f"<h1>{html.escape(title)}</h1>"]
+    body += [f"<pre class=verdict>{html.escape(line)}</pre>" for line in above or summary(results)]
     if drives_page.write(results, out, title):
-        paths = next((file for file, _ in pictures if file.startswith("paths_")), "")
-        picture = f'<img src="{html.escape(paths)}" alt="driven paths">' if paths else ""
-        words = "The drives of all methods side by side, world by world, as an animation"
-        body.append(f'<h2>Drives</h2><a class=drives href="{drives_page.FILE}">{picture}{words}</a>')
-    body += [table.html() for table in tables[1:]] + shown[1:]
+        link = f'<a href="{drives_page.FILE}">The drives of all methods side by side, as an animation</a>'
+        body.append(f"<p>{link}</p>")
+    body += [table.html() for table in tables]
+    for file, caption in [] if missing else figures.write(results, out):
+        words = html.escape(caption)
+        body.append(f'<h2>{words}</h2><img src="{html.escape(file)}" alt="{words}">')
     body += ["<h2>How it was measured</h2>", *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results))]
     view = '<meta name=viewport content="width=device-width,initial-scale=1">'
     head = f"<meta charset=utf-8>{view}<title>{html.escape(title)}</title><style>{STYLE}</style>"
@@ -74,32 +70,15 @@ def write(folder, above: Sequence[str] = (), first: Sequence[Table] = ()) -> str
     return str(out / "index.html")
 
 
-def _picture(file: str, caption: str) -> str:
-    words = html.escape(caption)
-    return f'<h2>{words}</h2><img src="{html.escape(file)}" alt="{words}">'
-
-
-def _pictures(results: Results, out: Path) -> List[Tuple[str, str]]:
-    """The pictures as a list of (file, caption)."""
-    times = f"Traversal time against world index, ordered by {results.baseline}'s time, with linear fits (the paper's "
-    times += "figure of training and test environments)"
-    found = [(figures.times(results, out), times)]
-    for world in figures.chosen(results):
-        found.append((figures.paths(results, out, world), f"Driven paths over the map of {world}"))
-        for method in [m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})][:3]:
-            profile = f"Parameters of {method} along {world}: regions by the room around the robot; dotted: θ₀ "
-            profile += "(the paper's parameter profiles)"
-            found.append((figures.profile(results, out, world, method), profile))
-    return [(file, caption) for file, caption in found if file]
-
-
 def _facts(results: Results) -> List[str]:
+    """Return sentences about how the trials were driven."""
     s = results.settings
     per = results.trials.groupby(["method", "world"]).size()
     trials = " to ".join(map(str, dict.fromkeys((per.min(), per.max()))))
+    more = ", with the collision monitor" * s["monitor"] + ", told where moving obstacles will be" * s["movers"]
     facts = [
         f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} methods × {trials} "
-        f"trials. Simulator: {s['simulator']}, ground {s['ground']}. Planner: {results.planner}.",
+        f"trials. Simulator: {s['simulator']}, ground {s['ground']}. Planner: {s['planner']}{more}.",
         f"Protocol {s['protocol']}. {PROTOCOLS[s['protocol']].sentence}",
     ]
     if "wall_s" in s:
@@ -110,7 +89,7 @@ def _facts(results: Results) -> List[str]:
 
 def summary(results: Results) -> List[str]:
     """Return a line for each method beside the baseline, over the test worlds if there are two, else over all."""
-    test = results.both(results.of_set("Test"), results.baseline)
+    test = results.by_difficulty(results.of_set("Test"))
     worlds = test if len(test) > 1 else results.worlds
     compared = {method: results.compare(method, results.baseline, worlds) for method in results.rivals}
     return [f"{method} beside {results.baseline}, {one.line(LEVEL)}" for method, one in compared.items() if one.worlds]

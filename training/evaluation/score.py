@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence
+from typing import Any, Callable, Dict, Iterable, NamedTuple, Sequence
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from training.evaluation.trial import Result
 Cost = Callable[[Result], float]  # of a trial [s]; less is better
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
-CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
+CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score [s]
 
 
-def seconds(result: Result, contact_seconds: float = CONTACT_SECONDS) -> float:
-    """Return a trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where it touched something."""
-    return (result.time_s if result.success else FAILURE_SECONDS) + contact_seconds * result.collided
+def seconds(result: Result) -> float:
+    """Return a trial's score [s]: its time, or FAILURE_SECONDS, and CONTACT_SECONDS more if it touched something."""
+    return (result.time_s if result.success else FAILURE_SECONDS) + CONTACT_SECONDS * result.collided
 
 
 class Aim(NamedTuple):
@@ -48,10 +48,6 @@ class Aim(NamedTuple):
         price += self.jerk * result.mean_jerk / baseline.jerk + self.turn * result.mean_turn / baseline.turn
         return price * optimal
 
-    def asked(self) -> List[Quantity]:
-        """Return the quantities that it is named for beside time, failures and contacts."""
-        return [quantity for name, quantity in QUANTITIES.items() if getattr(self, name)]
-
 
 class Baseline(NamedTuple):
     """Means over drives with a robot's own parameters that arrive."""
@@ -71,24 +67,6 @@ class Baseline(NamedTuple):
         return cls(_mean(times), jerk or 1.0, turn or 1.0)
 
 
-class Quantity(NamedTuple):
-    """Something that an aim prices: its name, Result's, its unit, and 1 where more of it is better, or else -1."""
-
-    name: str
-    column: str
-    unit: str
-    better: int
-
-    def loss(self, result: Result) -> float:
-        """Return its value in a trial, with the sign with which less is better."""
-        return -self.better * float(getattr(result, self.column))
-
-
-QUANTITIES = {
-    "near": Quantity("clearance", "mean_clearance_m", "m", 1),
-    "jerk": Quantity("jerk", "mean_jerk", "m/s^3", -1),
-    "turn": Quantity("yaw acceleration", "mean_turn", "rad/s^2", -1),
-}
 AIMS = {
     "fast": Aim(failure=20.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
     "careful": Aim(failure=100.0, slower=10.0, near=60.0),
@@ -106,17 +84,12 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
     return success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
 
 
-def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]:
-    """Return means over trials, as JSON values.
+def summary(results: Sequence[Result]) -> Dict[str, Any]:
+    """Return means over one or more trials, as JSON values.
 
-    Args:
-        results: at least one.
-        contact_seconds: what a contact adds to a trial's time [s].
-
-    Returns:
-        {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided",
-        "metric" (barn_metric) and "time_s", the mean time of the successes or None. Elsewhere the score is the negated
-        mean return.
+    They are {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided",
+    "metric" (barn_metric) and "time_s", the mean time of the successes or None. Elsewhere the score is the negated mean
+    return.
     """
     found: Dict[str, Any] = {
         "trials": len(results),
@@ -132,7 +105,7 @@ def summary(results: Sequence[Result], contact_seconds: float) -> Dict[str, Any]
         "collided": _mean([r.collided for r in results]),
         "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),
         "time_s": _mean(times) if times else None,
-        "score": _mean([seconds(r, contact_seconds) for r in results]),
+        "score": _mean([seconds(r) for r in results]),
     }
 
 

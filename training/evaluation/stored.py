@@ -1,7 +1,4 @@
-"""The trials of an evaluation as a DataFrame: in the paper's two sets of worlds, in thirds of difficulty.
-
-All tables and figures of the report are made from it.
-"""
+"""Trials of a stored evaluation, grouped as in the paper: by set of worlds and by difficulty."""
 
 from __future__ import annotations
 
@@ -55,11 +52,6 @@ class Results:
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
         self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
         self.space = Space.stated(self.robot["space"], self.robot["name"])
-        self.planner: str = self.settings["planner"]
-        if self.settings["monitor"]:
-            self.planner += ", with the collision monitor"
-        if self.settings.get("movers"):
-            self.planner += ", told where moving obstacles will be"
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
         self.trials = trials.assign(
@@ -85,23 +77,20 @@ class Results:
             for method in (self.methods if methods is None else methods) if worlds else []:
                 yield name, method, self.of(method, worlds)
 
-    def both(self, worlds: Sequence[str], *methods: str) -> List[str]:
-        """Those of `worlds` that all of some methods have driven."""
-        driven = [set(self.of(method, worlds).world) for method in methods]
-        return [w for w in worlds if all(w in of_method for of_method in driven)]
-
-    def scores(self, method: str, worlds: Sequence[str]) -> pd.Series:
-        """A method's mean time over all trials of each world [s], a failed one counting as the limit."""
-        return self.of(method, worlds).groupby("world", sort=False).counted.mean().reindex(worlds)
+    @property
+    def scores(self) -> pd.DataFrame:
+        """Return the mean of "counted" of each method, a column, in each world, a row."""
+        return self.trials.groupby(["world", "method"], sort=False).counted.mean().unstack()
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
-        """A method beside another in those of some worlds that both have driven."""
-        both = self.both(worlds, method, other)
-        return compare(self.scores(method, both), self.scores(other, both))
+        """Compare a method with another in those of some worlds that both have driven."""
+        ours, theirs = (self.scores[one].reindex(worlds) for one in (method, other))
+        both = ours.notna() & theirs.notna()
+        return compare(ours[both], theirs[both])
 
     def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
-        """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""
-        scores = self.scores(self.baseline, self.both(worlds, self.baseline))
+        """Return worlds by the baseline's mean time over all trials, fastest first."""
+        scores = self.scores[self.baseline].reindex(worlds).dropna()
         return sorted(scores.index, key=lambda world: (scores[world], world))
 
     def thirds(self) -> Dict[str, List[str]]:

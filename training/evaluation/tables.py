@@ -1,15 +1,11 @@
-"""The tables of the report, as CSV and HTML: the paper's Tables I to IV from our trials, with its numbers, and more.
-
-page.py writes them.
-"""
+"""The tables of the report: the paper's Tables I to IV from our trials, with its numbers, and more."""
 
 from __future__ import annotations
 
 import html
 import warnings
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Callable, Dict, Iterator, List, Sequence, Tuple
+from typing import Callable, Dict, Iterator, NamedTuple, Sequence, Tuple
 
 import numpy as np
 import pandas as pd
@@ -25,44 +21,20 @@ NONE = "–"
 Rows = Iterator[Dict[str, str]]
 
 
-@dataclass
-class Table:
-    """name: of its file and in the page; rows of strings as long as columns; notes: sentences under it."""
+class Table(NamedTuple):
+    """A table of the report: name of its file, title, rows of text, and notes below them."""
 
     name: str
     title: str
-    columns: List[str]
-    rows: List[List[str]]
+    rows: pd.DataFrame
     notes: Sequence[str] = ()
 
-    @classmethod
-    def of(
-        cls, name: str, title: str, rows: Sequence[Dict[str, str]], *notes: str, of_paper: Sequence[str] = ()
-    ) -> Table:
-        """A table of rows that name their columns, all the same ones in the same order.
-
-        Columns whose names begin with "paper", and the notes `of_paper`, are left out where no row has a value in them.
-        """
-        cited = [c for c in (rows[0] if rows else ()) if c.startswith("paper") and any(row[c] != NONE for row in rows)]
-        columns = [c for c in (rows[0] if rows else ()) if c in cited or not c.startswith("paper")]
-        shown = [[row[column] for column in columns] for row in rows]
-        return cls(name, title, columns, shown, [*notes, *(of_paper if cited else ())])
-
-    def csv(self) -> str:
-        """The table as CSV with a header line."""
-        return pd.DataFrame(self.rows, columns=self.columns).to_csv(index=False, lineterminator="\n")
-
     def html(self) -> str:
-        """The table in HTML, its title above and its notes below; a wide one scrolls in its own box."""
-
-        def line(tag: str, row: Sequence[str]) -> str:
-            return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
-
-        head, body = line("th", self.columns), "".join(line("td", row) for row in self.rows)
+        """Return the table in HTML, its title above and its notes below; a wide one scrolls in its own box."""
+        with pd.option_context("display.max_colwidth", None):
+            table = self.rows.to_html(index=False, border=0)
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
-        title = f"<h2 id={self.name}>{html.escape(self.title)}</h2>"
-        table = f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
-        return f"{title}<div class=wide>{table}</div>{notes}"
+        return f"<h2 id={self.name}>{html.escape(self.title)}</h2><div class=wide>{table}</div>{notes}"
 
 
 Made = Callable[[Results], Table]
@@ -84,10 +56,21 @@ def share(n: int, total: int) -> str:
 
 
 def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
-    """Makes a Table of a function that yields its rows, with the name of that function. Arguments: as of Table.of."""
+    """Make a table, whose name is the function's, of a function that yields its rows.
+
+    Columns whose names begin with "paper" are left out if no row has a value in them, and with all of them `of_paper`,
+    the notes about them.
+    """
 
     def of(rows: Callable[[Results], Rows]) -> Made:
-        return lambda results: Table.of(rows.__name__, title, list(rows(results)), *notes, of_paper=of_paper)
+        def made(results: Results) -> Table:
+            found = pd.DataFrame(list(rows(results)))
+            paper_columns = [column for column in found if column.startswith("paper")]
+            empty = [column for column in paper_columns if (found[column] == NONE).all()]
+            about = () if len(empty) == len(paper_columns) else of_paper
+            return Table(rows.__name__, title, found.drop(columns=empty), (*notes, *about))
+
+        return made
 
     return of
 
@@ -253,9 +236,6 @@ def table_4(results: Results) -> Rows:
         }
 
 
-PAPER = [table_1, table_2, table_3, table_4]
-
-
 @table(
     "Arrivals, contacts, and BARN's metric",
     "With Wilson's 95 % interval, wider where the trials of a world go alike; contact: touched anything at any time, "
@@ -288,10 +268,10 @@ def pairs(results: Results) -> Rows:
     """Every method against every other: paired over worlds, and world by world."""
     for name in SETS:
         worlds = results.of_set(name)
-        couples = [c for c in combinations(results.methods, 2) if results.both(worlds, *c)]
-        found = [results.compare(*couple, worlds) for couple in couples]
-        adjusted = holm_adjusted(np.array([f.p for f in found]))
-        for (a, b), f, p in zip(couples, found, adjusted):
+        found = {couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)}
+        found = {couple: comparison for couple, comparison in found.items() if comparison.worlds}
+        adjusted = holm_adjusted(np.array([f.p for f in found.values()]))
+        for ((a, b), f), p in zip(found.items(), adjusted):
             tests = welch(results.of(a, worlds), results.of(b, worlds))
             faster, slower = (share(n, len(tests)) for n in significant(tests, corrected=True))
             yield {
@@ -327,4 +307,4 @@ def _p(value: float) -> str:
     return "≤ 0.0001" if value < 1.5e-4 else f"{value:.4f}"
 
 
-MORE = [pairs, rates, methods]
+TABLES = [table_1, table_2, table_3, table_4, pairs, rates, methods]

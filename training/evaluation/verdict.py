@@ -1,21 +1,23 @@
-"""Verdict on a robot's policy, or on a tuned set, from pairs of trials: a table, and a line for each comparison.
-
-several.py and tune_robot.py print it. Methods are compared over worlds (evaluation/compare.py).
-"""
+"""Verdict on a robot's policy, or on a tuned set, from pairs of trials: a table, and a line for each comparison."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, List, Mapping, Sequence, Tuple
 
-from training.evaluation.compare import LEVEL, compare, over_worlds
-from training.evaluation.score import AIMS, Cost, seconds
+from training.evaluation.compare import LEVEL, compare
+from training.evaluation.score import Cost, seconds
 from training.evaluation.trial import BASELINE, Result, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
 
 POLICY, SET = "applr", "static"
-OF_THREE = LEVEL / 3  # of the test of two methods, of which three are compared
+MEANS = {  # columns of the table, whose values are means over the arrivals
+    "time_s": "time [s]",
+    "mean_clearance_m": "clearance [m]",
+    "mean_jerk": "jerk [m/s^3]",
+    "mean_turn": "yaw acceleration [rad/s^2]",
+}
 
 
 def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds) -> pd.DataFrame:
@@ -35,17 +37,17 @@ def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def outcomes(trials: pd.DataFrame) -> str:
-    """Return a table of the methods: courses, arrivals, contacts, and the mean time of the arrivals [s]."""
+    """Return a table of the methods: courses, arrivals, contacts, and means over the arrivals."""
     import pandas as pd
 
     by_method = trials.groupby("method", sort=False)
-    times = trials.time_s.where(trials.success).groupby(trials.method, sort=False).mean()
-    columns = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
-    return pd.DataFrame({**columns, "time [s]": times.round(1)}).rename_axis(None).to_string()
+    counts = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
+    means = trials[trials.success].groupby("method")[list(MEANS)].mean().rename(columns=MEANS).round(2)
+    return pd.DataFrame(counts).join(means).rename_axis(None).to_string()
 
 
 def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
-    """Return the verdict on a robot's policy.
+    """Return the verdict on methods beside the robot's default parameters.
 
     Args:
         trials: of at least one course (paired_trials).
@@ -55,33 +57,9 @@ def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
         each other method.
     """
     scores, lines, better = mean_scores(trials), [outcomes(trials)], []
-    for method in scores.columns.drop(BASELINE):
+    rivals = scores.columns.drop(BASELINE)
+    for method in rivals:
         found = compare(scores[method], scores[BASELINE])
-        lines.append(f"{method} {found.line(OF_THREE)}")
-        better += [method] * found.better(OF_THREE)
+        lines.append(f"{method} {found.line(LEVEL / len(rivals))}")
+        better += [method] * found.better(LEVEL / len(rivals))
     return min(better, key=lambda method: scores[method].mean(), default=BASELINE), lines
-
-
-def tuned_verdict(trials: pd.DataFrame, aim: str) -> Tuple[bool, List[str]]:
-    """Return the verdict on tuned parameters beside the robot's own.
-
-    Args:
-        trials: of at least one course with both (paired_trials), and what they cost by the aim.
-        aim: what they were tuned for, one of score.AIMS.
-
-    Returns:
-        Whether they are clearly better, and in what the aim is named for, too; a table, a line for each quantity that
-        the aim is named for, and one for the cost.
-    """
-    lines, gains = [outcomes(trials)], []
-    both = trials[trials.groupby("world").success.transform("all")]  # a robot that stands has no jerk
-    for word, column, unit, better in AIMS[aim].asked():
-        own, tuned = (both[both.method == method].groupby("world")[column].mean() for method in (BASELINE, SET))
-        gains.append(over_worlds(better * (tuned - own)))
-        gain, low, high = gains[-1]
-        means = f"{tuned.mean():.3g} {unit}, own {own.mean():.3g}"
-        lines.append(f"{word}: {means}, gain {gain:.2g} ({low:.2g} to {high:.2g})")
-    scores = mean_scores(trials)
-    found = compare(scores[SET], scores[BASELINE])
-    pays = all(gain.value > 0.0 for gain in gains) and max((gain.low for gain in gains), default=1.0) > 0.0
-    return pays and found.better(LEVEL), [*lines, found.line(LEVEL, pays)]

@@ -28,7 +28,6 @@ from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import PeriodicEvaluation
-from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.trial import POLICY, Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig
 from training.learner.metrics import TensorBoardLog, describe, mean
@@ -75,7 +74,6 @@ class TrainingRun:
             config.n_eval_episodes,
             config.eval_freq,
             config.seed,
-            CONTACT_SECONDS,
             setting=config.setting(),
             planner=config.eval_planner,
         )

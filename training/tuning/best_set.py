@@ -134,7 +134,7 @@ def find(
             say(f"putting back at the robot's own value, one by one: {len(turns)} parameters are left")
             return clock.until(turns.pop(0), some)
 
-        theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1, aim.asked())
+        theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1)
         return whole.fill(theta), worth
 
 

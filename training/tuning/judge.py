@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Sequence
 
+import numpy as np
+
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
@@ -21,7 +23,6 @@ from training.tuning.search import Saved
 if TYPE_CHECKING:
     import pandas as pd
 
-    from training.evaluation.tables import Table
     from training.tune_robot import TuneOptions
 
 VERDICT_COURSES = 12  # least number of courses of each verdict
@@ -58,31 +59,21 @@ def driven_unseen(
     return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
 
 
-def changes(robot: Robot, values: Mapping[str, Any], worth: Mapping[str, Saved]) -> Table:
-    """Return a table of the changed parameters: own and tuned value, saved time [s], and description."""
-    space, rows = space_of(robot), []
-    known = servers(robot.all_parameters())
-    for name, own in space.as_dict(space.theta0).items():
-        if name not in values:
-            continue
+def changes(robot: Robot, values: Mapping[str, float], worth: Mapping[str, Saved]) -> pd.DataFrame:
+    """Return a table of the changed parameters: both values, what each saves per course [s], and what it is.
+
+    A parameter saves what is lost when it alone is reverted to the robot's own value: the mean over courses with its
+    95 % interval, in which a failure counts for much, and the median.
+    """
+    import pandas as pd
+
+    space, known, rows = space_of(robot), servers(robot.all_parameters()), []
+    own = space.as_dict(space.theta0)
+    for name, value in values.items():
         target = space.targets[name][0]
         declared = next(p for p in known[target.server].parameters if p.name in target.names)
-        unit, ((gain, low, high), median) = f" {declared.unit}".rstrip(), worth[name]
-        gain, low, high, median = (round(seconds, 1) + 0.0 for seconds in (gain, low, high, median))  # -0.0 is 0.0
-        rows.append(
-            {
-                "parameter": name,
-                "own": f"{own:.4g}{unit}",
-                "tuned": f"{values[name]:.4g}{unit}",
-                "saves per course [s]": f"{gain:.1f} ({low:.1f} to {high:.1f})",
-                "in the median": f"{median:.1f}",
-                "what it is": declared.doc,
-            }
-        )
-    note = (
-        "What is lost [s] when the parameter alone is put back at the robot's own value: the mean over courses with "
-        "its 95 % interval, in which a failure counts for much, and the median."
-    )
-    from training.evaluation.tables import Table  # with pandas
-
-    return Table.of("changes", "What changed", rows, note)
+        mean, median = worth[name]
+        both = (f"{each:.4g} {declared.unit}".rstrip() for each in (own[name], value))
+        rows.append((name, *both, *np.round([*mean, median], 1), declared.doc))
+    columns = ["parameter", "own", "tuned", "saves [s]", "from", "to", "in the median", "what it is"]
+    return pd.DataFrame(rows, columns=columns)

@@ -16,7 +16,7 @@ from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import Space
 from training.evaluation.compare import Estimate, clearly_worse, over_worlds
 from training.evaluation.periodic import CHOOSING
-from training.evaluation.score import Cost, Quantity, summary
+from training.evaluation.score import Cost, summary
 from training.evaluation.trial import Result, Trial, seed_of
 
 FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
@@ -38,7 +38,7 @@ class Raced(NamedTuple):
     results: Sequence[Result]
 
     def __str__(self) -> str:
-        found = summary(self.results, 0.0)
+        found = summary(self.results)
         how = f"{found['success']:.0%} arrive, {found['collided']:.0%} touch something, metric {found['metric']:.3f}"
         return f"score {self.cost:.2f} in {found['trials']} drives ({how.replace('%', ' %')})"
 
@@ -137,7 +137,6 @@ def without_idle(
     blocks: Callable[[], Iterable[Block]],
     cost: Cost,
     seed: int,
-    asked: Sequence[Quantity] = (),
 ) -> Tuple[np.ndarray, Dict[str, Saved]]:
     """Put parameters of a set (n,) back at the robot's own values where nothing is lost, those changed least first.
 
@@ -151,7 +150,6 @@ def without_idle(
         blocks: makes the blocks of a comparison, which ends where one of both is clearly worse.
         cost: of a trial.
         seed: of the trials.
-        asked: what no parameter may go back by which one of them is clearly better.
 
     Returns:
         The set, and for each parameter that stays in it by how much the cost rises without it.
@@ -163,12 +161,9 @@ def without_idle(
             continue
         without = np.where(np.arange(len(theta)) == i, space.theta0, theta)
         _, results = race(partial(run, seed=seed), np.array([without, theta]), blocks(), cost)
-        values = (cost, *(quantity.loss for quantity in asked))
-        both = (np.array([[value(result) for result in of_set] for of_set in results]) for value in values)
-        differences = [more - less for more, less in both]
-        mean, *gains = map(over_worlds, differences)
-        saved = Saved(mean, float(np.median(differences[0])))
-        if max(mean.value, saved.median) < LEAST and not any(gain.low > 0.0 for gain in gains):
+        without_it, with_it = np.array([[cost(result) for result in of_set] for of_set in results])
+        saved = Saved(over_worlds(without_it - with_it), float(np.median(without_it - with_it)))
+        if max(saved.mean.value, saved.median) < LEAST:
             theta = without
         else:
             worth[space.names[i]] = saved

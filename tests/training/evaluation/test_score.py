@@ -24,12 +24,12 @@ from training.workers.collect import PolicyWeights
 def test_the_score_counts_a_failure_as_the_time_limit():
     """The same score for every caller: periodic evaluation, search and the comparison of simulators."""
     won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
-    assert score.seconds(won, 0.0) == 20.0
-    assert score.seconds(replace(lost, collided=True), 5.0) == 105.0
-    found = score.summary([won, lost], contact_seconds=4.0)
-    assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.0, 20.0, 0.5, 0.5)
-    assert score.summary([lost], 0.0)["time_s"] is None
-    assert score.summary([Result(total_reward=-3.0, decisions=10)], 5.0)["score"] == 3.0  # knows no courses
+    assert score.seconds(won) == 25.0
+    assert score.seconds(replace(lost, collided=True)) == 105.0
+    found = score.summary([won, lost])
+    assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.5, 20.0, 0.5, 0.5)
+    assert score.summary([lost])["time_s"] is None
+    assert score.summary([Result(total_reward=-3.0, decisions=10)])["score"] == 3.0  # knows no courses
 
 
 def test_barn_metric_by_hand():
@@ -41,7 +41,7 @@ def test_barn_metric_by_hand():
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     """One runner and one plan; but seeds of its own, so that evaluate.py never judges on trials that chose."""
     worlds = [("generated:8", "generated:8")]
-    periodic = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3, 0.0)
+    periodic = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3)
     (trial,) = periodic.begin(-1, 0, 0)
     (other,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial == other
@@ -106,7 +106,7 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
 
 
 def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
-    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 1, 100, 0, 0.0)
+    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 1, 100, 0)
     for step, last, number in (
         (0, False, THETA0),
         (0, True, None),
@@ -119,5 +119,5 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
             assert len(periodic.begin(number, step, 0)) == 1
             periodic.add(Result(True, time_s=float(step)))
     assert periodic.due(170, True) is None
-    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0, 0.0)
+    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

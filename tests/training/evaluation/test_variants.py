@@ -104,7 +104,7 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     )
     made = prepare(config)
     env = ApplrEnv(**json.loads(made.collect.args[1]))
-    evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, 0.0, planner=config.eval_planner)
+    evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, planner=config.eval_planner)
     (trial,) = evaluation.begin(-1, 0, 0)
     held_out = TrialRunner(made.drive.args[0]).episode(trial.planner, config.decision_period)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]

@@ -75,6 +75,6 @@ def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, method, t
     policy.write_bytes(b"a policy")
     _, table, *_, last = several.choose(parse(toy(tmp_path, "--seeds", 2)), tmp_path, [policy])
     ends = [f"{seconds.get(name, SECONDS[name]) + 0.1:.1f}" for name in ("dwa", "static", "applr")]
-    assert [row.split()[-1] for row in table.splitlines()[1:]] == ends
+    assert [row.split()[4] for row in table.splitlines()[1:]] == ends
     assert last.startswith(f"drive with: {method}; ")
     assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"

@@ -244,7 +244,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
 
     def made(trials=2, setting="kinematic"):
         worlds = [("w0", "w0"), ("w1", "w1")]
-        return PeriodicEvaluation(tmp_path, worlds, trials, 100, 0, 4.0, setting=setting)
+        return PeriodicEvaluation(tmp_path, worlds, trials, 100, 0, setting=setting)
 
     def drive(rounds, step, seconds):
         for number in iter(lambda: rounds.due(step), None):
@@ -257,7 +257,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     first = made()
     assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
     (summary,) = drive(first, 130, 10.0)
-    assert (summary["round"], summary["score"], summary["best"]) == (1, 12.0, True)
+    assert (summary["round"], summary["score"], summary["best"]) == (1, 12.5, True)
     assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
     again = made()
     assert again.best["step"] == 130
@@ -268,7 +268,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     summaries = list(drive(made(setting="pybullet"), 310, 100.0))
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
     assert summaries[1]["time_s"] is None
-    assert summaries[1]["score"] == 102.0
+    assert summaries[1]["score"] == 102.5
     assert made(trials=3).best is None  # nor are rounds of another number of trials
 
 

@@ -5,7 +5,6 @@ import numpy as np
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation.compare import clearly_worse
 from training.evaluation.periodic import CHOOSING
-from training.evaluation.score import AIMS
 from training.evaluation.trial import Result, seed_of
 from training.tuning.search import plan_sets, race, without_idle
 
@@ -70,26 +69,6 @@ def run_with(drive):
         return [[results[trial] for trial in of_set] for of_set in plan]
 
     return run
-
-
-def test_what_pays_in_the_quantity_that_was_asked_for_does_not_go_back():
-    """One makes it slower and widens the clearance, one makes it slower and narrows it."""
-    wide, narrow = (SPACE.names.index(name) for name in ("inflation_radius", "occdist_scale"))
-
-    def drive(trials):
-        found = {}
-        for trial in trials:
-            changed = np.array(trial.theta) != SPACE.theta0
-            clearance = 0.5 + 0.1 * float(changed[wide]) - 0.1 * float(changed[narrow]) + 0.01 * (trial.seed % 3)
-            found[trial] = Result(True, time_s=30.0 + float(changed.sum()), mean_clearance_m=clearance)
-        return found
-
-    theta = SPACE.theta0.copy()
-    theta[[wide, narrow]] = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)[[wide, narrow]]
-    blocks = [list(range(8))]
-    for asked, stays in (([], []), (AIMS["careful"].asked(), ["inflation_radius"]), (AIMS["smooth"].asked(), [])):
-        found, worth = without_idle(SPACE, run_with(drive), theta, lambda: blocks, time_of, 0, asked)
-        assert list(worth) == [SPACE.names[i] for i in np.flatnonzero(found != SPACE.theta0)] == stays
 
 
 def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
