@@ -8,7 +8,7 @@ a robot's folder, on ROS's parameter server, are checked by planner.parameters.c
 
 from __future__ import annotations
 
-from math import ceil, inf, pi
+from math import pi
 from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 import numpy as np
@@ -18,14 +18,7 @@ from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, of_kind, servers
-from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
-from applr_ros1.planner.parameters.layers import (
-    COSTMAPS,
-    OBSTACLE_LAYER,
-    STATIC_LAYER,
-    layers,
-    sources,
-)
+from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
 from applr_ros1.robots import geometry
 from applr_ros1.robots.robot import Robot, SpaceParameter
 
@@ -33,8 +26,6 @@ WIDTH = 0.53  # width of the Jackal's padded footprint [m], for which the recipe
 EIGHT = np.arange(8) * pi / 4  # directions to sides and corners [rad]
 LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, and their limit in base
 UNITS = 10.0  # ratio of lengths above which one of them is in centimetres or millimetres
-SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
-GOAL_AHEAD_M = 10.45  # distance of the goal in built-in worlds, at the Jackal's scale [m]
 OUTSIDE = 0.01  # distance by which body and wheels may reach beyond the padded footprint [m]
 
 
@@ -74,7 +65,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     if errors:
         return errors
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
-    errors = [*_planner(setup), *(line for costmap in COSTMAPS for line in _costmap(setup, costmap))]
+    errors = [line for costmap in COSTMAPS for line in _costmap(setup, costmap)]
     return [*errors, *_space_limits(setup), *space_errors(robot, setup.full)]
 
 
@@ -118,18 +109,12 @@ def fields(robot: Robot) -> Iterator[str]:
         if loads.min() < -1e-4 * mass * geometry.GRAVITY:  # right above the axle it stands
             place = _list(body.centre_of_mass)
             yield f"body.com is {place}: that is outside the wheels and casters; correct it, or base.casters"
-    if simulation.ground == "gazebo" and not skids:
-        yield f"simulation.ground is gazebo, but base.drive is {base.drive}: give plain"
-    elif simulation.ground == "gazebo" and simulation.track_multiplier is None:
-        yield "simulation.track_multiplier is missing: ground gazebo needs the one of the wheels' controller"
-    if laser.last_angle <= laser.first_angle:
-        yield f"laser.last_angle is {laser.last_angle:g}: give more than first_angle ({laser.first_angle:g})"
-    elif laser.last_angle - laser.first_angle > 2 * pi + 1e-3:
-        yield f"laser.last_angle is {laser.last_angle:g}, more than a full turn from first_angle: give radians"
-    if laser.range_max <= laser.range_min:
-        yield f"laser.range_max is {laser.range_max:g}: give more than range_min ({laser.range_min:g})"
-    if laser.no_return is not None and laser.range_min <= laser.no_return < laser.range_max:
-        yield f"laser.no_return is {laser.no_return:g}: it would hide obstacles between range_min and range_max"
+    if simulation.ground == "gazebo" and not (skids and simulation.track_multiplier):
+        yield "simulation.ground is gazebo: only a skid_steer base with simulation.track_multiplier has it, give plain"
+    for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
+        least, most = getattr(laser, low), getattr(laser, high)
+        if most <= least:
+            yield f"laser.{high} is {most:g}: give more than {low} ({least:g})"
     for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
         given, most = getattr(robot.monitor, name), getattr(base, limit)
         if given > most:
@@ -155,28 +140,6 @@ def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
         yield f"base_local_planner is {plugins[used]}, {alone}: give {plugins[held[0]]}, or the section {used}"
 
 
-def _planner(setup: _Setup) -> Iterator[str]:
-    """Yield values of the local planner with which no velocity is legal."""
-    own = setup.full[setup.planner]
-    if own["sim_time"] == 0.0:
-        yield f"{setup.planner}/sim_time is 0: no velocity is legal then, give about 1.5 s"
-    if setup.planner != "DWAPlannerROS":
-        return
-    slowest, fastest = own["min_vel_trans"], own["max_vel_trans"]
-    if slowest > fastest:
-        yield f"DWAPlannerROS/min_vel_trans is {slowest:g}, larger than max_vel_trans ({fastest:g}): lower it"
-    seconds = 1.0 / (own["controller_frequency"] or 20.0) if own["use_dwa"] else own["sim_time"]
-    speed = min(own["acc_lim_x"] * seconds, max(own["max_vel_x"], -own["min_vel_x"]))
-    turn = min(own["acc_lim_theta"] * seconds, own["max_vel_theta"])
-    if speed + SLACK < slowest and turn + SLACK < own["min_vel_theta"]:
-        yield (
-            f"DWAPlannerROS/acc_lim_theta is {own['acc_lim_theta']:g}: within {seconds:g} s a robot that stands "
-            f"reaches {turn:.3g} rad/s and {speed:.3g} m/s, below min_vel_theta ({own['min_vel_theta']:g}) and "
-            f"min_vel_trans ({slowest:g}), so that every sample is refused; give "
-            f"{own['min_vel_theta'] / seconds if seconds else inf:.3g}, or smaller speeds"
-        )
-
-
 def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield errors in footprint, frames, size and observation sources of a costmap."""
     robot, own, local = setup.robot, setup.full[costmap], costmap == "local_costmap"
@@ -196,10 +159,6 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         wanted = getattr(robot.frames, field)
         if _differ(own[name], wanted):
             yield f"{costmap}/{name} is {own[name]}: frames.{field} in robot.yaml is {wanted}, give that"
-    if own["resolution"] > width:
-        yield f"{costmap}/resolution is {own['resolution']:g}: the robot is {width:.3g} m wide, give metres"
-    if local and own["update_frequency"] == 0.0:
-        yield "local_costmap/update_frequency is 0: the costmap is never updated, give that of the scans"
     for name, size in (("origin_x", own["width"]), ("origin_y", own["height"])):
         if not (setup.with_map or own["rolling_window"] or -size < own[name] < 0.0):
             start = f"the costmap, {size:g} m long, does not hold the robot's start at 0"
@@ -219,10 +178,6 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
     lowest, highest, height = source["min_obstacle_height"], source["max_obstacle_height"], robot.laser.height
     if _differ(source["topic"], robot.topics.scan):
         return f"{path}/topic is {source['topic']}: topics.scan in robot.yaml is {robot.topics.scan}, give that"
-    if source["data_type"] != "LaserScan":
-        return f"{path}/data_type is {source['data_type']}: the robot's laser publishes LaserScan, give that"
-    if not source["marking"]:
-        return f"{path}/marking is false: nothing would mark obstacles, give true"
     if not lowest <= height <= highest:
         bounds = f"{path}/min_obstacle_height, max_obstacle_height are {lowest:g}, {highest:g}"
         return (
@@ -264,10 +219,8 @@ def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
         names = list(filter(None, known))
         return f"there is no {where}; {did_you_mean(one.server, names) or 'give ' + ', '.join(names)}"
     declared = next((p for p in known[one.server].parameters if one.name in p.names), None)
-    if declared is None:
-        return f"{where} has no parameter {one.name}; docs/reference/parameters.md lists them"
-    if declared.type not in ("double", "int"):
-        return f"{one.name} is no number in {where}; take another parameter"
+    if declared is None or declared.type not in ("double", "int"):
+        return f"{where} has no number {one.name}; docs/reference/parameters.md lists its parameters"
     if (declared.type == "int") != parameter.integer:
         return f"give integer: {str(declared.type == 'int').lower()}, as in {where}"
     low, high = (-parameter.high, -parameter.low) if one.negated else (parameter.low, parameter.high)
@@ -288,67 +241,30 @@ def _planner_remarks(setup: _Setup) -> Iterator[str]:
             most, value = getattr(robot.base, limit), given.get(name)
             if isinstance(value, (int, float)) and abs(value) > most:
                 yield f"{planner}/{name} is {value:g}: the base will not exceed base.{limit} in robot.yaml ({most:g})"
-    if _differ(given.get("odom_topic", ""), robot.topics.odometry) and given.get("odom_topic"):
-        wanted = f"topics.odometry in robot.yaml is {robot.topics.odometry}"
-        yield f"{planner}/odom_topic is {given['odom_topic']}: {wanted}, give that or leave it out"
     for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
         if own[low] > own[high]:
             yield f"{planner}/{low} is {own[low]:g}, larger than {high} ({own[high]:g}): lower {low}"
-    if planner != "DWAPlannerROS":
-        return
-    period, slowest = 1.0 / (own["controller_frequency"] or 20.0), own["min_vel_trans"]
-    change = own["acc_lim_x"] * period
-    if own["min_vel_x"] <= -slowest and change < 2.0 * slowest:
-        yield (
-            f"{planner}/min_vel_x is {own['min_vel_x']:g}: a robot that backs can neither stop nor drive ahead until a "
-            f"cycle fails, because acc_lim_x / controller_frequency is {change:.3g} m/s, and speeds below "
-            f"min_vel_trans ({slowest:g}) are refused; give acc_lim_x {2.0 * slowest / period:.3g}"
-        )
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield what does not fit in footprint, size, layers and observation sources of a costmap."""
-    robot, own, local = setup.robot, setup.full[costmap], costmap == "local_costmap"
+    robot, own = setup.robot, setup.full[costmap]
     back, front, right, left = geometry.bounding_box(robot)
     if _no_footprint(setup, costmap):
         box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in ((back, right), (back, left), (front, left), (front, right)))
         circle = f"a circle of {own['robot_radius']:g} m counts"
         yield f"{costmap}/footprint is missing: {circle}, but body and wheels fill [{box}]; give that"
-    elif local:
-        yield from _size_of_the_robot(robot, _outline(own))
-    if not local:
-        yield from _goals_off_the_costmap(setup, own)
-    seen = setup.sources(costmap)
-    for path, source in seen:
-        frame, marked, cleared = source["sensor_frame"], source["obstacle_range"], source["raytrace_range"]
+    elif costmap == "local_costmap":
+        directions, outline = np.array([np.cos(EIGHT), np.sin(EIGHT)]), _outline(own)
+        beyond = ((geometry.corners(robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
+        if beyond > OUTSIDE:
+            box = "the box around body and wheels, at which the monitor stops"
+            yield f"local_costmap/footprint is too small: {box}, reaches {beyond:.2f} m beyond it with padding"
+    for path, source in setup.sources(costmap):
+        frame = source["sensor_frame"]
         if frame and not _differ(source["topic"], robot.topics.scan) and _differ(frame, robot.laser.frame):
             wanted = f"laser.frame in robot.yaml is {robot.laser.frame}"
             yield f"{path}/sensor_frame is {frame}: {wanted}, give that or leave it out"
-        if marked > cleared:
-            yield f"{path}/obstacle_range is {marked:g}: nothing beyond raytrace_range ({cleared:g}) is ever cleared"
-
-
-def _goals_off_the_costmap(setup: _Setup, own: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line if the goals of demo and tune are off the global costmap."""
-    fixed, goal = not (setup.with_map or own["rolling_window"]), GOAL_AHEAD_M * setup.robot.world_scale
-    ahead = own["width"] + own["origin_x"] if fixed else own["width"] / 2 if own["rolling_window"] else inf
-    if ahead < goal:
-        yield (
-            f"global_costmap/width is {own['width']:g}: goals more than {ahead:g} m ahead have no plan, and those of "
-            f"demo and tune are {goal:.1f} m ahead; give {own['width'] + (2 - fixed) * ceil(goal - ahead + 0.5)}"
-        )
-
-
-def _size_of_the_robot(robot: Robot, outline: np.ndarray) -> Iterator[str]:
-    """Yield what does not fit the local costmap's padded footprint (n, 2) [m]."""
-    fitting = np.ptp(outline[:, 1]) / WIDTH
-    if abs(robot.world_scale / fitting - 1.0) > SCALE_OFF:
-        yield f"world_scale is {robot.world_scale:g}: by the footprint's width it is {fitting:.3f}, give that"
-    directions = np.array([np.cos(EIGHT), np.sin(EIGHT)])
-    beyond = ((geometry.corners(robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
-    if beyond > OUTSIDE:
-        box = "the box around body and wheels, at which the monitor stops"
-        yield f"local_costmap/footprint is too small: {box}, reaches {beyond:.2f} m beyond it with padding"
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------

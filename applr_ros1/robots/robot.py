@@ -342,16 +342,13 @@ class RobotFile(Section):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, content: Any) -> Any:
-        """Takes empty sections out, and gives each parameter of the space the name that is its key, its values too."""
+        """Take empty sections out, and give each parameter of the space, and its values, the name that is its key."""
         content = {name: value for name, value in content.items() if value is not None}
-        space = content.get("parameter_space")
-        if not isinstance(space, dict):
-            return content
-        named = {name: dict(given, name=name) if isinstance(given, dict) else given for name, given in space.items()}
-        for name, given in named.items():
-            if isinstance(given, dict) and isinstance(given.get("sets"), list):
-                given["sets"] = [{"name": name, **one} if isinstance(one, dict) else one for one in given["sets"]]
-        return dict(content, parameter_space=named)
+        for name, given in content.get("parameter_space", {}).items():
+            given["name"] = name
+            for one in given.get("sets", ()):
+                one.setdefault("name", name)
+        return content
 
 
 class MoveBaseSetup(NamedTuple):

@@ -275,13 +275,13 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
     ("urdf", "more", "why"),
     [
         (BODY, {}, r"\(none\) are not in one or two pairs"),
-        (CART.replace("continuous", "fixed"), CONTROLLED, "left_joint is fixed, so make it continuous"),
+        (CART.replace("continuous", "fixed"), CONTROLLED, "left_joint is steered, or not continuous"),
         (CART + wheel("l2", ".2 .12 0") + wheel("r2", ".2 -.12 0") + PLANAR, {}, "planar_move.so is of a base that"),
         (CART.replace('"left"', '"mecanum_left"'), {}, "mecanum_left is of a base that also drives sideways"),
         (
             CART + KNUCKLE + wheel("steered", "0 0 0", parent="knuckle"),
             {},
-            "knuckle_joint steers the wheel of steered_j",
+            "steered_joint is steered, or not",
         ),
         (
             CART.replace("left_joint", "port_joint"),

@@ -38,7 +38,7 @@ IN_ROBOT_YAML = [
         "local_costmap/inflation_layer}",
         "inflation_radius: there is no server .*inflation_layer.*; did you mean local_costmap/inflater_layer",
     ),
-    ("name: path_distance_bias", "name: path_distance", "pdist_scale: server .* has no parameter path_distance; "),
+    ("name: path_distance_bias", "name: path_distance", "pdist_scale: server .* has no number path_distance; "),
     ("range: [4, 60], integer: true", "range: [4, 60]", "vtheta_samples: give integer: true, as in server Traj"),
     ("range: [0.1, 1.5]", "range: [0.1, 15.0]", "pdist_scale: server .* takes 0 to 5; stay within it"),
     ("axle_height: 0.0345", "axle_height: 0.5", "base.axle_height is 0.5: .*0.402"),
@@ -67,9 +67,7 @@ OF_JACKAL = [
         r"footprint is \[\[-0.21, -0.165\], \[-0.21\]\]: give at least three",
     ),
     (COSTMAPS, "footprint_padding: 0.1", "footprint_padding: 10", "footprint_padding.* 20.4 x 20.3 m"),
-    (COSTMAPS, "resolution: 0.05", "resolution: 5", "local_costmap/resolution is 5: .*0.416 m wide"),
     (COSTMAPS, "topic: front/scan", "topic: scan", "obstacles_layer/scan/topic is scan: .*front/scan, give that"),
-    (COSTMAPS, "data_type: LaserScan\n", "data_type: PointCloud2\n", "scan/data_type is PointCloud2: .*LaserScan"),
     (COSTMAPS, "max_obstacle_height: 2.0", "max_obstacle_height: 0.2", "max_obstacle_height are -2, 0.2: .*0.333"),
     (COSTMAPS, "  observation_sources: scan\n", "", "local_costmap has no observation source: "),
     (COSTMAPS, "robot_base_frame: base_link", "robot_base_frame: base", "robot_base_frame is base: .*base_link"),
@@ -77,15 +75,10 @@ OF_JACKAL = [
 ]
 OF_BURGER = [
     (LOCAL, "global_frame: odom", "global_frame: map", "local_costmap/global_frame is map: .*odom, give that"),
-    (LOCAL, "update_frequency: 10.0", "update_frequency: 0.0", "local_costmap/update_frequency is 0: "),
     (LOCAL, "rolling_window: true", "origin_x: -1.0", "local_costmap/origin_y is 0: .* 3 m long.*give -1.5"),
     (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer: "),
-    (BURGER, "acc_lim_theta: 3.2", "acc_lim_x: 1.0\n  acc_lim_theta: 2.0", "acc_lim_theta is 2: .* refused; give 13.7"),
-    (BURGER, "min_vel_trans: 0.11", "min_vel_trans: 0.5", r"min_vel_trans is 0.5, larger than max_vel_trans \(0.22\)"),
-    (BURGER, "sim_time: 1.5", "sim_time: 0", "DWAPlannerROS/sim_time is 0: "),
 ]
 REMARKS = [
-    ("jackal", ROBOT, "world_scale: 1.0", "world_scale: 1.5", "world_scale is 1.5: .*1.000"),
     (
         "jackal",
         COSTMAPS,
@@ -99,13 +92,6 @@ REMARKS = [
     ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
     ("jackal", COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
     ("jackal", COSTMAPS, "sensor_frame: front_laser", "sensor_frame: laser", "sensor_frame is laser: .*front_laser"),
-    (
-        "jackal",
-        COSTMAPS,
-        "    obstacle_range: 2.5",
-        "    obstacle_range: 5.5",
-        r"obstacle_range is 5.5: .*\(3\) is ever",
-    ),
     (
         "turtlebot3_burger",
         BURGER,
@@ -127,8 +113,6 @@ REMARKS = [
         "acc_lim_x: 250",
         "acc_lim_x is 250.0: 20.0 counts, of 0.0 to 20.0",
     ),
-    ("turtlebot3_burger", BURGER, "acc_lim_x: 2.5", "acc_lim_x: 1.0", "min_vel_x is -0.22: .*give acc_lim_x 2.2"),
-    ("turtlebot3_burger", BURGER, "sim_time: 1.5", "odom_topic: wheels", "odom_topic is wheels: .*odom, give that"),
     (
         "turtlebot3_burger",
         COSTMAPS.replace(".", "_burger."),
@@ -143,8 +127,6 @@ REMARKS = [
         "robot_base_frame: base_link",
         "robot_base_frame is base_link: base_footprint of global_costmap counts for both",
     ),
-    ("turtlebot3_burger", ROBOT, "rolling_window: false, width: 20,", "rolling_window: true, width: 6,", "give 12"),
-    ("turtlebot3_burger", ROBOT, "width: 20, height: 20, origin_x: -10,", "width: 4, origin_x: -1,", "give 7"),
 ]
 
 
@@ -180,12 +162,11 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_included_robots_have_no_errors_and_one_a_remark(name):
+def test_included_robots_have_no_errors_and_no_remarks(name):
     robot = load(name)
     setups = [False] if robot.move_base.with_map is None else [False, True]
     assert [line for with_map in setups for line in check(robot, with_map)] == []
-    lines = {line.partition(" is ")[0] for with_map in setups for line in remarks(robot, with_map)}
-    assert lines == ({"DWAPlannerROS/min_vel_x"} if name == "turtlebot3_waffle_pi" else set())
+    assert [line for with_map in setups for line in remarks(robot, with_map)] == []
 
 
 def test_all_mistakes_in_robot_yaml_come_at_once_and_then_those_of_parameters(tmp_path, capsys):

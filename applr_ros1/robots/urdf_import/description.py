@@ -79,7 +79,7 @@ def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
     by = "the controller's file" if driven else "the drive plugin" if named else "being continuous, in pairs"
     absent = sorted(set(named) - set(urdf.joints))
     turning = [joint for joint in urdf.joints.values() if joint.type == "continuous" and _is_across(urdf, joint)]
-    alone = [joint for joint in turning if all(above.type != "continuous" for above in _carriers(urdf, joint))]
+    alone = [joint for joint in turning if all(above.type != "continuous" for above in urdf.moving[joint.child][1:])]
     joints = [urdf.joints[name] for name in dict.fromkeys(named) if name in urdf.joints] if named else alone
     names = ", ".join(joint.name for joint in joints)
     problem = f"{by} names {', '.join(absent)}, which {urdf.path} does not have" if absent else _oddity(urdf, joints)
@@ -95,11 +95,6 @@ def _is_across(urdf: UrdfFile, joint: Any) -> bool:
     return bool(abs(urdf.axis(joint)[1]) > 0.95)
 
 
-def _carriers(urdf: UrdfFile, joint: Any) -> List[Any]:
-    """Return the joints above a joint that move it, the nearest first."""
-    return urdf.moving[joint.child][1:]
-
-
 def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
     """Return why joints are not those of two wheels on one axle or four wheels on two; "" if they are."""
     names = ", ".join(joint.name for joint in joints) or "none"
@@ -109,13 +104,9 @@ def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
     if sideways:
         return f"{sideways[0]} is of a base that also drives sideways, of which there is no model"
     for joint in joints:
-        if joint.type == "fixed":
-            return f"{joint.name} is fixed, so make it continuous"
-        if not _is_across(urdf, joint):
-            return f"the axis of {joint.name} does not lie across the robot"
-        for above in _carriers(urdf, joint):
-            if abs(urdf.axis(above)[2]) > 0.7 and above.type != "prismatic":
-                return f"{above.name} steers the wheel of {joint.name}, of which there is no model"
+        steers = [above for above in urdf.moving[joint.child][1:] if abs(urdf.axis(above)[2]) > 0.7]
+        if joint.type != "continuous" or not _is_across(urdf, joint) or steers:
+            return f"{joint.name} is steered, or not continuous about an axis that lies across the robot"
     places = np.array([urdf.pose(joint.child)[:3, 3] for joint in joints]).reshape(-1, 3)
     left, right = (places[side][np.argsort(places[side][:, 0])] for side in (places[:, 1] > 0, places[:, 1] < 0))
     mirrored = right * [1.0, -1.0, 1.0]
@@ -156,21 +147,13 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
 def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
     """Return radius [m], width [m] and middle (3,) of a wheel; 0 for a size that its collision shapes do not say."""
     parts = urdf.parts(joint)
-    given = [(urdf.pose(name), collision) for name in parts for collision in urdf.links[name].collisions]
     shapes = [corners for name in parts for corners in urdf.shapes(name)]
-    middle = urdf.pose(joint.child)[:3, 3]
-    if not shapes or len(shapes) < len(given):
-        return 0.0, 0.0, middle
-    low, high = np.concatenate(shapes).min(axis=0), np.concatenate(shapes).max(axis=0)
+    low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
     length, width, height = high - low
-    if abs(length - height) > 0.1 * height:
-        return 0.0, 0.0, middle
-    shape, middle = given[0][1].geometry, (low + high) / 2
-    if len(given) == 1 and shape.cylinder is not None and width < 1.1 * shape.cylinder.length:
-        return shape.cylinder.radius, shape.cylinder.length, middle
-    if len(given) == 1 and shape.sphere is not None:  # says nothing about the width
-        return shape.sphere.radius, 0.0, middle
-    return float(height / 2), float(width), middle
+    if len(shapes) < sum(len(urdf.links[name].collisions) for name in parts) or abs(length - height) >= 0.1 * height:
+        return 0.0, 0.0, urdf.pose(joint.child)[:3, 3]
+    # a sphere says nothing about the width
+    return float(height / 2), float(width) if width < 0.9 * height else 0.0, (low + high) / 2
 
 
 def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description) -> None:
