@@ -1,66 +1,239 @@
-#!/usr/bin/env python3
-"""Measures the speeds in docs/explanation/results.md: `python tests/benchmarks/run.py [--json] [--only NAME ...]`.
+"""Measures the figures of docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an idle machine.
 
-Each figure is a function of its own name in one of the modules beside this file, returning (value, unit). Measure on a
-machine that does nothing else.
+Each figure is a function that returns its value and unit. Planner and simulators run in one thread and are measured in
+processor time. The C++ planners' times of like scenarios stand in tests/golden/FORMAT.md (1,620 and 15,700 us;
+inflation of 200 x 200 cells 179 us, navfn on 800 x 800 cells 1,076 us) and tests/golden_dwa/FORMAT_DWA.md (1,170 us).
 """
 
-import argparse
-import importlib
-import json
 import sys
-from pathlib import Path
+import time
+from statistics import median
+from types import SimpleNamespace
+from unittest.mock import patch
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
-FIGURES = {  # name -> module beside this file, in the order in which they are measured
-    "planner_cycle_default": "control",
-    "planner_cycle_max": "control",
-    "dwa_planner_cycle": "control",
-    "inflation": "cycle",
-    "navfn": "cycle",
-    "control_cycle": "cycle",
-    "sim_speed_kinematic": "cycle",
-    "sim_speed_pybullet": "cycle",
-    "td3_updates": "learning",
-    "sb3_td3_updates": "learning",
-    "actor_inference": "learning",
-    "reconfigure_all": "reconfigure",
-    "way_of_scan": "ways",
-    "way_of_decision": "ways",
-    "way_of_transition": "ways",
-}
+import numpy as np
 
+import worlds
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.navfn.navfn import Navfn
+from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy.parameter_space import SPACE
+from tests import replay_dwa, replay_golden
+from tests.benchmarks import ways
+from tests.support import ROOT
+from tests.support.episodes import episode
+from tests.support.jackal import JACKAL
+from tests.support.weights import make_weights
 
-def measure(name):
-    """{"value": ..., "unit": ...} of one figure."""
-    value, unit = getattr(importlib.import_module("tests.benchmarks." + FIGURES[name]), name)()
-    return {"value": round(float(value), 3), "unit": unit}
+COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
+SECONDS = 20  # of each course that are simulated at most
+BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a line per figure")
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        choices=list(FIGURES),
-        default=list(FIGURES),
-        metavar="NAME",
-        help="measure these: " + ", ".join(FIGURES),
+def planner_cycle_default():
+    """One choice of a velocity with the Jackal's parameters, 6 x 20 samples."""
+    return _trajectory_planner({})
+
+
+def planner_cycle_max():
+    """12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
+    fast = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40)
+    return _trajectory_planner(fast, (1.6, 0.0, 0.3))
+
+
+def _trajectory_planner(changes, velocity=None):
+    times = []
+    for scenario in _of_samples("golden", vx_samples=6, vtheta_samples=20)[:20]:
+        costmap = replay_golden.make_costmap(scenario)
+        planner = replay_golden.make_planner(scenario, costmap)
+        planner.reconfigure(changes)
+        planner.set_plan(scenario.array("plan"))
+        times.append(_choice(planner, [0] * 10, costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]))
+    return median(times), "us (median of %d scenarios)" % len(times)
+
+
+def dwa_planner_cycle():
+    """TurtleBot3 burger as its navigation package drives it: 861 samples of 1.5 s, 3 x 3 m."""
+    times = []
+    for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
+        if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # a legal command is found
+            costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
+            scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
+            times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
+    return median(times), "us (median of %d scenarios)" % len(times)
+
+
+def _of_samples(name, **samples):
+    """The scenarios of a golden set with so many samples."""
+    found = [scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"]
+    return [scenario for scenario in found if samples.items() <= scenario.inputs["params"].items()]
+
+
+def _choice(planner, state, *scene):
+    """Median processor time of findBestPath [us]."""
+    planner.find_best_path(*scene)
+    took = []
+    for _ in range(30):
+        planner.state = state
+        began = time.thread_time()
+        planner.find_best_path(*scene)
+        took.append(time.thread_time() - began)
+    return 1e6 * median(took)
+
+
+def control_cycle():
+    """Mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
+    mean, count = _time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled)
+    return 1e3 * mean, "ms (mean over %d cycles)" % count
+
+
+def inflation():
+    """One update of the inflation layer of the local map, 200 x 200 cells, r = .30, while driving."""
+    mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._nx == 200)
+    return 1e6 * mean, "us (mean over %d updates)" % count
+
+
+def navfn():
+    """One plan on the global map, 800 x 800 cells, from the driving robot to the goal, the map changing meanwhile."""
+    mean, count = _time_in_drives(Navfn, "plan", lambda *_: True, planner_frequency=20.0)
+    return 1e6 * mean, "us (mean over %d plans)" % count
+
+
+def _time_in_drives(kind, name, counts, **parameters):
+    """Mean time [s] of a method's calls that count, and their number, in the best of three drives of the courses."""
+    warm_up()
+    method, took, means = getattr(kind, name), [], []
+
+    def timed(made, *arguments):
+        began = time.process_time()
+        result = method(made, *arguments)
+        if counts(made, result):
+            took.append(time.process_time() - began)
+        return result
+
+    with patch.object(kind, name, timed):
+        for _ in range(3):
+            took.clear()
+            _drive(ways.make_episode("kinematic", MoveBase({**JACKAL, **parameters})), lambda _: SPACE.theta0)
+            means.append(np.mean(took))
+    return min(means), len(took)
+
+
+def sim_speed_kinematic():
+    """Simulated seconds per second of one core with random parameters, resets included."""
+    return _speed("kinematic")
+
+
+def sim_speed_pybullet():
+    return _speed("pybullet")
+
+
+def _speed(simulator):
+    warm_up()
+    driven, best = ways.make_episode(simulator), 0.0
+    for seconds in (2, SECONDS, SECONDS, SECONDS):
+        began = time.process_time()
+        simulated = _drive(driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds)
+        best = max(best, simulated / (time.process_time() - began))
+    return best, "simulated s per wall s and core"
+
+
+def _drive(driven, theta, seconds=SECONDS):
+    """Drive the courses with theta(random generator) at each decision; returns simulated seconds."""
+    rng, simulated = np.random.default_rng(0), 0.0
+    for number in COURSES:
+        driven.reset(worlds.load("generated:%d" % number), seed=number)
+        for _ in range(round(seconds / driven.period)):
+            outcome = driven.decide(theta(rng))
+            simulated += outcome.seconds
+            if outcome.over:
+                break
+    return simulated
+
+
+def td3_updates():
+    """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
+    from training.learner.learner import draw_batch
+    from training.replay.buffer import Replay
+    from training.replay.trajectory import TransitionLayout
+    from training.td3.td3 import TD3, TD3Options
+
+    layout = TransitionLayout()
+    replay, rng = Replay(layout, 7200), np.random.default_rng(0)
+    for number in range(460):
+        replay.add(episode(layout, number, 13, terminated=number % 10 > 0, version=0))
+    td3 = TD3(OBSERVATIONS, ACTIONS, TD3Options(net_arch=list(HIDDEN)))
+    return _rate(lambda: td3.update(draw_batch(replay, rng, BATCH, 4, 0.95, td3.device))), "updates/s"
+
+
+def sb3_td3_updates():
+    """stable-baselines3's TD3.train at the same shapes, from batches already made (no sampling)."""
+    import gymnasium
+    import stable_baselines3
+    import torch
+
+    class Spaces(gymnasium.Env):
+        observation_space = gymnasium.spaces.Box(-1, 1, (OBSERVATIONS,), np.float32)
+        action_space = gymnasium.spaces.Box(-1, 1, (ACTIONS,), np.float32)
+
+    model = stable_baselines3.TD3(
+        "MlpPolicy", Spaces(), batch_size=BATCH, buffer_size=10, policy_kwargs={"net_arch": list(HIDDEN)}
     )
-    options = parser.parse_args()
-    figures = {}
-    for name in options.only:
-        try:
-            figures[name] = measure(name)
-        except Exception as problem:  # the others are still worth having
-            figures[name] = {"value": None, "unit": "failed: %s" % (str(problem).splitlines() or [repr(problem)])[0]}
-        if not options.json:
-            print("%-28s %s %s" % (name, figures[name]["value"], figures[name]["unit"]), flush=True)
-    if options.json:
-        print(json.dumps(figures, indent=2))
-    return any(figure["value"] is None for figure in figures.values())
+    model.set_logger(stable_baselines3.common.logger.Logger(None, []))
+    x = [torch.rand(BATCH, n) * 2 - 1 for n in (OBSERVATIONS, ACTIONS, 1, OBSERVATIONS, 1, 1)]
+    names = "observations", "actions", "rewards", "next_observations", "dones", "discounts"
+    data = SimpleNamespace(**dict(zip(names, x), dones=torch.zeros(BATCH, 1)))
+    model.replay_buffer.sample = lambda *a, **k: data
+    return _rate(lambda: model.train(2, BATCH)) * 2, "updates/s"
 
+
+def actor_inference():
+    """One observation through the actor, as the node does it: numpy, 729 -> 3 x 512 -> 8."""
+    from applr_ros1.policy.actor import Policy
+
+    actor = Policy.of(make_weights(hidden=HIDDEN, inputs=OBSERVATIONS, outputs=ACTIONS))
+    observation = np.random.default_rng(0).uniform(-1, 1, OBSERVATIONS).astype(np.float32)
+    return 1e6 / _rate(lambda: actor.action(observation)), "us"
+
+
+def _rate(step, rounds=5, seconds=0.6):
+    """Best of some rounds, in steps per second of wall time."""
+    for _ in range(8):
+        step()
+    best = 0.0
+    for _ in range(rounds):
+        begun, n = time.perf_counter(), 0
+        while n < 4 or time.perf_counter() - begun < seconds:
+            step()
+            n += 1
+        best = max(best, n / (time.perf_counter() - begun))
+    return best
+
+
+def reconfigure_all():
+    """Changing all eight parameters of our idle move_base node over ROS, 20 times a second, every value read back."""
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+    from tests.support.ros_harness import session, wait_for
+
+    node, client, took = session().node("move_base", "cmd_vel:=/cmd_vel"), ReconfigureClient(), []
+    wait_for(lambda: client.connected or not node.alive() or not client.connect(), "parameter servers")
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        began = time.monotonic()
+        error = client.apply(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
+        took.append(1e3 * (time.monotonic() - began))
+        assert not error, error
+        time.sleep(max(0.0, 0.05 - 1e-3 * took[-1]))
+    client.close()
+    return np.percentile(took, 95), "ms (p95)"
+
+
+FIGURES = (planner_cycle_default, planner_cycle_max, dwa_planner_cycle, inflation, navfn, control_cycle)
+FIGURES += (sim_speed_kinematic, sim_speed_pybullet, td3_updates, sb3_td3_updates, actor_inference, reconfigure_all)
+FIGURES += (ways.way_of_scan, ways.way_of_decision, ways.way_of_transition)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    for figure in FIGURES:
+        if figure.__name__ in sys.argv[1:] or not sys.argv[1:]:
+            print("%-28s %.3f %s" % (figure.__name__, *figure()), flush=True)

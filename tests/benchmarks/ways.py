@@ -9,13 +9,16 @@ import sys
 import tempfile
 from pathlib import Path
 
+import sim_bridge
 import worlds
 from applr_ros1 import robots
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
-from tests.benchmarks.cycle import make_episode
+from tests.support import ROOT
+from tests.support.jackal import JACKAL
 from training import train
+from training.env.episode import Episode
 
-ROOT = Path(__file__).resolve().parents[2]
 TRAINING = (str(ROOT / "training"),)
 PACKAGES = tuple(str(ROOT / name) for name in ("applr_ros1", "sim_bridge", "training", "worlds"))
 COURSE = "generated:140"
@@ -55,6 +58,11 @@ class Way:
     def figure(self):
         """How many files, and what run.py prints behind that."""
         return len(self.files), "files, %d moves between them" % self.moves
+
+
+def make_episode(simulator, move_base=None, period=2.0, **options):
+    move_base = move_base or MoveBase(dict(JACKAL, planner_frequency=20.0))
+    return Episode(sim_bridge.make(simulator), move_base, period=period, **options)
 
 
 def _driving():

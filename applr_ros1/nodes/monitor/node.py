@@ -109,8 +109,10 @@ class CollisionMonitorNode:
                 except Exception as problem:
                     self._fail(problem)
             if not heartbeat.beat():
-                with self._lock:  # held until rospy is shut down: no command may follow the zero
-                    self._out.publish(conversions.twist(0.0, 0.0))
+                with self._lock:  # held until rospy is shut down: no command may follow the zeros
+                    for _ in range(LAST_ZEROS):  # a shutdown closes connections, and a single zero might be lost
+                        self._out.publish(conversions.twist(0.0, 0.0))
+                        time.sleep(ZEROS_S)
                     rospy.signal_shutdown("the process that started this node is gone")
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT_S
