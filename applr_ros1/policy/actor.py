@@ -28,8 +28,6 @@ from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"
-CONTEXTS = "contexts"  # what a file holds that is in neither form
-KINDS = PAPER, DIMENSIONLESS, CONTEXTS
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0  # A robot of the Jackal's size that comes less far in this time stalls.
 # how far TrajectoryPlannerROS backs out of a dead end while the robot stalls [m, rad]
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
@@ -155,16 +153,9 @@ class Policy(_FromFile):
         episode_start: Optional[np.ndarray] = None,
         deterministic: bool = True,
     ) -> Tuple[np.ndarray, Optional[Tuple[np.ndarray, ...]]]:
-        """Return the actions for observations of the Gymnasium environment, as a model of stable-baselines3 gives them.
+        """Return actions (m,) or (k, m) for observations (n,) or (k, n), as a model of stable-baselines3 gives them.
 
-        Args:
-            observation: (n,) one observation, or (k, n) several.
-            state: Given back as it is: the policy has no memory.
-            episode_start: Without effect, for the same reason.
-            deterministic: Without effect: the policy always is.
-
-        Returns:
-            (m,) or (k, m) float32 in [-1, 1], and `state`.
+        The policy is deterministic and has no memory: `state` comes back as it is, the rest has no effect.
         """
         return self.action(observation), state
 
@@ -204,18 +195,15 @@ class ContextPolicy(_FromFile):
         return self.sets[self.context(context.observation)].copy()
 
 
-def load(
-    path: Union[str, os.PathLike], robot: Robot = JACKAL, kinds: Tuple[str, ...] = (PAPER, DIMENSIONLESS)
-) -> Union[Policy, ContextPolicy]:
+def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, ContextPolicy]:
     """Read the policy in a file, for a robot. How it sees a scan is its own: see the policy's `layout`.
 
     Args:
         path: The file.
         robot: Which robot it is to drive; one in the paper's form, or with contexts, has to be for it.
-        kinds: What it may hold, of KINDS.
 
     Raises:
-        ApplrError: It is absent, made for another robot or parameter space, or of another kind.
+        ApplrError: It is absent, or made for another robot or parameter space.
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path), path)
@@ -223,15 +211,13 @@ def load(
     if written not in (FORMAT, CONTEXTS_FORMAT):
         raise ApplrError(f"{path}: no policy of ours (format {written!r}); give a file that train.py or appld.py wrote")
     metadata = {key: _value(text) for key, text in header.items()}
-    kind = CONTEXTS if written == CONTEXTS_FORMAT else DIMENSIONLESS if "observation" in metadata else PAPER
-    if kind not in kinds:
-        raise ApplrError(f"{path}: it holds a policy of the kind {kind}; {' or '.join(kinds)} is needed")
     found: Union[Policy, ContextPolicy]
     try:
-        if kind == CONTEXTS:
+        if written == CONTEXTS_FORMAT:
             found = ContextPolicy.of(weights, metadata, robot)
         else:
-            found = Policy.of(weights, FORMS[kind].of(metadata, robot), metadata)
+            form = FORMS[DIMENSIONLESS if "observation" in metadata else PAPER]
+            found = Policy.of(weights, form.of(metadata, robot), metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
     found.metadata, found.path = metadata, path

@@ -19,6 +19,10 @@ from applr_ros1.common.errors import ApplrError
 ANGLE_TOLERANCE_RAD = 0.02  # by which a scan may end before the layout does
 COARSEST_RAD = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
 TURN_RAD = 2.0 * math.pi
+IN_FILES = {  # names of a layout's fields in files
+    **{"beams": "beams", "range_cap_m": "range_cap", "lookahead_m": "lookahead"},
+    **{"angle_min_rad": "angle_min", "angle_max_rad": "angle_max"},
+}
 
 
 class ObservationError(ApplrError):
@@ -50,24 +54,17 @@ class Layout:
 
     def to_dict(self) -> Dict[str, Any]:
         """Return what a policy's file holds of it, JSON values."""
-        return {
-            "beams": self.beams,
-            "range_cap_m": self.range_cap,
-            "angle_min_rad": self.angle_min,
-            "angle_max_rad": self.angle_max,
-            "lookahead_m": self.lookahead,
-        }
+        return {key: getattr(self, name) for key, name in IN_FILES.items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "Layout":
         """Make the layout that to_dict described."""
-        names = ("beams", "angle_min_rad", "angle_max_rad", "range_cap_m", "lookahead_m")
-        return cls(*(values[name] for name in names))
+        return cls(**{name: values[key] for key, name in IN_FILES.items()})
 
     def sector(self, bearing: float, width: float) -> np.ndarray:
         """Return indices of the beams within width / 2 of a bearing [rad]."""
         angles = self.angle_min + self.step * np.arange(self.beams)
-        return np.flatnonzero(np.abs(_wrapped(angles - bearing)) <= 0.5 * width)
+        return np.flatnonzero(np.abs((angles - bearing + math.pi) % TURN_RAD - math.pi) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
         """Return a scan as this layout has it: (beams,) float32 [m]; one of exactly this geometry comes back as it is.
@@ -135,7 +132,3 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
     taken = np.repeat(begins - starts, lengths) + np.arange(lengths.sum())
     return source[taken], starts
-
-
-def _wrapped(angles: np.ndarray) -> np.ndarray:
-    return (angles + math.pi) % TURN_RAD - math.pi

@@ -11,7 +11,7 @@ A person's own is a subclass of Method, in any module:
             slow = context.ranges.min() < 0.4
             return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # names left out keep theta_0
 
-A class may also stand in a file: `my_methods.py:Cautious`. `module:Class:text` gives the text to the constructor.
+A class may also stand in a file: `my_methods.py:Cautious`.
 Parameters that come back are clipped to the space's bounds; NaN is refused.
 """
 
@@ -37,7 +37,7 @@ from applr_ros1.robots import JACKAL, Robot
 EXPLORED = 0.5  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 POLICY, SET = "applr.safetensors", "static.json"  # in a robot's folder: its policy, its tuned set
-USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text
+USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$")  # my_file.py:Class
 
 
 class FixedParameters(Method):
@@ -125,10 +125,6 @@ def auto(robot: Robot) -> str:
     return next((name for name, file in files.items() if os.path.exists(shipped(file, robot))), "dwa")
 
 
-def _policy(path: str, robot: Robot) -> Method:
-    return actor.load(path, robot, actor.KINDS)
-
-
 def _fixed(path: str, robot: Robot) -> FixedParameters:
     space = space_of(robot)
     values, per_cell = space.read(path)
@@ -142,7 +138,7 @@ def _trained(robot: Robot) -> Method:
             "applr: there is no %s: find a set with `./applr tune %s`, then train a policy that begins there with "
             "`python -m training.train --recipe jackal --robot %s`" % (path, *[robot.folder] * 2)
         )
-    return _policy(path, robot)
+    return actor.load(path, robot)
 
 
 def _tuned(robot: Robot) -> FixedParameters:
@@ -168,22 +164,16 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         lambda robot: METHODS[auto(robot)][0](robot),
         "applr where the robot's folder has a policy, else static where it has a set, else dwa",
     ),
-    "static": (
-        _tuned,
-        "the best single set that CMA-ES found on the training worlds",
-    ),
+    "static": (_tuned, "the best single set that CMA-ES found on the training worlds"),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "explore": (_explored, "around the robot's tuned set, else its own parameters, drawn anew every second"),
-    "applr": (
-        _trained,
-        "the robot's policy",
-    ),
+    "applr": (_trained, "the robot's policy"),
     "appld": (
-        lambda robot: _policy(shipped("appld.safetensors", robot), robot),
+        lambda robot: actor.load(shipped("appld.safetensors", robot), robot),
         "the shipped contexts and classifier",
     ),
 }
-FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": _policy, ".json": _fixed}  # by their endings
+FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}  # by their endings
 FORMS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.py:Class" % ", ".join(METHODS)
 
 
@@ -230,21 +220,16 @@ def _reader(spec: str) -> Callable[[str, Robot], Method]:
 
 
 def absolute(spec: str) -> str:
-    """Return the same specification for another folder: files, and modules of the current folder, as paths.
-
-    The text for the constructor of a person's own class becomes a path if a file of that name is here.
-    """
+    """Return the same specification for another folder: files, and modules of the current folder, as paths."""
     if spec in METHODS:
         return spec
     user = USER_METHOD.match(spec)
     if not user:
         _reader(spec)  # refuses what is no file of a method
         return os.path.abspath(spec)
-    module, name, text = user.groups()
+    module, name = user.groups()
     file = module if module.endswith(".py") else module + ".py"
-    words = [os.path.abspath(file) if module.endswith(".py") or os.path.isfile(file) else module, name]
-    words += [] if text is None else [os.path.abspath(text) if os.path.isfile(text) else text]
-    return ":".join(words)
+    return f"{os.path.abspath(file) if module.endswith('.py') or os.path.isfile(file) else module}:{name}"
 
 
 def parse(text: str) -> List[Tuple[str, str]]:
@@ -264,22 +249,20 @@ def parse(text: str) -> List[Tuple[str, str]]:
     return list(methods.items())
 
 
-def make_user_method(module: str, name: str, text: Optional[str]) -> Method:
-    """Make the class `name` of a module or of a .py file, with `text` if there is one.
+def make_user_method(module: str, name: str) -> Method:
+    """Make the class `name` of a module or of a .py file.
 
     Raises:
         ApplrError: The class is no subclass of Method or cannot be made, for whatever reason.
     """
     try:
-        kind: Any = getattr(load_module(module), name)
-        fits = isinstance(kind, type) and issubclass(kind, Method)
-        if fits:
-            return kind() if text is None else kind(text)
+        method = getattr(load_module(module), name)()
     except Exception as error:
         raise ApplrError("method %s:%s cannot be made: %s" % (module, name, one_line(error))) from error
-    raise ApplrError(
-        "method %s:%s is no subclass of applr_ros1.policy.methods.Method: derive it from that class" % (module, name)
-    )
+    if not isinstance(method, Method):
+        where = "applr_ros1.policy.methods.Method"
+        raise ApplrError("method %s:%s is no subclass of %s: derive it from that class" % (module, name, where))
+    return method
 
 
 def load_module(module: str) -> ModuleType:

@@ -7,16 +7,9 @@ from applr_ros1.policy.parameter_space import SPACE
 
 
 class Cautious(Method):
-    """The speed limit follows the smallest range of the scan.
-
-    Args:
-        text: What stands after the second colon of `cautious:Cautious:text`: the range [m] below which it is slow.
-    """
-
-    def __init__(self, text: str = "0.6"):
-        self.near = float(text)
+    """The speed limit follows the smallest range of the scan."""
 
     def theta(self, context) -> np.ndarray:
         """The parameters (8,) until the next decision; names left out keep their default."""
-        slow = context.ranges.min() < self.near
+        slow = context.ranges.min() < 0.5
         return SPACE.from_dict({"max_vel_x": 0.4 if slow else 1.2, "inflation_radius": 0.3 if slow else 0.2})

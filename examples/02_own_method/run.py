@@ -1,6 +1,6 @@
 """Evaluates a method of one's own (cautious.py) beside the planner's default parameters.
 
-The same as the command `evaluate.py --methods dwa,cautious:Cautious:0.5 ...` with this folder on PYTHONPATH.
+The same as the command `evaluate.py --methods dwa,cautious:Cautious ...` with this folder on PYTHONPATH.
 The report with all tables and figures is OUT/report/index.html.
 """
 
@@ -22,7 +22,7 @@ def main() -> None:
 
     here = str(Path(__file__).resolve().parent)
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([here, os.environ.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "applr_ros1.training.evaluate", "--methods", "dwa,cautious:Cautious:0.5"]
+    command = [sys.executable, "-m", "applr_ros1.training.evaluate", "--methods", "dwa,cautious:Cautious"]
     command += ["--worlds", options.worlds, "--trials", options.trials, "--simulator", "kinematic"]
     subprocess.run(command + ["--out", options.out], env=environment, check=True)
     with open(Path(options.out) / "trials.csv", newline="") as file:

@@ -226,14 +226,13 @@ def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
 
 def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("own.py", "weights.txt"):
-        (tmp_path / name).touch()
+    (tmp_path / "own.py").touch()
     for spec, becomes in (
         ("applr", "applr"),
         ("mine.safetensors", "{0}/mine.safetensors"),
         ("set.json", "{0}/set.json"),
-        ("own.py:Own:weights.txt", "{0}/own.py:Own:{0}/weights.txt"),
-        ("own:Own:0.5", "{0}/own.py:Own:0.5"),
+        ("own.py:Own", "{0}/own.py:Own"),
+        ("own:Own", "{0}/own.py:Own"),
         ("json:Own", "json:Own"),
         ("package.own:Own", "package.own:Own"),
     ):

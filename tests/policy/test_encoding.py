@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, Stall, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, SIZE, DimensionlessForm
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
 from applr_ros1.policy.form import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
@@ -175,6 +174,3 @@ def test_one_file_drives_every_robot(tmp_path):
         assert method.period == 1.0
         assert theta.shape == (len(method.space),)
         assert np.array_equal(theta, method.space.clip(theta))
-    save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
-    with pytest.raises(ApplrError, match="of the kind paper; dimensionless is needed"):
-        load_policy(tmp_path / "own.safetensors", kinds=(DIMENSIONLESS,))

@@ -201,7 +201,6 @@ def _wrong_files():
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs, .*729, 8"),
-        "period": (_raw(good, **header, period_s="0.0"), "period_s"),
     }
 
 

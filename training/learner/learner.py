@@ -19,7 +19,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
-from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from training.common.folders import make_folder
 from training.learner.config import LearnerOptions, Start
 from training.replay.buffer import Replay
@@ -192,7 +191,7 @@ class Learner:
 
 def begun_policy(path: str) -> Weights:
     """The network in the file of a policy in the dimensionless form, without its mirror image. Raises ApplrError."""
-    layers = load(path, kinds=(DIMENSIONLESS,)).layers
+    layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
 

@@ -128,7 +128,7 @@ def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path):
     assert result["held_out"] > 0.98
     path = tmp_path / "contexts.safetensors"
     actor.save_contexts(path, {"a": SPACE.chosen.theta0, "b": SPACE.chosen.high}, weights)
-    net = actor.load(path, kinds=(actor.CONTEXTS,))
+    net = actor.load(path)
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
 
 
@@ -151,7 +151,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
 def test_shipped_file_drives():
     """The included file is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors", JACKAL)
-    found = actor.load(path, kinds=(actor.CONTEXTS,))
+    found = actor.load(path)
     assert 2 <= len(found.names) <= 8
     assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
     refused(lambda: methods.make(path, load("husky")), "for the robot jackal: here husky runs")

@@ -255,20 +255,19 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
     (tmp_path / "my_module.py").write_text(
         "from applr_ros1.policy.methods import Method\n"
         "from applr_ros1.policy.parameter_space import SPACE\n"
-        "class Cautious(Method):\n    def __init__(self, text='1.0'): self.speed = float(text)\n"
+        "class Cautious(Method):\n"
         "    def reset(self, seed): self.seed = seed\n"
-        "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': self.speed})\n"
+        "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': 0.7})\n"
         "class Nothing: pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert theta(methods.make("my_module:Cautious"), "max_vel_x") == 1.0
-    own = methods.make("my_module:Cautious:0.7")
+    own = methods.make("my_module:Cautious")
     own.reset(3)
     assert theta(own, "max_vel_x") == 0.7
     assert own.seed == 3
     with pytest.raises(ApplrError, match="no subclass"):
         methods.make("my_module:Nothing")
-    assert methods.parse("dwa,my_module:Cautious:0.7") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious:0.7")]
+    assert methods.parse("dwa,my_module:Cautious") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious")]
 
 
 # -- the real stack --------------------------------------------------------------------------------------------------
