@@ -1,7 +1,7 @@
 """One training run: actors drive episodes, one learner learns from them, held-out worlds choose the best policy.
 
 The run's folder holds config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
-best.safetensors, evaluations.jsonl and tensorboard/.
+best.safetensors, evaluations.jsonl, evaluation-* and tensorboard/.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
-from typing import Any, Deque, Dict, Optional, Union
+from typing import Any, Dict, Optional, Set
 
 import numpy as np
 import safetensors.numpy
@@ -28,7 +28,7 @@ from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import PeriodicEvaluation
-from training.evaluation.trial import POLICY, Result, Trial
+from training.evaluation.trial import Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig
 from training.learner.metrics import TensorBoardLog, describe, mean
 from training.learner.prepare import dataset_of, prepare
@@ -78,10 +78,8 @@ class TrainingRun:
             planner=config.eval_planner,
         )
         self._next_episode = self.extra.get("next_episode", 0)
-        self._trials: Deque[Trial] = deque()  # of the evaluation, not yet begun
-        self._running: Dict[Future, Union[Trial, Collect]] = {}  # and those whose results are not yet taken
+        self._running: Set[Future] = set()  # episodes whose results are not yet taken
         self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
-        self._evaluated = b""  # weights of the policy that the present evaluation drives
         self._saved = self._shown = time.monotonic()
         self._failed: Counter[str] = Counter()  # episodes, by error
         self._failed_in_a_row = 0
@@ -140,9 +138,8 @@ class TrainingRun:
                 if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
                     self.save()
                 self._show_status()
-            self.save()  # The last evaluation may take minutes.
-            while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
-                self._collect(0.2)
+            while self.finished and not self.stopping and self._evaluate():
+                pass
             self.save()
         finally:
             self.pool.shutdown()
@@ -160,22 +157,13 @@ class TrainingRun:
         self.stopping = signal.Signals(number).name
 
     def _submit(self) -> None:
-        """Keeps the workers busy, with the trials of an evaluation first; in this process, one task after the other.
-
-        Elsewhere workers go on while this process learns, until too many results wait to be taken in.
-        """
+        """Keep the workers busy, while this process learns, until too many results wait to be taken in."""
         slots = self.pool.slots
         most = 1 if self.pool.in_process else 4 * slots + 16
         while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
-            if self._trials:
-                trial = self._trials.popleft()
-                weights = self._evaluated if trial.method_spec == POLICY else b""
-                self._running[self.pool.submit(self.made.drive, trial, weights)] = trial
-            elif self.offline or self.finished:
+            if self.offline or self.finished:
                 return
-            else:
-                episode = self._episode()
-                self._running[self.pool.submit(self.made.collect, episode, self._policy)] = episode
+            self._running.add(self.pool.submit(self.made.collect, self._episode(), self._policy))
 
     def _episode(self) -> Collect:
         """The next training episode."""
@@ -189,10 +177,11 @@ class TrainingRun:
         """Takes in the results that are there, after at most `timeout` seconds, and learns from them."""
         self._submit()
         for future in wait(self._running, timeout, FIRST_COMPLETED).done:
-            task, result = self._running[future], None
             try:
-                result = future.result()
+                trajectory = future.result()
                 self._failed_in_a_row = 0
+                if not self.finished:
+                    self._take(trajectory)
             except CallFailed as error:
                 self._failed[str(error)] += 1
                 if self._failed[str(error)] == 1:
@@ -200,11 +189,7 @@ class TrainingRun:
                 self._failed_in_a_row += 1
                 if self._failed_in_a_row >= MANY_ERRORS:
                     raise ApplrError(f"{MANY_ERRORS} episodes in a row failed: {error}") from None
-            if isinstance(task, Trial):
-                self._trial_done(result and result[0])
-            elif result is not None and not self.finished:
-                self._take(result)
-            del self._running[future]  # until here it holds its slot
+            self._running.remove(future)  # until here it holds its slot
 
     def _take(self, trajectory: Trajectory) -> None:
         """Take in an episode, and make the gradient steps that are due for it."""
@@ -223,28 +208,34 @@ class TrainingRun:
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
-        """Begins a round of the evaluation if one is due.
+        """Drive a round of the evaluation if one is due; return whether that is done.
 
-        The default parameters, which may drive for minutes, come last where the time is limited. Of several seeds none
-        drives them: several.py compares the best policy with them.
+        The run is saved before, since a trial that fails by an error ends it. The default parameters, which may drive
+        for minutes, come last if the time is limited. Of several seeds none drives them: several.py compares the best
+        policy with them.
         """
         limited, finished = self.config.minutes > 0.0, self.finished
         default = self.config.seeds == 1 and (finished or not limited)
         number = self.evaluation.due(self.steps, last=finished and limited, default=default)
         if number is None:
             return False
-        self._evaluated = safetensors.numpy.save(self.learner.td3.actor_weights())
-        self._trials.extend(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
-        return True
-
-    def _trial_done(self, result: Optional[Result]) -> None:
-        summary = self.evaluation.add(result)
-        if summary is None:
-            return
+        self.save()
+        weights = self.learner.td3.actor_weights()
+        state = {"step": self.steps, "version": self.learner.td3.updates}
+        sent = safetensors.numpy.save(weights)
+        try:
+            summary = self.evaluation.drive(number, self.pool, self.made.drive, sent, self._end_if_stopped, **state)
+        except KeyboardInterrupt:  # what was driven is kept
+            return False
         self.bar.write(describe(summary))
         if summary["best"]:
-            self.export(self.folder / "best.safetensors", safetensors.numpy.load(self._evaluated), summary)
+            self.export(self.folder / "best.safetensors", weights, summary)
         self.board.round(summary)
+        return True
+
+    def _end_if_stopped(self, trial: Trial, result: Result) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
 
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:

@@ -3,6 +3,7 @@
 import math
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
 from training.evaluation.trial import POLICY, Result, plan_trials
 from training.td3.td3 import TD3, TD3Options
 from training.workers.collect import PolicyWeights
+from training.workers.pool import Pool
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():
@@ -41,15 +43,19 @@ def test_barn_metric_by_hand():
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     """One runner and one plan; but seeds of its own, so that evaluate.py never judges on trials that chose."""
     worlds = [("generated:8", "generated:8")]
-    periodic = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3)
-    (trial,) = periodic.begin(-1, 0, 0)
-    (other,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
-    assert trial == other
+    (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
     result = runner.TrialRunner(TrialSettings()).run(trial)
     faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
     assert faster.decisions == math.ceil(faster.time_s)
-    assert periodic.add(result)["score"] == result.time_s < 100.0
+
+    def run(task, weights):
+        assert task == trial
+        return result, b""
+
+    found = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    assert found["score"] == pytest.approx(result.time_s, abs=1e-4)
+    assert found["score"] < 100.0
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
@@ -116,8 +122,9 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
     ):
         assert periodic.due(step, last) == number
         if number is not None:
-            assert len(periodic.begin(number, step, 0)) == 1
-            periodic.add(Result(True, time_s=float(step)))
+            result = Result(True, time_s=1.0 + step), b""
+            run = partial(lambda result, trial, weights: result, result)
+            assert periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"] == 1.0 + step
     assert periodic.due(170, True) is None
     other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -90,8 +90,10 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     from training.env.env import ApplrEnv
     from training.evaluation.periodic import PeriodicEvaluation
     from training.evaluation.runner import TrialRunner
+    from training.evaluation.trial import Result
     from training.learner.config import TrainConfig
     from training.learner.prepare import prepare
+    from training.workers.pool import Pool
 
     config = TrainConfig(
         worlds="generated:0",
@@ -104,9 +106,10 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     )
     made = prepare(config)
     env = ApplrEnv(**json.loads(made.collect.args[1]))
+    driven = []
     evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, planner=config.eval_planner)
-    (trial,) = evaluation.begin(-1, 0, 0)
-    held_out = TrialRunner(made.drive.args[0]).episode(trial.planner, config.decision_period)
+    evaluation.drive(-1, Pool(0), lambda trial, weights: driven.append(trial) or (Result(), b""), b"")
+    held_out = TrialRunner(made.drive.args[0]).episode(driven[0].planner, config.decision_period)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
     assert set(kinds) == {"ours", "cpp-like"}
     env.reset(seed=0)

@@ -1,5 +1,6 @@
 """Learning from a dataset without driving: what fits, and runs that are resumed."""
 
+import functools
 import json
 from pathlib import Path
 
@@ -13,13 +14,11 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from tests.support.episodes import episode
-from tests.support.toy_env import Line
 from tests.support.toy_training import LINE, main, one_line, toy
 from training.env.reward import Reward
 from training.learner.config import TrainConfig, recipe
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
-from training.learner.run import MANY_ERRORS
 from training.replay import dataset
 from training.replay.trajectory import TransitionLayout
 from training.workers.collect import Collect, collect
@@ -111,23 +110,11 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "run", "--dataset", tmp_path / "absent"), "metadata.json: cannot be read")
 
 
-class Uneven(Line):
-    """Fails in one trial of ten."""
-
-    def reset(self, *, seed=None, options=None):
-        result = super().reset(seed=seed)
-        if self.np_random.uniform() < 0.1:
-            raise RuntimeError("the wheels came off")
-        return result
-
-
-def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, capsys):
-    out = tmp_path / "run"
-    options = ["--dataset", data, "--gradient-steps", "60", "--eval-freq", "10"]
-    assert main(toy(out, *options, "--n-eval-episodes", "150"), "test_offline:Uneven") == 0, capsys.readouterr().err
-    rounds = [json.loads(line) for line in (out / "evaluations.jsonl").read_text().splitlines()]
-    assert sum(150 - r["trials"] for r in rounds) > MANY_ERRORS
-    assert not any(r["best"] for r in rounds if r["trials"] < 150)  # what failed may have been the hard ones
+def test_a_trial_that_fails_ends_a_run_that_is_saved(data, tmp_path, capsys):
+    arguments = toy(tmp_path / "run", "--dataset", data, "--gradient-steps", "60")
+    broken = functools.partial(main, env="tests.support.toy_env:Broken")
+    one_line(capsys, arguments, "trial 0 of dwa in environment failed: RuntimeError: the wheels came off", broken)
+    assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
 @pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # it has no set

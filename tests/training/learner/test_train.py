@@ -26,6 +26,7 @@ from training.learner.learner import Learner, LearnerOptions
 from training.learner.run import TrainingRun
 from training.replay.trajectory import TransitionLayout
 from training.workers.collect import PolicyWeights
+from training.workers.pool import Pool
 
 
 def rounds_of(run):
@@ -247,12 +248,12 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
         return PeriodicEvaluation(tmp_path, worlds, trials, 100, 0, setting=setting)
 
     def drive(rounds, step, seconds):
+        def run(trial, weights):
+            touched = trial.world == "w1"
+            return Result(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds), b""
+
         for number in iter(lambda: rounds.due(step), None):
-            for trial in rounds.begin(number, step, step):
-                touched = trial.world == "w1"
-                result = Result(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds)
-                summary = rounds.add(result)
-            yield summary
+            yield rounds.drive(number, Pool(0), run, bytes([step % 251]), step=step, version=step)
 
     first = made()
     assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
