@@ -10,7 +10,7 @@ import os
 import re
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import Any, Callable, Dict, List, NamedTuple, Optional
+from typing import Any, Callable, Dict, List, NamedTuple
 
 import numpy as np
 
@@ -103,12 +103,6 @@ class Worlds(Sequence):
             if len(self._fresh) > self.KEPT:
                 self._fresh.popitem(last=False)
         return self._fresh[index]
-
-    def named(self, name: str) -> Optional[World]:
-        """The first world called `name`, or None."""
-        if name in self.specs:
-            return self[self.specs.index(name)]
-        return next((world for world in self._loaded.values() if world.name == name), None)
 
 
 def specs(spec: str) -> List[str]:

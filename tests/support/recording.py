@@ -84,12 +84,12 @@ class RecordingEpisode(Episode):
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
         self._written: Optional[float] = None  # time of the newest scan in the bag
 
-    def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+    def reset(self, world, seed: int, theta=None) -> Outcome:
         """Begin a course; a goal is sent on the recorded action topic."""
         if self.courses:
             self._ahead += self.simulator.state.time + PAUSE
         self._goal_id = ""  # nothing is written before the goal is sent
-        outcome = super().reset(world, seed, start, theta)
+        outcome = super().reset(world, seed, theta)
         self.courses += 1
         self._goal_id = f"course {self.courses} in {world.name}"
         self.writer.goal(self._now, self.goal)

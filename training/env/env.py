@@ -7,6 +7,7 @@ node runs). Course, limit and ends are those of episode.py.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Dict, Optional
 
 import gymnasium
@@ -23,6 +24,7 @@ from training.env.episode import Episode
 from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import DRAWN, PROTOCOLS, TrialSettings, under
+from training.replay.trajectory import TransitionLayout
 
 INFO = (  # what info says of an Outcome
     *("theta", "success", "collided", "timeout", "flipped", "aborted", "time_s", "decisions"),
@@ -37,12 +39,10 @@ class ApplrEnv(gymnasium.Env):
         worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
             commas between them).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
-        params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         end_on_collision: a collision ends the episode, terminated, as a failure.
         end_on_stall: so does a stall (policy/actor.py).
-        critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
-        record: keep the driven path in .episode.trace.
+        critics_know_more: the observation ends with numbers for the critics alone (privileged.py).
         settings: fields of TrialSettings (settings.py): robot, simulator, randomisation, observation, ...; period must
             be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
             reset.
@@ -56,49 +56,48 @@ class ApplrEnv(gymnasium.Env):
         worlds="generated:train",
         *,
         limit: Optional[int] = None,
-        params: Optional[Dict[str, Any]] = None,
         planner: str = OURS,
         end_on_collision: bool = False,
         end_on_stall: bool = False,
         critics_know_more: bool = False,
-        record: bool = False,
         **settings: Any,
     ):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
-        self.hidden = privileged.SIZE if critics_know_more else 0
         robot = self.settings.load_robot()
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
-            MoveBase(self.settings.planner_parameters(robot, params), planner=planner),
+            MoveBase(self.settings.planner_parameters(robot), planner=planner),
             robot,
             limit=limit,
             period=self.settings.period,
             end_on_collision=end_on_collision,
             end_on_stall=end_on_stall,
-            record=record,
             monitor=self.settings.monitor,
         )
         self.form = form = self.settings.form(robot)
         self.space, self.episode.layout = form.space, form.layout
-        self.scan_beams, self.scans = form.scan, form.scans  # the replay stores them coarser
-        self.odd = form.odd + tuple(form.size - form.scan + i for i in privileged.ODD if self.hidden)
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (form.size + self.hidden,), np.float32)
+        self.layout = TransitionLayout.of(form)
+        if critics_know_more:
+            rest, odd = self.layout.rest, form.odd + tuple(self.layout.rest + place for place in privileged.ODD)
+            more = privileged.SIZE
+            self.layout = dataclasses.replace(self.layout, rest=rest + more, odd=odd, hidden=more)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (form.actions,), np.float32)
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
-        """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
+        """Begin a course in the world of the index options["world"], else in one that is drawn."""
         super().reset(seed=seed)
-        options = options or {}
-        world = self._world(options.get("world"))
+        index = (options or {}).get("world")
+        world = self.worlds[int(self.np_random.integers(len(self.worlds))) if index is None else index]
         draw = int(self.np_random.integers(2**31))
         protocol = self.settings.protocol
         if protocol == DRAWN:
             protocol = str(self.np_random.choice(list(PROTOCOLS)))
         world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
-        outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
+        outcome = self.episode.reset(world, draw)
         self.form.reset()
         return self._observation(), self._info(outcome)
 
@@ -117,26 +116,13 @@ class ApplrEnv(gymnasium.Env):
 
     def _observation(self) -> np.ndarray:
         seen = self.form.observe(self.episode.context())
-        return np.append(seen, privileged.privileged(self.episode, self.form.scale)) if self.hidden else seen
+        if not self.layout.hidden:
+            return seen
+        return np.append(seen, privileged.privileged(self.episode, self.form.scale))
 
     def close(self):
         """Close the simulator."""
         self.episode.simulator.close()
-
-    def _world(self, which):
-        if which is None:
-            return self.worlds[int(self.np_random.integers(len(self.worlds)))]
-        if isinstance(which, (int, np.integer)):
-            if not 0 <= which < len(self.worlds):
-                raise ApplrError("world %d does not exist: there are %d" % (which, len(self.worlds)))
-            return self.worlds[which]
-        if isinstance(self.worlds, worlds_package.Worlds):
-            found = self.worlds.named(which)
-        else:
-            found = next((world for world in self.worlds if world.name == which), None)
-        if found is not None:
-            return found
-        raise ApplrError("world %r is not among this environment's %d" % (which, len(self.worlds)))
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
         return {"world": self.episode.world.name, **{name: getattr(outcome, name) for name in INFO}}

@@ -54,7 +54,6 @@ class Episode:
     period          decision period [s]; the paper's is 2 s
     end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
     end_on_stall    a robot that has hardly moved for a while has failed (policy/actor.py)
-    record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
     monitor         whether the robot's collision monitor stands between the planner and the base
     escapes         whether that monitor makes the motions of escape that a C++-like planner lacks
@@ -72,7 +71,6 @@ class Episode:
         period: float,
         limit: Optional[int] = None,
         end_on_collision: bool = False,
-        record: bool = False,
         monitor: bool = False,
         end_on_stall: bool = False,
         escapes: bool = True,
@@ -83,7 +81,7 @@ class Episode:
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
-        self.end_on_collision, self.record, self.escapes = end_on_collision, record, escapes
+        self.end_on_collision, self.escapes = end_on_collision, escapes
         self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
@@ -112,14 +110,14 @@ class Episode:
         return max(1, round(self.time_limit / self.period))
 
     # -- the trial ---------------------------------------------------------------------------------
-    def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+    def reset(self, world, seed: int, theta=None) -> Outcome:
         """Put robot, maps and planner back, restore theta_0 (or `theta`), look once and send the goal.
 
         As the authors' reset: model and odometry to the start, costmaps cleared, theta_0, goal. One idle cycle
         passes so that the first observation has a map and a plan; the clock starts when the goal is sent.
         """
         self.world = world
-        state = self.simulator.reset(world, seed, start)
+        state = self.simulator.reset(world, seed)
         # a planner that is drawn differs from world to world, whatever the seeds are
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         if self.monitor is not None:
@@ -156,9 +154,8 @@ class Episode:
         if was is None or was.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
         theta = self.apply(theta)
-        if self.record:
-            self.trace.theta.append(theta)
-            self.trace.decided.append(self.simulator.state.time - self.began)
+        self.trace.theta.append(theta)
+        self.trace.decided.append(self.simulator.state.time - self.began)
         since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf)
         for _ in range(self.cycles):
@@ -270,11 +267,9 @@ class Episode:
         self._acceleration = acceleration
         self._turns += abs(state.twist[1] - w) / CONTROL_PERIOD
         self._cycles += 1
-        if self.record:
-            self.trace.time.append(state.time - self.began)
-            self.trace.pose.append(tuple(state.pose))
-            self.trace.twist.append(tuple(state.twist))
-            self.trace.command.append(cycle.command or (0.0, 0.0))
+        self.trace.time.append(state.time - self.began)
+        self.trace.pose.append(tuple(state.pose))
+        self.trace.twist.append(tuple(state.twist))
         self._judge(now, cycle, state)
 
     def _called_within(self, cycle, state) -> Optional[float]:

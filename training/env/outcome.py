@@ -69,11 +69,10 @@ class Outcome:
 
 @dataclass
 class Trace:
-    """Driven path, a row per control cycle; kept when Episode(record=True). For pictures and profiles."""
+    """Driven path, a row per control cycle, for pictures."""
 
     time: List[float] = field(default_factory=list)
     pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame
     twist: List[Tuple[float, float]] = field(default_factory=list)
-    command: List[Tuple[float, float]] = field(default_factory=list)
     theta: List[np.ndarray] = field(default_factory=list)  # a row per decision over the parameters
     decided: List[float] = field(default_factory=list)  # when it was made

@@ -155,7 +155,6 @@ class TrialRunner:
             self.robot,
             period=period,
             end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
-            record=True,
             monitor=self.settings.monitor,
             escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot
         )

@@ -6,6 +6,7 @@ Trials of the policy that is being learnt drive with PolicyWeights, too (trainin
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from pkgutil import resolve_name
@@ -20,7 +21,7 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
 TRAINING, WORLDS = 0, 2  # first numbers of the seeds of training episodes, and of the worlds drawn for them
-INFO = ("world", "success", "collided", "timeout", "aborted", "flipped", "time_s")  # what a trajectory keeps
+INFO = ("success", "collided", "time_s")  # entries of the environment's info that a trajectory keeps
 
 
 @dataclass(frozen=True)
@@ -62,55 +63,32 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory
     made = environment(env, options)
     layout, policy = layout_of(made), PolicyWeights(weights)
     rng = np.random.default_rng([TRAINING, task.seed, *b"actor-0", task.episode])
-
-    def act(observation: np.ndarray) -> np.ndarray:
-        if task.random:
-            return rng.uniform(-1.0, 1.0, layout.action).astype(np.float32)
-        noise = rng.standard_normal(layout.action, dtype=np.float32) * np.float32(task.sigma)
-        return np.clip(policy(observation[: layout.seen]) + noise, -1.0, 1.0)
-
     begin = None if task.world is None else {"world": task.world}
     observation, last = made.reset(seed=int(rng.integers(2**31)), options=begin)
     observations, actions, rewards = [observation], [], []
-    terms: Dict[str, float] = {}  # of the reward, summed, where the environment names them
-    ended = terminated = False
-    while not ended:
-        actions.append(act(observation))
-        observation, reward, terminated, truncated, last = made.step(actions[-1])
+    terms: Counter[str] = Counter()  # sums of the reward's terms
+    terminated = truncated = False
+    while not (terminated or truncated):
+        if task.random:
+            action = rng.uniform(-1.0, 1.0, layout.action).astype(np.float32)
+        else:
+            noise = rng.standard_normal(layout.action, dtype=np.float32) * np.float32(task.sigma)
+            action = np.clip(policy(observation[: layout.seen]) + noise, -1.0, 1.0)
+        observation, reward, terminated, truncated, last = made.step(action)
         observations.append(observation)
+        actions.append(action)
         rewards.append(float(reward))
-        named = last.get("reward")
-        for name, value in named.items() if isinstance(named, dict) else ():
-            terms[name] = terms.get(name, 0.0) + float(value)
-        ended = terminated or truncated
-    info: Dict[str, Any] = {"return": float(sum(rewards)), "length": len(rewards)}
-    for name in INFO:
-        if name in last:
-            value = last[name]
-            info[name] = value.item() if isinstance(value, np.generic) else value
-    if terms:
-        info["terms"] = terms
-    info.update(version=task.version, sigma=task.sigma)
+        terms.update(last.get("reward", {}))
+    info: Dict[str, Any] = {name: last[name] for name in INFO if name in last}
+    info.update({"return": sum(rewards), "length": len(rewards), "terms": dict(terms), "version": task.version})
     return Trajectory.of(layout, observations, actions, rewards, terminated, info)
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:
-    """Return the layout of an environment's observations: its `scan_beams` first numbers as a scan, if it has that.
-
-    `scans` and `odd` say what exchanging left and right does to them, `hidden` how many of the last ones are for the
-    critics alone, as TransitionLayout describes it.
-
-    Raises:
-        ValueError: for observations or actions that are no vectors.
-    """
+    """Return the layout of an environment's observations and actions: its own, or one without a scan."""
     env = env.unwrapped
-    shapes = env.observation_space.shape, env.action_space.shape
-    if any(shape is None or len(shape) != 1 for shape in shapes):
-        raise ValueError(f"observations and actions must be vectors, these have the shapes {shapes[0]} and {shapes[1]}")
-    (observation,), (action,) = shapes  # type: ignore[misc]
-    beams = getattr(env, "scan_beams", 0)
-    more = getattr(env, "scans", 1), getattr(env, "odd", (0,)), getattr(env, "hidden", 0)
-    return TransitionLayout(beams, observation - beams, action, *more)
+    (observation,), (action,) = env.observation_space.shape, env.action_space.shape  # type: ignore[misc]
+    return getattr(env, "layout", TransitionLayout(0, observation, action))
 
 
 class PolicyWeights:

@@ -1,8 +1,8 @@
 """Workers that execute calls, as an executor of concurrent.futures; those that die or hang are replaced.
 
-A worker is a child process, `python -m training.workers.pool FD`, which ends when its socket is closed, or a Ray actor
-(ray.py). No ProcessPoolExecutor: there one death ends all workers, none can be killed, and Python 3.11 waits for ever
-for one that was killed while a message to it was in its pipe (gh-94777).
+A worker is a child process, which ends when its socket is closed, or runs tasks on a Ray cluster (ray.py). No
+ProcessPoolExecutor: there one death ends all workers, none can be killed, and Python 3.11 waits for ever for one that
+was killed while a message to it was in its pipe (gh-94777). pebble's pool ends with a worker that dies without a call.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ import os
 import subprocess
 import sys
 import threading
-import time
 import traceback
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from functools import lru_cache
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -23,10 +22,9 @@ from typing import Any, Callable, Dict, Iterable, Iterator, Set, Tuple, TypeVar
 
 from applr_ros1.common.errors import ApplrError
 
-DEATHS_PER_CALL = 3  # after so many workers of its own have died a call ends with an error
-CALL_SECONDS = 900.0  # without an answer, after which a worker counts as hung
+DEATHS_PER_CALL = 3  # number of workers that may die of one call
+CALL_SECONDS = 900.0  # time without an answer after which a worker counts as hung [s]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-Answer = Tuple[Any, str]  # of a call: its result and "", or None and its error in one line
 T = TypeVar("T")
 
 
@@ -38,18 +36,18 @@ class WorkerDied(Exception):
     """The end of a worker, or of the time in which it had to answer; the message says which."""
 
 
-class Pool(Executor):
-    """Workers, each with a thread of this process that hands it one call after the other.
+class Pool(ThreadPoolExecutor):
+    """Workers, and as many threads of this process, which wait for their answers.
 
     Args:
         workers: How many; 0: none, and a call is executed in this process when it is submitted, the same in every run.
         ray_address: HOST:PORT of a Ray cluster, "local" for one that is started here; "": child processes.
-        seconds: Without an answer, after which a worker counts as hung.
+        seconds: Time without an answer after which a worker counts as hung.
 
     Attributes:
         slots: How many calls are worth submitting at once.
         in_process: Whether submit() returns when the call is done.
-        workers: They, and those that wait for a place on a Ray cluster that has lost a node.
+        workers: The workers.
         replaced: How many have died or hung.
 
     Raises:
@@ -60,34 +58,31 @@ class Pool(Executor):
         if ray_address and workers == 0:
             raise ApplrError(f"--ray-address {ray_address}: nothing would run there; it needs 1 worker or more")
         self.slots, self.in_process, self.seconds = max(1, workers), workers == 0, seconds
-        self.replaced = 0
+        super().__init__(self.slots)
+        self.alive, self.replaced = workers, 0
         self._lock, self._closed = threading.Lock(), False
-        self._calls: SimpleQueue[Any] = SimpleQueue()  # (future, function, arguments, deaths), or None: the end
         self._start: Callable[[], Any] = ChildProcess
-        self._close: Callable[[], None] = lambda: None
+        self._disconnect: Callable[[], None] = lambda: None
         if ray_address:
-            from training.workers.ray import RayCluster
+            from training.workers.ray import RayWorker, connect
 
-            cluster = RayCluster(ray_address, workers)
-            self._start, self._close = cluster.actor, cluster.ray.shutdown
+            ray = connect(ray_address, workers)
+            self._start, self._disconnect = partial(RayWorker, ray), ray.shutdown
         self.workers: Set[Any] = {self._start() for _ in range(workers)}
-        self._threads = [threading.Thread(target=self._serve, args=(one,), daemon=True) for one in self.workers]
-        for thread in self._threads:
-            thread.start()
-
-    @property
-    def alive(self) -> int:
-        """Return the number of workers that are at work."""
-        with self._lock:
-            return sum(worker.placed for worker in self.workers)
+        self._free: SimpleQueue[Any] = SimpleQueue()
+        for worker in self.workers:
+            self._free.put(worker)
 
     def submit(self, function: Callable[..., Any], /, *args: Any) -> Future:  # type: ignore[override]
         """Return a future of function(*args), whose exception is CallFailed."""
+        if not self.in_process:
+            return super().submit(self._call, function, args)
         future: Future = Future()
-        if self.in_process:
-            _settle(future, *attempt(function, args))
+        answer = attempt(function, args)
+        if isinstance(answer, CallFailed):
+            future.set_exception(answer)
         else:
-            self._calls.put((future, function, args, 0))
+            future.set_result(answer)
         return future
 
     def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future]]:
@@ -108,81 +103,62 @@ class Pool(Executor):
             self._closed = True  # from now on the set of workers stays as it is
         for worker in self.workers:
             worker.end()
-            self._calls.put(None)
-        for thread in self._threads:
-            thread.join()
-        while not self._calls.empty():
-            if (call := self._calls.get()) is not None and not call[0].cancel():
-                _settle(call[0], None, "the pool is closed")
-        self._close()
+        super().shutdown(cancel_futures=True)
+        self._disconnect()
 
-    def _serve(self, worker: Any) -> None:
-        """Hand calls to a worker, and to the one in its place where it dies, until the pool is closed."""
-        while worker is not None:
-            worker.wait()
-            worker = self._feed(worker)
-
-    def _feed(self, worker: Any) -> Any:
-        """Hand calls to a worker until it dies. Returns the one in its place, None where the pool is closed."""
-        while (call := self._calls.get()) is not None:
-            future, function, args, deaths = call
-            if not (deaths or future.set_running_or_notify_cancel()):
-                continue
+    def _call(self, function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
+        """Return the answer of a free worker. Raises CallFailed."""
+        for _ in range(DEATHS_PER_CALL):
+            worker = self._free.get()
             try:
-                _settle(future, *worker.call(function, args, self.seconds))
+                answer = worker.call(function, args, self.seconds)
             except WorkerDied as death:
-                worker.end()
-                return self._replacement(worker, str(death), (future, function, args, deaths + 1))
-        return None
+                worker = self._replacement(worker, death)
+            else:
+                if isinstance(answer, CallFailed):
+                    raise answer
+                return answer
+            finally:
+                self._free.put(worker)
+        raise CallFailed(f"its worker died {DEATHS_PER_CALL} times; see above")
 
-    def _replacement(self, worker: Any, how: str, call: Tuple[Future, Callable[..., Any], Any, int]) -> Any:
-        """Start a worker in the place of one that died with a call, and have another one execute the call."""
+    def _replacement(self, worker: Any, death: WorkerDied) -> Any:
+        """Start a worker in the place of a dead one. Raises CallFailed if the pool is closed."""
+        worker.end()
         with self._lock:
             if self._closed:
-                return _settle(call[0], None, "the pool is closed")
-            print(f"worker {how}; a new one takes its place", file=sys.stderr)
+                raise CallFailed("the pool is closed")
+            print(f"worker {death}; a new one takes its place", file=sys.stderr)
             self.replaced += 1
             self.workers.discard(worker)
             self.workers.add(new := self._start())
-            if call[-1] < DEATHS_PER_CALL:
-                self._calls.put(call)
-            else:
-                _settle(call[0], None, f"its worker died {call[-1]} times; see above")
             return new
 
 
 class ChildProcess:
     """A child process of one thread that executes calls one after the other, and the socket to it."""
 
-    placed = True
-
     def __init__(self) -> None:
         self._connection, theirs = multiprocessing.Pipe()
         with theirs:
+            code = f"from training.workers.pool import serve; serve({theirs.fileno()})"
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "training.workers.pool", str(theirs.fileno())],
+                [sys.executable, "-c", code],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **environment()},
                 start_new_session=True,  # Ctrl-C is for this process to answer
             )
 
-    def wait(self) -> None:
-        """Return when calls can be sent, which is at once."""
-
-    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Answer:
-        """Return what attempt() gives there; the process is killed where that takes too long. Raises WorkerDied."""
-        until = time.monotonic() + seconds
-        deadline = threading.Timer(seconds, self.process.kill)
-        deadline.start()
+    def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
+        """Return what attempt() gives there. Raises WorkerDied."""
         try:
             self._connection.send((function, args))
-            return self._connection.recv()
+            if self._connection.poll(seconds):
+                return self._connection.recv()
         except (EOFError, OSError):
-            late = time.monotonic() >= until
-            raise WorkerDied(f"gave no answer for {seconds:g} s" if late else "died") from None
-        finally:
-            deadline.cancel()
+            raise WorkerDied("died") from None
+        raise WorkerDied(f"gave no answer for {seconds:g} s")
 
     def end(self) -> None:
         """Kill the process, from whichever thread; it holds nothing that could be lost."""
@@ -195,28 +171,21 @@ def environment() -> Dict[str, str]:
     return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
-def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Answer:
-    """Execute a call; an error that is no mistake of a user's is also printed, once."""
+def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
+    """Return function(*args), or its error as a CallFailed; an error that is no mistake of a user's is printed once."""
     try:
-        return function(*args), ""
+        return function(*args)
     except Exception as error:
         line = (str(error).splitlines() or [""])[0]
         if isinstance(error, (ValueError, OSError)):
-            return None, line
+            return CallFailed(line)
         _print_once(traceback.format_exc())
-        return None, f"{type(error).__name__}: {line}"
+        return CallFailed(f"{type(error).__name__}: {line}")
 
 
 @lru_cache(maxsize=None)
 def _print_once(text: str) -> None:
     print(text, file=sys.stderr)
-
-
-def _settle(future: Future, result: Any, error: str) -> None:
-    if error:
-        future.set_exception(CallFailed(error))
-    else:
-        future.set_result(result)
 
 
 def serve(descriptor: int) -> None:
@@ -228,7 +197,3 @@ def serve(descriptor: int) -> None:
                 connection.send(attempt(*connection.recv()))
         except (EOFError, ConnectionError):
             return
-
-
-if __name__ == "__main__":
-    serve(int(sys.argv[1]))

@@ -70,7 +70,7 @@ def straight(obstacle=None):
 
 def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", **options):
     simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v, end, result, variant=variant)
-    episode = Episode(simulator, planner, period=2.0, record=True, **options)
+    episode = Episode(simulator, planner, period=2.0, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
 
@@ -370,6 +370,7 @@ def test_same_seed_same_episode(env):
     assert (*ended, info["timeout"], info["decisions"]) == (False, True, True, 3)
     assert not np.array_equal(a, run(6)[0])
     assert {env.reset(seed=s)[1]["world"] for s in range(12)} == {"generated:0", "generated:1"}
+    assert {env.reset(seed=s, options={"world": 1})[1]["world"] for s in range(6)} == {"generated:1"}
 
 
 def test_theta_in_the_observation_is_the_planners_own(env):
@@ -394,16 +395,6 @@ def test_switching_costs_what_a_decision_changes(monkeypatch, env):
     change = np.abs(made.form.action(first["theta"]) - made.form.action(begun["theta"])).mean()
     assert first["reward"]["switching"] == pytest.approx(-change) != 0.0
     assert second["reward"]["switching"] == 0.0
-
-
-def test_options_choose_world_and_start(env):
-    _, info = env.reset(seed=0, options={"world": "generated:1", "start": (0.0, 4.0, 1.0)})
-    assert info["world"] == "generated:1"
-    state = env.unwrapped.episode.simulator.state
-    assert math.hypot(state.pose[0], state.pose[1] - 4.0) < 0.1
-    for wrong in (7, "generated:9"):
-        with pytest.raises(ValueError, match="world"):
-            env.reset(options={"world": wrong})
 
 
 def test_decision_period_changes_the_steps_not_what_a_second_costs():

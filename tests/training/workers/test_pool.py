@@ -23,7 +23,7 @@ from training.replay.trajectory import TransitionLayout
 from training.td3.td3 import TD3, TD3Options
 from training.workers.collect import Collect, collect, draw_world
 from training.workers.pool import CallFailed, Pool
-from training.workers.ray import RayCluster
+from training.workers.ray import connect
 
 LAYOUT = TransitionLayout(0, 1, 1)
 SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2", "--device=cpu"]
@@ -62,7 +62,6 @@ def test_every_call_has_one_answer(workers):
     numbers = [number for number in range(12) if workers or number != 3]
     with Pool(workers) as pool:
         found = results(pool, numbers)
-        assert pool.alive == workers
     assert found.pop(4) == "this trial cannot be driven"
     if workers:  # a run ends after some such episodes in a row
         assert "its worker died 3 times" in found.pop(3)
@@ -82,7 +81,7 @@ def test_processes_are_gone_at_the_end_whatever_they_do():
     assert not any(map(is_alive, pids))
 
 
-SLOW_START = "import sys, time\nif 'training.workers.pool' in sys.orig_argv:\n    time.sleep(1.5)\n"
+SLOW_START = "import sys, time\nif 'workers.pool' in str(sys.orig_argv):\n    time.sleep(1.5)\n"
 
 
 def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(tmp_path, monkeypatch):
@@ -107,7 +106,6 @@ def test_a_killed_and_a_stopped_process_are_replaced():
         found = results(pool, range(5, 13), seconds=0.3)
         assert [number for number, _ in sorted(found.values())] == list(range(5, 13))
         assert pool.replaced == 2
-        assert pool.alive == 2
 
 
 def test_workers_end_when_the_process_that_started_them_is_killed():
@@ -146,7 +144,7 @@ def test_ray_addresses_of_no_use_are_one_line_soon():
     begun = time.monotonic()
     for address in ("127.0.0.1:1", "nowhere", "ray://127.0.0.1:1"):
         with pytest.raises(ApplrError, match="no Ray answers at"):
-            RayCluster(address, 1)
+            connect(address, 1)
     assert time.monotonic() - begun < 15
     with pytest.raises(ApplrError, match="--ray-address 127.0.0.1:1: nothing would run there"):
         Pool(0, "127.0.0.1:1")
@@ -154,9 +152,9 @@ def test_ray_addresses_of_no_use_are_one_line_soon():
 
 LISTENS = """
 import os
-from training.workers.ray import RayCluster
+from training.workers.ray import connect
 
-ray = RayCluster("local", 1).ray
+ray = connect("local", 1)
 session = os.path.basename(ray._private.worker._global_node.get_session_dir_path())
 mine = set()
 for pid in filter(str.isdigit, os.listdir("/proc")):
@@ -183,7 +181,7 @@ def test_ray_on_this_machine_listens_on_loopback_only():
 @pytest.mark.slow
 def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     """A training on two Ray nodes; one goes when both drive, and the training comes to its end with the other."""
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
@@ -195,9 +193,9 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
         seen = []
 
         def lose_a_node():
-            while run.pool.alive < 2 or run.steps < 50:
+            while run.steps < 50 or ray.available_resources().get("CPU"):
                 time.sleep(0.05)
-            seen.append((run.pool.alive, run.steps))
+            seen.append(run.steps)
             cluster.remove_node(victim)
 
         losing = threading.Thread(target=lose_a_node)
@@ -206,8 +204,7 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
         losing.join()
     finally:
         cluster.shutdown()
-    ((alive, steps),) = seen
-    assert (status, alive, steps < 300) == (0, 2, True)
+    assert status == 0
+    assert seen[0] < 300
     assert run.learner.transitions >= 400
     assert run.pool.replaced >= 1
-    assert run.pool.alive == 1, "the other waits for a place"
