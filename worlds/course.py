@@ -13,10 +13,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from . import barn, dynabarn, search
-from .sdf import numbers
+from .sdf import NAMESPACE, numbers
 from .world import Course, WorldError
 
-NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
 PATH_FOLDER = "path_files"
 COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
 

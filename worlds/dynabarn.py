@@ -9,6 +9,7 @@ that people and vehicles cross, of DynaBARN's three kinds in turn, slow, medium 
 from __future__ import annotations
 
 import csv
+import functools
 import math
 import os
 from typing import Dict, List, NamedTuple, Optional, Tuple
@@ -16,7 +17,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from .sdf import numbers
+from .sdf import NAMESPACE, numbers
 from .world import Course, KeyFrame, Mover, World, WorldError
 
 START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # the BARN Challenge's: 20 m, heading -x
@@ -34,6 +35,7 @@ class Animation(NamedTuple):
     frames: Tuple[Tuple[float, float, float], ...]
 
 
+@functools.lru_cache(maxsize=4)
 def read_table(path: str) -> Dict[str, Animation]:
     """Return {plugin: Animation} of a table."""
     heads: Dict[str, Tuple[float, bool]] = {}
@@ -46,38 +48,29 @@ def read_table(path: str) -> Dict[str, Animation]:
     return {plugin: Animation(*heads[plugin], tuple(rows)) for plugin, rows in frames.items()}
 
 
-class Animations:
-    """The animations of one world's models.
+def animation_of(model: Element, path: str) -> Optional[Animation]:
+    """Return the animation of a model in the world file `path`, None if it has no plugin.
 
-    world_path  the world's file; the table lies beside it
-    namespace   of the elements that our own writer puts into a world file
+    Raises WorldError if the table beside the file has no rows of the plugin.
     """
-
-    def __init__(self, world_path: str, namespace: str):
-        self.path, self.namespace = world_path, namespace
-        self._table: Optional[Dict[str, Animation]] = None
-
-    def of(self, model: Element) -> Optional[Animation]:
-        """Return a model's animation or None without a plugin. Raises WorldError where the table lacks its plugin."""
-        stated = model.find(f"{{{self.namespace}}}waypoints")
-        if stated is not None:
-            count = len((stated.text or "").split()) // 3 * 3
-            flat = numbers(stated.text, count, f"waypoints of model {model.get('name')!r} in {self.path}")
-            frames = tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3))
-            return Animation(float(stated.get("length") or frames[-1][0]), stated.get("repeat") != "0", frames)
-        plugin = model.find("plugin")
-        name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
-        if plugin is None or name.startswith("libgazebo_ros_"):  # which moves nothing that nobody commands
-            return None
-        if self._table is None:
-            table = os.path.join(os.path.dirname(os.path.abspath(self.path)), NAME)
-            self._table = read_table(table) if os.path.lexists(table) else {}
-        if name not in self._table:
-            which = f"model {model.get('name')!r} in {self.path} has the Gazebo plugin {plugin.get('filename')!r}"
-            remedy = "if it moves nothing, take it out of a copy of the world; else make that table once"
-            where = f"{which}, which has no rows in {NAME} beside the world"
-            raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md says")
-        return self._table[name]
+    stated = model.find(f"{{{NAMESPACE}}}waypoints")
+    if stated is not None:
+        count = len((stated.text or "").split()) // 3 * 3
+        flat = numbers(stated.text, count, f"waypoints of model {model.get('name')!r} in {path}")
+        frames = tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3))
+        return Animation(float(stated.get("length") or frames[-1][0]), stated.get("repeat") != "0", frames)
+    plugin = model.find("plugin")
+    name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
+    if plugin is None or name.startswith("libgazebo_ros_"):  # which moves nothing that nobody commands
+        return None
+    table = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
+    animations = read_table(table) if os.path.lexists(table) else {}
+    if name not in animations:
+        which = f"model {model.get('name')!r} in {path} has the Gazebo plugin {plugin.get('filename')!r}"
+        remedy = "if it moves nothing, take it out of a copy of the world; else make that table once"
+        where = f"{which}, which has no rows in {NAME} beside the world"
+        raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md says")
+    return animations[name]
 
 
 def arena_course(planner_ends: bool = False) -> Course:

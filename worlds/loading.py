@@ -6,9 +6,9 @@ Everything loads through here, and is brought to the scale of the robot that dri
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import re
-from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, Callable, Dict, List, NamedTuple
 
@@ -85,8 +85,8 @@ class Worlds(Sequence):
 
     def __init__(self, spec: str):
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
-        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(MADE)}
-        self._fresh: "OrderedDict[int, World]" = OrderedDict()
+        self._loaded = {one: load(one) for one in self.specs if not one.startswith(MADE)}
+        self._made = functools.lru_cache(maxsize=self.KEPT)(load)
 
     def __len__(self) -> int:
         return len(self.specs)
@@ -95,14 +95,8 @@ class Worlds(Sequence):
         """World number `index`, or a list of them for a slice."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        index = range(len(self))[index]
-        if index in self._loaded:
-            return self._loaded[index]
-        if index not in self._fresh:
-            self._fresh[index] = load(self.specs[index])
-            if len(self._fresh) > self.KEPT:
-                self._fresh.popitem(last=False)
-        return self._fresh[index]
+        name = self.specs[index]
+        return self._loaded[name] if name in self._loaded else self._made(name)
 
 
 def specs(spec: str) -> List[str]:

@@ -21,6 +21,7 @@ from applr_ros1.common import files
 
 from .world import WorldError
 
+NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
 ROBOT_HEIGHTS_M = (0.02, 0.50)  # heights [m] between which an obstacle is in a Jackal's way
 UPRIGHT_COSINE = 0.996  # a cylinder whose axis tilts less (5 degrees) counts as upright
 Shape = Tuple[float, ...]  # a circle (x, y, radius) or a rectangle (x, y, yaw, size_x, size_y), None if passed by
@@ -43,15 +44,12 @@ def parse(path: str) -> Element:
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:
     """`count` finite numbers from an element's text. `what` names the thing in the error."""
     words = (text or "").split()
-    given = repr(" ".join(words)[:60])
     try:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    if len(values) != count:
-        raise WorldError(f"{what} is {given}; it must be {count} number{'s' if count > 1 else ''}")
-    if not all(math.isfinite(value) for value in values):
-        raise WorldError(f"{what} is {given}; its numbers must be finite")
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise WorldError(f"{what} is {' '.join(words)[:60]!r}: give {count} finite numbers")
     return values
 
 

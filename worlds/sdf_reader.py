@@ -18,7 +18,7 @@ from applr_ros1.common.angles import outside_box
 
 from . import course, dynabarn
 from .dynabarn import Animation
-from .sdf import SHAPES, numbers, parse, pose_of
+from .sdf import NAMESPACE, SHAPES, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
@@ -39,7 +39,7 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
     if world is None:
         raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
     cylinders, boxes, movers = _Reader(path, world).read()
-    stated = world.find(f"{{{course.NAMESPACE}}}course")
+    stated = world.find(f"{{{NAMESPACE}}}course")
     if points is not None:
         way = course.given(path, points)
     else:
@@ -57,7 +57,6 @@ class _Reader:
         self.flat: List[tuple] = []  # boxes in the way that are no higher than a floor's slab
         self.movers: List[Mover] = []
         self.unread: List[str] = []
-        self.animations = dynabarn.Animations(path, course.NAMESPACE)
 
     def read(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Mover, ...]]:
         """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
@@ -101,47 +100,35 @@ class _Reader:
         pose = parent @ pose_of(model, what)
         if saved is not None and saved.find("pose") is not None:  # in the world
             pose = pose_of(saved, f"state of {what}")
-        scale = [1.0] * 3 if saved is None else numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {what}")
-        if scale != [1.0] * 3:
+        if saved is not None and numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {what}") != [1.0] * 3:
             self.unread.append(f"the scale of {name}")
-        animation, movers = self.animations.of(model), len(self.movers)
+        animation = dynabarn.animation_of(model, self.path)
         for link in model.findall("link"):
             if self._known(link, ("", "__model__"), f"link {link.get('name')!r} of {name}"):
                 self._link(link, pose @ pose_of(link, f"link {link.get('name')!r} of {what}"), what, animation)
-        if animation is not None and len(self.movers) == movers:
-            raise WorldError(f"{what} has key frames, but no cylinder or sphere that moves; give it one")
         for inner in model.findall("model"):
             self._model(inner, pose, None, ("", "__model__"))
 
     def _link(self, link: Element, pose: np.ndarray, model: str, animation: Optional[Animation]) -> None:
         for collision in link.findall("collision"):
-            what = f"collision {collision.get('name')!r} of {model}"
-            geometry = collision.find("geometry")
-            if geometry is None:
-                raise WorldError(f"{what} has no <geometry>; give it a box or a cylinder")
-            if self._known(collision, ("", link.get("name", "")), f"collision {collision.get('name')!r}"):
-                self._collision(geometry, pose @ pose_of(collision, what), what, animation)
-
-    def _collision(self, geometry: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
-        for element in geometry:
-            if element.tag not in SHAPES:
-                if element.tag not in NOTHING_THERE:
-                    self.unread.append(f"{what.partition(' in ' + self.path)[0]} (a {element.tag})")
+            name = f"collision {collision.get('name')!r}"
+            if not self._known(collision, ("", link.get("name", "")), name):
                 continue
-            tags, count, cut = SHAPES[element.tag]
-            sizes = [size for tag in tags for size in _sizes(element, tag, count, what)]
-            shape = cut(pose, *sizes)
-            if shape is not None and len(shape) > 3:
-                half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
-                (self.flat if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
-            elif shape is not None and animation is not None:
-                self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
-            elif shape is not None:
-                self.cylinders.append(shape)
+            there = pose @ pose_of(collision, f"{name} of {model}")
+            for element in collision.iterfind("geometry/*"):
+                if element.tag in SHAPES:
+                    self._shape(element, there, f"{name} of {model}", animation)
+                elif element.tag not in NOTHING_THERE:
+                    self.unread.append(f"{name} of {model.partition(' in ' + self.path)[0]} (a {element.tag})")
 
-
-def _sizes(shape: Element, tag: str, count: int, what: str) -> List[float]:
-    values = numbers(shape.findtext(tag), count, f"{tag}, {what}")
-    if min(values) <= 0.0:
-        raise WorldError(f"{tag}, {what} is {' '.join(f'{value:g}' for value in values)}; it must be above 0")
-    return values
+    def _shape(self, element: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
+        tags, count, cut = SHAPES[element.tag]
+        sizes = [size for tag in tags for size in numbers(element.findtext(tag), count, f"{tag}, {what}")]
+        shape = cut(pose, *sizes)
+        if shape is not None and len(shape) > 3:
+            half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
+            (self.flat if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
+        elif shape is not None and animation is not None:
+            self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
+        elif shape is not None:
+            self.cylinders.append(shape)

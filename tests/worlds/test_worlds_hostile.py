@@ -24,7 +24,6 @@ EXTERNAL = (
         ("<html></html>", ["no <world>"]),
         (EXTERNAL, ["DOCTYPE"]),
         (sdf(cylinder(float("nan"), 0)), ["unit_cylinder_0", "nan", "finite"]),
-        (sdf(cylinder(0, 0, radius=-1)), ["radius", "above 0"]),
         (sdf(cylinder(0, 0), ""), ["has no course", "--course X Y X Y"]),
     ],
 )

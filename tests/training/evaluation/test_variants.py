@@ -138,4 +138,4 @@ def test_the_ground_is_part_of_the_task(tmp_path, capsys):
     assert evaluate.main([*drive, str(tmp_path / "own"), "--ground", "plain"]) == 1
     assert "another ground" in capsys.readouterr().err
     assert evaluate.main([*drive, str(tmp_path / "none"), "--ground", "gazebo", "--robot", "turtlebot3_burger"]) == 1
-    assert "simulation.ground is gazebo, but base.drive is two_wheel" in capsys.readouterr().err
+    assert "simulation.ground is gazebo: only a skid_steer base" in capsys.readouterr().err
