@@ -19,8 +19,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
-from tests import replay_dwa, replay_golden
 from tests.benchmarks import ways
+from tests.planner import replay_dwa, replay_golden
 from tests.support import ROOT
 from tests.support.episodes import episode
 from tests.support.jackal import JACKAL

@@ -9,11 +9,10 @@ from dynamic_reconfigure.client import Client
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.move_base_stack import PLANNER, SUCCEEDED, finish
+from tests.support.move_base_stack import PLANNER
 from tests.support.ros_harness import LONGEST, Kept, wait_for
 
 pytestmark = pytest.mark.ros
-LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
 PERIODS = 3  # decision periods after which a silent applr node counts as lost
 STANDS = 1.5  # [s] from a fault to standstill: from 2 m/s wheels need 1.05 s without locking, after the reaction time
 
@@ -113,33 +112,3 @@ def test_a_persons_change_is_in_the_next_observation(stack):
     count = len(stack.decisions)
     wait_for(changed, "theta(t-1)")
     person.close()
-
-
-@pytest.mark.fault("7")
-@pytest.mark.parametrize("count", [100, pytest.param(3000, marks=pytest.mark.long)])
-def test_fifty_changes_of_parameters_in_a_second(stack, measured, count):
-    clients = [Client(server, timeout=LONGEST) for server in (PLANNER, *LAYERS)]
-    stack.under_way(room=10.0)
-    del stack.relay.planned[:-1]
-    took, kept = [], Kept()
-    while len(took) < count:
-        began = time.monotonic()
-        v = 0.5 + 0.1 * (len(took) % 2)
-        got = clients[0].update_configuration({"max_vel_x": v, "vx_samples": 7, "vtheta_samples": 21})
-        layers = [client.update_configuration({"inflation_radius": 0.5 * v}) for client in clients[1:]]
-        took.append(time.monotonic() - began)
-        assert got["max_vel_x"] == v
-        assert [values["inflation_radius"] for values in layers] == [0.5 * v] * 2
-        if stack.relay.x > 14.0:
-            stack.under_way(speed=0.2)
-            del stack.relay.planned[:-1]
-        time.sleep(max(0.0, 0.02 - took[-1]))
-    gap = stack.longest_gap()
-    measured("longest gap of commands", 1e3 * gap, "ms")
-    measured("a change takes, 95th percentile", 1e3 * np.percentile(took, 95), "ms")
-    assert gap < 0.25 * kept.slowdown()
-    for client in clients:
-        client.close()
-    stack.back_to_the_start()
-    stack.send(1.5)
-    assert finish(stack.client)[0] == SUCCEEDED

@@ -12,7 +12,6 @@ import roslaunch.config
 import roslaunch.core
 import roslaunch.loader
 import roslaunch.xmlloader
-from rosgraph.names import resolve_name
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
@@ -26,22 +25,7 @@ from tests.support.refusals import refused
 
 pytestmark = pytest.mark.ros
 LAUNCH = os.path.join(ROOT, "applr_ros1", "launch")
-ROBOTS = ("robot1", "robot2")
 JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
-TWO = """<launch>
-  <group ns="robot1">
-    <include file="{0}">
-      <arg name="tf_prefix" value="robot1"/>
-      <arg name="scan_topic" value="lidar/scan"/>
-    </include>
-  </group>
-  <group ns="robot2">
-    <include file="{0}">
-      <arg name="tf_prefix" value="robot2"/>
-      <arg name="scan_topic" value="lidar/scan"/>
-    </include>
-  </group>
-</launch>"""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -166,28 +150,6 @@ def test_launch_files_clear_what_an_earlier_launch_left():
         assert [entry for entry in ours if not entry.startswith(tuple(found.cleared))] == [], name
         if name.startswith("barn"):  # what a launch file sets beside the nodes is set after that
             assert found.parameters["/move_base/global_costmap/width"] == 60
-
-
-def test_two_robots_in_namespaces_share_no_name(tmp_path):
-    """As in docs/howto/real_robot.md; tests/live/test_namespaces.py starts one."""
-    file = tmp_path / "two.launch"
-    file.write_text(TWO.format(os.path.join(LAUNCH, "jackal_applr.launch")))
-    found = loaded(str(file))
-    nodes = {name: [node for node in found.config.nodes if node.namespace == f"/{name}/"] for name in ROBOTS}
-    assert [node.name for node in nodes["robot1"]] == [node.name for node in nodes["robot2"]]
-    assert len(found.config.nodes) == len(found.config.resolved_node_names) == 2 * len(nodes["robot1"]) == 12
-    for name in ROBOTS:
-        targets = {resolve_name(to, f"/{name}/node") for node in nodes[name] for _, to in node.remap_args}
-        assert targets == {f"/{name}/move_base/cmd_vel", f"/{name}/lidar/scan"}
-        given = {key[len(name) + 2 :]: value for key, value in found.parameters.items() if key.startswith(f"/{name}/")}
-        prefixes = {key: value for key, value in given.items() if key.endswith("/tf_prefix")}
-        assert set(prefixes.values()) == {name}
-        assert {node.name + "/" for node in nodes[name]} >= {key[: -len("tf_prefix")] for key in prefixes}
-        assert "robot_description" in given
-        ours = [f"/{name}/{key}" for key in given if "/" in key]
-        assert all(entry.startswith(tuple(found.cleared)) for entry in ours)
-    shared = {key for key in found.parameters if not key.startswith(("/robot1/", "/robot2/", "/ros", "/run_id"))}
-    assert shared == {"/use_sim_time"}
 
 
 @pytest.mark.fault("23a")

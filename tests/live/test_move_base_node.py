@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import Point32, Polygon, PolygonStamped, PoseStamped
 from map_msgs.msg import OccupancyGridUpdate
-from move_base_msgs.msg import MoveBaseActionFeedback
+from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan
@@ -69,15 +68,15 @@ def test_preempt(idle):
     wait_for(lambda: idle.jackal.commands[-1][1:] == (0.0, 0.0), "zero")
 
 
-def test_simple_goal_topic(idle):
+def test_a_goal_on_the_simple_topic_replaces_the_one_before(idle):
     publisher = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
-    subscriber, got = collect("/move_base/status", GoalStatusArray)
+    subscriber, got = collect("/move_base/result", MoveBaseActionResult)
     wait_for(lambda: publisher.get_num_connections(), "connection")
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
     publisher.publish(goal(0.5).target_pose)
-    wait_for(
-        lambda: got and any(s.status == SUCCEEDED and s.text == "Goal reached." for s in got[-1].status_list[-1:]),
-        "goal reached",
-    )
+    wait_for(lambda: len(got) > 1, "both results")
+    assert [result.status.status for result in got] == [PREEMPTED, SUCCEEDED]
     subscriber.unregister()
 
 

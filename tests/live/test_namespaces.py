@@ -1,7 +1,4 @@
-"""A robot's stack in a namespace: names, frames, recording, replay.
-
-tests/launch/test_launch_arguments.py loads two stacks in namespaces without starting them.
-"""
+"""A robot's stack in a namespace: names, frames, recording, replay."""
 
 import math
 

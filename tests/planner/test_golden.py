@@ -1,8 +1,8 @@
-"""The C++ planner's numbers: the committed set is met to the last bit, and the command that replays sets says so."""
+"""The C++ planners' numbers: the committed sets are met to the last bit."""
 
 import pytest
 
-from tests import replay_golden
+from tests.planner import replay_golden
 from tests.support import ROOT
 
 GOLDEN, GOLDEN_DWA, DRAWN = (str(ROOT / "tests" / name) for name in ("golden", "golden_dwa", "golden_drawn"))

@@ -1,26 +1,21 @@
-#!/usr/bin/env python3
-"""Replays a set of golden vectors from the C++ planner through ours: `python tests/replay_golden.py DIR`.
+"""Replays golden vectors of the C++ planner through ours, for test_golden.py.
 
-Prints a line per kind with scenarios, mismatches (scenarios with any difference) and the largest difference; exit
-status 0 only if everything matches to the last bit. Formats: tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md,
-whose kinds are in replay_dwa.py; a set names its own. test_golden.py runs it too.
+Formats: tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md, whose kinds are in replay_dwa.py; a set names its
+own.
 """
 
-import argparse
 import hashlib
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint import pad, radii
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from tests import replay_dwa
+from tests.planner import replay_dwa
 
 FORMAT = "planner-golden-1"
 WINDOW = ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
@@ -216,23 +211,3 @@ def replay(scenario):
         if worst > (tolerance[0] if tolerance else 0.0):
             found[what] = worst
     return found
-
-
-def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", metavar="DIR", help="folder with manifest.json and arrays.npz")
-    scenarios, clean = load(parser.parse_args(arguments).folder), True
-    for kind in sorted({scenario.kind for scenario in scenarios}):
-        mine = [scenario for scenario in scenarios if scenario.kind == kind]
-        differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
-        worst = max([value for found in differing.values() for value in found.values()], default=0.0)
-        counts = "%-13s %4d scenarios, %4d mismatches, largest difference %g"
-        print(counts % (kind, len(mine), len(differing), worst), flush=True)
-        for name, found in list(differing.items())[:5]:
-            print("  %s: %s" % (name, ", ".join("%s by %g" % pair for pair in found.items())), file=sys.stderr)
-        clean = clean and not differing
-    return 0 if clean else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
