@@ -11,9 +11,10 @@ from __future__ import annotations
 import sys
 from typing import List
 
+from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from training.common.command_line import parsed, words
+from training.common.command_line import parsed
 
 with extra(__name__):
     from training.bags.bag import bags_in
@@ -23,7 +24,7 @@ with extra(__name__):
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when there is no file."""
-    return run_main(lambda: run(words(arguments)), "appld.py")
+    return run_main(lambda: run(without_remappings(arguments)), "appld.py")
 
 
 def run(arguments: List[str]) -> None:

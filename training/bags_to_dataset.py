@@ -9,16 +9,17 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, Literal, Optional
+from typing import Any, Dict, List, Optional
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS
-from training.common.command_line import Parser, words
+from training.common.command_line import parsed
 from training.common.folders import make_folder
-from training.common.options import add_options, argument, checked, option
-from training.env.reward import Reward, RewardOptions
+from training.common.options import argument, option
+from training.env.reward import Reward
+from training.learner.config import RECIPES, TrainConfig, recipe
 from training.replay import dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
 
@@ -32,7 +33,7 @@ def _reasons(skipped) -> str:
     return "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
 
 
-class DatasetOptions(BagOptions, RewardOptions):
+class DatasetOptions(BagOptions):
     """The bags to convert, and how."""
 
     # fmt: off
@@ -41,8 +42,9 @@ class DatasetOptions(BagOptions, RewardOptions):
     finish: Optional[float] = option(None,
         "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. Without it "
         "the result of move_base decides.", ge=-1e6, le=1e6)
-    observation: Literal["paper", "dimensionless"] = option("paper",
-        "Form of observations, actions and reward, as that of train.py, which needs the same.")
+    recipe: str = option("",
+        f"Recipe whose robot, observation and reward are used, as train.py has them with the same: "
+        f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Name space of move_base in the bags, with its goals.")
     applr: str = option(TopicNames.applr,
@@ -52,22 +54,8 @@ class DatasetOptions(BagOptions, RewardOptions):
 
 def main(arguments=None) -> int:
     """Return exit status 0; 1 with one line when no dataset could be made."""
-    return run_main(lambda: run(parse(arguments)), "bags_to_dataset")
-
-
-def parse(arguments=None) -> DatasetOptions:
-    """Return the options of a command line; robot, form and reward are those of the recipe, if they are not given."""
-    parser = Parser("bags_to_dataset.py", __doc__ or "")
-    recipe = "Recipe whose robot, observation and reward are used, as `train.py --recipe` of the same has them."
-    parser.add_argument("--recipe", default="", help=recipe)
-    add_options(parser, DatasetOptions)
-    given = vars(parser.parse_args(words(arguments)))
-    if name := given.pop("recipe"):
-        from training.learner import config  # with torch
-
-        shared = ("robot", "observation", *RewardOptions.model_fields)
-        given = {**{key: value for key, value in config.recipe(name).items() if key in shared}, **given}
-    return checked(DatasetOptions, given)
+    name = "bags_to_dataset.py"
+    return run_main(lambda: run(parsed(DatasetOptions, name, __doc__, arguments)), name)
 
 
 def run(options: DatasetOptions) -> None:
@@ -76,9 +64,12 @@ def run(options: DatasetOptions) -> None:
     A bag that cannot be read, or an incomplete episode, is skipped, printed and counted under its reason. Raises
     BagError when nothing at all could be used, StorageError when the folder cannot be written.
     """
-    reward = Reward(**options.model_dump(include=set(RewardOptions.model_fields)))
-    topics, bags, folder = options.topics(), bags_in(options.bags), Path(options.out)
-    layout = TransitionLayout.of(FORMS[options.observation](options.robot, PERIOD))
+    learnt = TrainConfig(**recipe(options.recipe))
+    if "robot" not in options.model_fields_set:
+        options = options.model_copy(update={"robot": learnt.robot})
+    robot, reward, topics = options.robot, Reward.of(learnt), options.topics()
+    bags, folder = bags_in(options.bags), Path(options.out)
+    layout = TransitionLayout.of(FORMS[learnt.observation](robot, PERIOD))
     if (folder / dataset.DATA).exists():
         raise ApplrError(f"{options.out}: holds a dataset already; give another folder")
     reports: List[BagReport] = []
@@ -88,7 +79,7 @@ def run(options: DatasetOptions) -> None:
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)
-                made += transitions(recorded, options.robot, options.observation, reward, report, options.finish)
+                made += transitions(recorded, robot, learnt.observation, reward, report, options.finish)
         except BagError as error:
             report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
             print(error)
@@ -99,7 +90,7 @@ def run(options: DatasetOptions) -> None:
         raise BagError(f"no transition could be used{_reasons(all_skipped)}")
     columns, pairs = ("episodes", "transitions", "skipped"), zip(bags, reports)
     listed = [{"name": bag.name, **{name: vars(report)[name] for name in columns}} for bag, report in pairs]
-    about: Dict[str, Any] = {"bags": listed, "robot": options.robot.name, "observation": options.observation}
+    about: Dict[str, Any] = {"bags": listed, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     periods = sorted(set().union(*(report.periods for report in reports)))
     if len(periods) == 1:

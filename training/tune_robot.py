@@ -17,17 +17,14 @@ import sys
 from pathlib import Path
 from typing import Literal, Optional, Sequence
 
-from pydantic import Field
-
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.common.progress import announced
-from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, load
-from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed
+from applr_ros1.robots import NAMES
+from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed, robot_name
 from training.common.folders import make_folder
-from training.common.options import PLACE, Options, option
+from training.common.options import Options, argument, option
 from training.env.settings import CHALLENGE
 from training.evaluation.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
 from training.evaluation.table import Trials
@@ -46,8 +43,7 @@ class TuneOptions(Options):
     """Options of a search."""
 
     # fmt: off
-    robot: AnyRobot = Field(
-        description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
+    robot: AnyRobot = argument("Folder with robot.yaml, or the name of an included robot.")
     anyway: bool = option(False,
         "Go on where the robot's own parameters do not drive it on open floor.")
     worlds: str = option(WORLDS,
@@ -78,7 +74,7 @@ def run(options: TuneOptions) -> int:
 
     robot = options.robot
     out = make_folder(options.out or os.path.join("tune", robot.name))
-    folder = out if robot.name in NAMES and robot.folder == load(robot.name).folder else Path(robot.folder)
+    folder = out if robot_name(robot) in NAMES else Path(robot.folder)
     with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
         can, floor = open_floor.check(robot)
     say("\n".join(floor))
@@ -87,7 +83,7 @@ def run(options: TuneOptions) -> int:
     worlds, starts = world_list(options.worlds, CHALLENGE, robot), warm_starts(robot)
     settings = drives_of(robot, worlds)
     asked = {
-        "drives": {"planner": CPP_LIKE, **settings.model_dump(mode="json", exclude={"robot", "simulator"})},
+        "drives": settings.model_dump(mode="json", exclude={"robot", "simulator"}),
         **{"robot": content(robot), "seed": options.seed, "worlds": content_of_worlds(worlds)},
         "starts": starts.tolist(),
     }

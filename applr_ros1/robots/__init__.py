@@ -8,9 +8,9 @@ docs/tutorials/your_robot.md says how to describe another robot.
 
 from __future__ import annotations
 
-from applr_ros1.robots.folder import NAMES, RobotError, load, on_ground
+from applr_ros1.robots.folder import NAMES, RobotError, load
 from applr_ros1.robots.robot import FILE, Robot
 
 JACKAL = load("jackal")  # the robot where none is named
 
-__all__ = ["FILE", "JACKAL", "NAMES", "Robot", "RobotError", "load", "on_ground"]
+__all__ = ["FILE", "JACKAL", "NAMES", "Robot", "RobotError", "load"]

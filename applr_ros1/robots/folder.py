@@ -56,15 +56,6 @@ def load(name_or_folder: str, with_map: bool = False, report: bool = False) -> R
     return robot
 
 
-def on_ground(robot: Robot, ground: str) -> Robot:
-    """Return the robot on another simulated ground (Simulation.ground); RobotError if it cannot stand on that."""
-    changed = replace(robot, simulation=robot.simulation.model_copy(update={"ground": ground}))
-    errors = list(check.fields(changed))
-    if errors:
-        raise RobotError(robot.folder, errors)
-    return changed
-
-
 def read(name_or_folder: str) -> Robot:
     """Return a robot as its files describe it, without a check of how values fit together; errors as of `load`."""
     name = str(name_or_folder)

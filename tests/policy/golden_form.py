@@ -27,7 +27,7 @@ FILE = Path(__file__).resolve().parents[1] / "data" / "form.npz"
 PERIOD, SCENES, PLAN = 1.0, 4, 24
 REWARDS = (
     Reward(),
-    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0, c_switch=3.0),
+    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
 )
 FLAGS, NUMBERS = ("contact", "success", "flipped"), ("progress", "progress_y", "last_scan_min", "decision_min")
 Arrays = Dict[str, np.ndarray]
@@ -66,8 +66,7 @@ def outputs(robot: Robot, given: Arrays) -> Arrays:
         "thetas": thetas.astype(np.float32),
         "meant": np.array([form.action(theta) for theta in thetas], np.float32),
         "rewards": np.array(
-            [[_reward(form, reward, given, i, before[i], thetas[i]) for i in range(SCENES)] for reward in REWARDS],
-            np.float32,
+            [[_reward(form, reward, given, i, thetas[i]) for i in range(SCENES)] for reward in REWARDS], np.float32
         ),
     }
 
@@ -80,13 +79,13 @@ def _context(form: DimensionlessForm, given: Arrays, i: int, theta: np.ndarray) 
     return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, form.space)
 
 
-def _reward(form: Any, reward: Reward, given: Arrays, i: int, before: np.ndarray, after: np.ndarray) -> list:
+def _reward(form: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
     """The terms, of a decision 10 s before the limit."""
     told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
-    outcome = Outcome(after, seconds=float(given["seconds"][i]), decisions=90, **told)
+    outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **told)
     episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
-    return list(reward.judge(form, before, episode)[1].values())
+    return list(reward.judge(form, episode)[1].values())
 
 
 def main() -> None:

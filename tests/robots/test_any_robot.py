@@ -125,7 +125,7 @@ def test_trained_and_driven(crate, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
     parameter_file.write(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
-    training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8", "--device", "cpu"]
+    training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8"]
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
     policy = run / "best.safetensors"

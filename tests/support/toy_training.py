@@ -20,7 +20,7 @@ from training.workers.collect import PolicyWeights, collect, environment, layout
 LINE = "tests.support.toy_env:Line"
 TOY = [
     *("--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
-    *("--eval-freq", "200", "--device=cpu", "--actor-lr=1e-3", "--decision-period=0.5"),
+    *("--eval-freq", "200", "--decision-period=0.5"),
 ]
 NO_EVALUATION = ["--eval-worlds", "none"]
 

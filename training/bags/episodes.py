@@ -331,9 +331,8 @@ def _trajectory(form: Form, run: List[Sample], reward: Reward) -> Trajectory:
     actions, rewards, outcomes = [], [], [sample.outcome for sample in run if sample.outcome]
     for before, outcome in zip(run, outcomes[1:]):
         action = form.action(_after(form, before.decision))
-        change = float(np.abs(action - form.action(before.theta)).mean())
         limit = max(round(TIME_LIMIT / form.period), outcome.decisions)
-        rewards.append(reward(outcome, change, limit, form.period, form.scale, form.pace)[0])
+        rewards.append(reward(outcome, limit, form.period, form.scale, form.pace)[0])
         actions.append(action)
     last = outcomes[-1]
     info = {"from": outcomes[0].decisions, "success": bool(last.success)}

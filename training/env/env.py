@@ -17,7 +17,6 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.variant import OURS
 from training.common.options import checked
 from training.env import privileged
 from training.env.episode import Episode
@@ -39,13 +38,11 @@ class ApplrEnv(gymnasium.Env):
         worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
             commas between them).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
-        planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         end_on_collision: a collision ends the episode, terminated, as a failure.
         end_on_stall: so does a stall (policy/actor.py).
         critics_know_more: the observation ends with numbers for the critics alone (privileged.py).
-        settings: fields of TrialSettings (settings.py): robot, simulator, randomisation, observation, ...; period must
-            be given, and is the paper's 2 s where gymnasium.make gets none. "drawn" as protocol draws one at each
-            reset.
+        settings: fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...;
+            period must be given, and is the paper's 2 s where gymnasium.make gets none.
 
     Raises:
         ApplrError: of one line, for what cannot be.
@@ -56,7 +53,6 @@ class ApplrEnv(gymnasium.Env):
         worlds="generated:train",
         *,
         limit: Optional[int] = None,
-        planner: str = OURS,
         end_on_collision: bool = False,
         end_on_stall: bool = False,
         critics_know_more: bool = False,
@@ -66,10 +62,10 @@ class ApplrEnv(gymnasium.Env):
         if self.settings.period is None:
             raise ApplrError("period: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
-        robot = self.settings.load_robot()
+        robot = self.settings.robot
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
-            MoveBase(self.settings.planner_parameters(robot), planner=planner),
+            MoveBase(self.settings.planner_parameters(robot), planner=self.settings.planner),
             robot,
             limit=limit,
             period=self.settings.period,
@@ -77,7 +73,7 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall,
             monitor=self.settings.monitor,
         )
-        self.form = form = self.settings.form(robot)
+        self.form = form = self.settings.form()
         self.space, self.episode.layout = form.space, form.layout
         self.layout = TransitionLayout.of(form)
         if critics_know_more:
@@ -93,7 +89,7 @@ class ApplrEnv(gymnasium.Env):
         index = (options or {}).get("world")
         world = self.worlds[int(self.np_random.integers(len(self.worlds))) if index is None else index]
         draw = int(self.np_random.integers(2**31))
-        protocol = self.settings.protocol
+        protocol: str = self.settings.protocol
         if protocol == DRAWN:
             protocol = str(self.np_random.choice(list(PROTOCOLS)))
         world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
@@ -105,9 +101,8 @@ class ApplrEnv(gymnasium.Env):
         """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        before = self.episode.outcome.theta
         outcome = self.episode.decide(self.form.theta(action))
-        reward, terms = self.settings.reward.judge(self.form, before, self.episode)
+        reward, terms = self.settings.reward.judge(self.form, self.episode)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)

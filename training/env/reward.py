@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar, Dict, Tuple
 
-import numpy as np
 from pydantic import ConfigDict
 
 from applr_ros1.policy.decision import PERIOD
@@ -34,8 +33,6 @@ class RewardOptions(Options):
         "costs, discounted by .95 per 2 s. With the dimensionless observation a robot whose courses take longer at its "
         "top speed than the Jackal's pays as much longer.", ge=0)
     c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
-    c_switch: float = option(0.0,
-        "Cost of changing the parameters: factor on their mean absolute change in 2 s, each scaled to [-1, 1].")
     # fmt: on
 
 
@@ -49,8 +46,7 @@ class Reward(RewardOptions):
     - R_p = metres driven towards the goal, `(p' - p) . (goal - p) / |goal - p|`, or along the world's y.
     - R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and
       at most the observation's 2 m, so R_c <= -.5.
-    - c_collision is charged for a decision in which the robot touched something, c_switch for the mean change of the
-      parameters, in action units (paper's future work), times the decision period / 2 s.
+    - c_collision is charged for a decision in which the robot touched something.
 
     All these seconds are the Jackal's: a robot of another pace (Form.pace) pays for so many of its own as it takes for
     the same course. For a slow robot a failure would otherwise be cheaper than the way to the goal.
@@ -63,14 +59,18 @@ class Reward(RewardOptions):
     NEAREST: ClassVar[float] = 0.1
     FARTHEST: ClassVar[float] = 2.0
 
+    @classmethod
+    def of(cls, options: RewardOptions) -> Reward:
+        """Return the reward with a command's options."""
+        return cls(**{name: getattr(options, name) for name in RewardOptions.model_fields})
+
     def __call__(
-        self, outcome: Outcome, change: float, limit: int, period: float, scale: float, pace: float = 1.0
+        self, outcome: Outcome, limit: int, period: float, scale: float, pace: float = 1.0
     ) -> Tuple[float, Dict[str, float]]:
         """The reward of one decision.
 
         Args:
             outcome: the trial after the decision.
-            change: mean |a_t - a_{t-1}| of the parameters in action units.
             limit: decisions until the trial is truncated.
             period: decision period [s]. Terms that count time are scaled with it, so that a course costs the same.
             scale: lengths are counted in so many metres; a wider robot's courses are longer and its gaps wider.
@@ -90,18 +90,13 @@ class Reward(RewardOptions):
             "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress) / scale,
             "clearance": -self.c_c * share / near,
             "collision": -self.c_collision * float(outcome.contact),
-            "switching": -self.c_switch * share * change,
         }
         return sum(terms.values()), terms
 
-    def judge(self, form: Form, before: np.ndarray, episode: Episode) -> Tuple[float, Dict[str, float]]:
-        """The reward of an episode's newest decision, in the scale and action units of a form.
-
-        before: the parameters (n,) until the decision. Returns what __call__ does.
-        """
+    def judge(self, form: Form, episode: Episode) -> Tuple[float, Dict[str, float]]:
+        """Return the reward of an episode's newest decision, as __call__ does, in the scale and pace of an encoding."""
         assert episode.outcome is not None
-        change = float(np.abs(form.action(episode.outcome.theta) - form.action(before)).mean())
-        return self(episode.outcome, change, episode.limit, episode.period, form.scale, form.pace)
+        return self(episode.outcome, episode.limit, episode.period, form.scale, form.pace)
 
 
 def failed(outcome: Outcome) -> bool:

@@ -1,19 +1,17 @@
-"""Settings of trials and training episodes, and the protocols, the rules that they are driven under.
-
-The environment (env.py) and evaluation/runner.py share them.
-"""
+"""Settings of drives, which evaluations and trainings share, and the protocols, the rules of drives."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Dict, Literal, NamedTuple, Optional, Union
+from typing import Any, Dict, Literal, NamedTuple, Optional
 
-from pydantic import Field, InstanceOf
+from pydantic import ConfigDict
 
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import Form
-from applr_ros1.robots import JACKAL, Robot, load, on_ground
-from training.common.options import Options
+from applr_ros1.robots import JACKAL, Robot
+from training.common.command_line import AnyRobot, QuietRobot, SimulatorName
+from training.common.options import Options, option
 from training.env.episode import TIME_LIMIT, counting_cells
 from training.env.reward import Reward
 from worlds import World, barn
@@ -51,47 +49,59 @@ def under(protocol: str, world: World) -> World:
     return dataclasses.replace(world, course=barn.challenge_course(world.course.path))
 
 
-class TrialSettings(Options):
-    """Robot, simulator, rules and score of trials; as JSON it identifies them for workers."""
+class DriveSettings(Options):
+    """Robot, simulator, planner and rules of drives, as options of evaluate.py and train.py."""
+
+    model_config = ConfigDict(title="Robot, simulator and rules")
 
     # fmt: off
-    simulator: str = Field("kinematic", description="kinematic or pybullet.")
-    robot: Union[str, InstanceOf[Robot]] = Field(
-        JACKAL.name, description="Who drives, or its name or folder; worlds are at its scale.")
-    ground: str = Field("", description="What it drives on (plain or gazebo), instead of the robot's own.")
-    protocol: str = Field(PAPER, description="Whose course is driven, one of PROTOCOLS.")
-    observation: Literal["paper", "dimensionless"] = Field("paper", description=
-        "Form of what a learnt policy sees and does, and of the reward: the paper's, or the same numbers for every "
-        "robot (applr_ros1/policy/dimensionless.py).")
-    base: Dict[str, float] = Field({}, description=
-        "Parameters that an action of the dimensionless form does not choose; else the defaults.")
-    period: Optional[float] = Field(None, description="Decision period [s]; None: each method's own, for trials.")
-    reward: Reward = Field(Reward(), description="Its coefficients.")
-    monitor: bool = Field(False, description="Whether the collision monitor stands between the planner and the base.")
-    movers: bool = Field(False, description="Whether the costmaps get where moving obstacles will be.")
-    randomisation: Dict[str, Any] = Field({}, description=
-        "What differs from the nominal robot, drawn at each reset: fields of sim_bridge.Randomisation such as latency.")
-    planner_frequency: Optional[float] = Field(None, description=
-        "Global plans per second instead of the robot's; fewer make the simulation faster.")
-    loaded: bool = Field(False, description=
-        "Whether move_base starts with the set of a static method, as with a parameter file, instead of getting it by "
-        "reconfigure; the monitor makes no motions of escape then, which a C++ move_base lacks.")
-    time_limit: float = Field(TIME_LIMIT, description="Time after which a trial ends and counts as failed [s].")
+    robot: AnyRobot
+    simulator: SimulatorName = "kinematic"
+    protocol: Literal["paper", "barn-challenge", "drawn"] = option(PAPER,
+        "Rules of a drive: paper, the paper's course, on which a contact does not end the drive; barn-challenge, the "
+        "BARN Challenge's course of 10 m, on which it does; or, in training alone, drawn, which takes one of the two "
+        "courses in each episode, while barn-challenge holds in the evaluations.")
+    planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
+        "Planner to drive with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
+        "drawn, which takes one of the two in each drive. Evaluations of a training with drawn use ours.")
+    monitor: bool = option(False,
+        "Put the collision monitor between the planner and the base, as the launch file does. Without it the base gets "
+        "every command of the planner as it is.")
+    movers: bool = option(False,
+        "Track what moves in the scans and mark where it will be in the costmaps, as the launch file does "
+        "(docs/explanation/movers.md).")
     # fmt: on
 
-    def load_robot(self) -> Robot:
-        """Return the robot, on the ground stated."""
-        robot = load(self.robot) if isinstance(self.robot, str) else self.robot
-        return on_ground(robot, self.ground) if self.ground else robot
 
-    def form(self, robot: Robot) -> Form:
-        """The form for a robot."""
-        return FORMS[self.observation](robot, self.period, self.base)
+class TrialSettings(DriveSettings):
+    """Settings of trials and training episodes, which identify them as JSON for workers.
 
-    def planner_parameters(self, robot: Robot, tree: Optional[Dict[str, Any]] = None) -> Dict[str, Any]:
-        """The planner's parameter tree, or that of the robot's files; its distance biases count per cell."""
-        parameters = counting_cells(robot.parameters() if tree is None else tree)
+    Attributes:
+        observation: Encoding of what a learnt policy sees and does, and of the reward (applr_ros1/policy/form.py).
+        base: Values of the parameters that an action of the dimensionless encoding does not choose; else the defaults.
+        period: Decision period [s]; in trials None means each method's own.
+        reward: Coefficients of the reward.
+        randomisation: Fields of sim_bridge.Randomisation, drawn at each reset.
+        loaded: Whether move_base starts with the set of a static method, as with a parameter file, instead of getting
+            it by reconfigure. The monitor makes no motions of escape then, which a C++ move_base lacks.
+        time_limit: Time after which a trial ends and counts as failed [s].
+    """
+
+    robot: QuietRobot = JACKAL
+    observation: Literal["paper", "dimensionless"] = "paper"
+    base: Dict[str, float] = {}
+    period: Optional[float] = None
+    reward: Reward = Reward()
+    randomisation: Dict[str, Any] = {}
+    loaded: bool = False
+    time_limit: float = TIME_LIMIT
+
+    def form(self) -> Form:
+        """Return a new encoding for the robot."""
+        return FORMS[self.observation](self.robot, self.period, self.base)
+
+    def planner_parameters(self, robot: Robot) -> Dict[str, Any]:
+        """Return the planner's parameter tree of a robot's files; its distance biases count per cell."""
+        parameters = counting_cells(robot.parameters())
         parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
-        if self.planner_frequency is not None:
-            parameters["planner_frequency"] = float(self.planner_frequency)
         return parameters

@@ -7,47 +7,44 @@ from functools import partial
 from pkgutil import resolve_name
 from typing import Any, Callable, Dict, Iterable, List, Literal, Optional, Sequence, Tuple
 
+from pydantic import ConfigDict
 from tqdm import tqdm
 
 from applr_ros1.policy import methods
-from applr_ros1.robots import on_ground
-from training.common import command_line
-from training.common.options import Options, option
+from training.common.command_line import RayAddress, Seed, SimulatorName, Workers
+from training.common.options import option
 from training.common.provenance import provenance
-from training.env.settings import TrialSettings
+from training.env.settings import PAPER, DriveSettings, TrialSettings
 from training.evaluation.drive import drive
 from training.evaluation.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds import World
+from worlds.loading import FORMS
 
 
-class EvaluationOptions(Options):
+class EvaluationOptions(DriveSettings):
     """Options of an evaluation."""
 
+    model_config = ConfigDict(title=None)
+
     # fmt: off
-    worlds: command_line.WorldNames = "generated:test"
-    robot: command_line.AnyRobot
+    worlds: str = option("generated:test", f"Worlds to drive in: {FORMS}; several are separated by commas.")
     methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
     trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
-    simulator: command_line.SimulatorName = "pybullet"
-    protocol: command_line.ProtocolName
-    planner: command_line.Planner
-    monitor: command_line.Monitor
-    movers: command_line.Movers
+    simulator: SimulatorName = "pybullet"
+    protocol: Literal["paper", "barn-challenge"] = option(PAPER,
+        "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, "
+        "the BARN Challenge's course of 10 m, on which it does.")
     loaded: bool = option(False,
         "Start move_base with the set of a static method, as with a parameter file loaded on a robot, instead of "
         "setting it by reconfigure.")
-    ground: Literal["", "plain", "gazebo"] = option("",
-        "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
-        "Jackal. Default: the robot's own.")
-    workers: command_line.Workers = option(2,
-        "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
-    ray_address: command_line.RayAddress
+    workers: Workers
+    ray_address: RayAddress
     out: str = option("results",
         "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
-    seed: command_line.Seed
+    seed: Seed
     traces: int = option(1,
         "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
     report: bool = option(True, "Write tables and figures of the trials.")
@@ -72,12 +69,9 @@ def evaluate(
     worlds = world_list(options.worlds, options.protocol, options.robot)
     chosen = methods.parse(options.methods)
     names = [world[:2] for world in worlds]
-    plan = plan_trials(names, chosen, options.trials, options.seed, options.traces, options.planner)
-    if options.ground:
-        on_ground(options.robot, options.ground)  # refused here, not by every worker
-    how = "simulator", "protocol", "monitor", "movers", "loaded", "ground"
-    driven_with = {name: getattr(options, name) for name in how}
-    runner = partial(resolve_name(options.runner), TrialSettings(robot=options.robot.folder, **driven_with))
+    plan = plan_trials(names, chosen, options.trials, options.seed, options.traces)
+    driven_with = {name: getattr(options, name) for name in (*DriveSettings.model_fields, "loaded")}
+    runner = partial(resolve_name(options.runner), TrialSettings(**driven_with))
 
     def show(trial: Trial, result: Result) -> None:
         bar.update()
@@ -119,6 +113,6 @@ def settings(
         "robot": described(options.robot),
         **{name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers")},
         "planner": options.planner + ", started with the sets" * options.loaded,
-        "ground": options.ground or options.robot.simulation.ground,
+        "ground": options.robot.simulation.ground,
         "seed": options.seed,
     }

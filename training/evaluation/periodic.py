@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
-from applr_ros1.planner.variant import OURS
 from training.evaluation.drive import drive
 from training.evaluation.score import summary
 from training.evaluation.table import Trials
@@ -28,27 +27,23 @@ class PeriodicEvaluation:
     Args:
         folder: of the run; evaluations.jsonl there holds a line for each round, evaluation-* the trials.
         worlds: [(name, specification), ...] of the held-out worlds; none: no round is ever due.
-        trials: in each world.
         every: steps between two rounds.
         seed: of the run. No trial of evaluate.py has the seed of a trial that chose the actor.
         setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
-            of another number of worlds or trials.
-        planner: kind of planner (applr_ros1/planner/variant.py).
+            of another number of worlds.
     """
 
     def __init__(
         self,
         folder: Path,
         worlds: Sequence[Tuple[str, str]],
-        trials: int,
         every: int,
         seed: int,
         setting: str = "",
-        planner: str = OURS,
     ):
         self.folder, self.path = Path(folder), Path(folder) / "evaluations.jsonl"
-        self.worlds, self.trials, self.every, self.seed, self.planner = worlds, trials, every, seed, planner
-        self._judged: Dict[str, Any] = {"setting": setting, "worlds": len(worlds), "trials_per_world": trials}
+        self.worlds, self.every, self.seed = worlds, every, seed
+        self._judged: Dict[str, Any] = {"setting": setting, "worlds": len(worlds), "trials_per_world": 1}
         lines = read_bytes(self.path).splitlines() if self.path.exists() else []
         self.history: List[Dict[str, Any]] = [json.loads(line) for line in lines]
 
@@ -92,7 +87,7 @@ class PeriodicEvaluation:
         """
         policy = f"policy-{sha256(weights)[:16]}", POLICY
         method = (BASELINE, BASELINE) if number == THETA0 else policy
-        plan = plan_trials(self.worlds, [method], self.trials, CHOOSING + self.seed, 0, self.planner)
+        plan = plan_trials(self.worlds, [method], 1, CHOOSING + self.seed, 0)
         kept = {**self._judged, "seed": self.seed}
         with Trials(self.folder / f"evaluation-{sha256(json.dumps(kept).encode())[:8]}", kept) as table:
             results = drive(pool, partial(run, weights=weights), table, [plan], show)

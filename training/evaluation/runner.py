@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import io
 import json
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import Episode
@@ -89,19 +90,17 @@ def _runner(settings: str) -> TrialRunner:
 
 
 class TrialRunner:
-    """One simulator, and a planner of each kind that the tasks name, which drive trials one after the other.
+    """One simulator and one planner, which drive trials one after the other.
 
     Attributes:
         trace: Of the last one.
     """
 
     def __init__(self, settings: TrialSettings):
-        self.robot = settings.load_robot()
-        self.settings, self.period = settings, settings.period
-        self.space, self.form = space_of(self.robot), settings.form(self.robot)
+        self.settings, self.robot, self.period = settings, settings.robot, settings.period
+        self.space, self.form = space_of(self.robot), settings.form()
         self.loadable = loadable_space(self.robot)
         self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
-        self._episodes: Dict[str, Episode] = {}
         self.trace = Trace()
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
@@ -116,7 +115,8 @@ class TrialRunner:
         if self.settings.loaded and method.static:
             loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
             method = methods.for_robot(methods.FixedParameters(loaded, space=self.space), self.robot)
-        episode = self.episode(task.planner, method.period, loaded)
+        episode = self._starting_with(loaded) if loaded is not None else self.episode
+        episode.set_period(method.period)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed, theta=loaded)
         changes: List[float] = []
@@ -125,35 +125,28 @@ class TrialRunner:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
-            total += self.settings.reward.judge(self.form, before, episode)[0]
+            total += self.settings.reward.judge(self.form, episode)[0]
         self.trace = episode.trace
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
         found = {**vars(outcome), **more}
         return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
 
-    def episode(self, planner: str, period: float, loaded: Optional[np.ndarray] = None) -> Episode:
-        """Return the loop that drives a kind of planner.
+    @cached_property
+    def episode(self) -> Episode:
+        """The loop of trials whose planner starts with the robot's default parameters."""
+        return self._episode(self.robot)
 
-        Args:
-            planner: applr_ros1/planner/variant.py.
-            period: that of the decisions [s].
-            loaded: a set (n,) with which the planner starts, which nobody else drives with then; None: the robot's own.
-        """
-        if loaded is not None:
-            own = zip(self.space.as_dict(loaded).items(), self.space.theta0)
-            starts = with_set(self.robot, {name: value for (name, value), there in own if value != there})
-            return self._episode(planner, period, starts)
-        if planner not in self._episodes:
-            self._episodes[planner] = self._episode(planner, period, self.robot)
-        self._episodes[planner].set_period(period)
-        return self._episodes[planner]
+    def _starting_with(self, theta: np.ndarray) -> Episode:
+        """Return a loop of trials whose planner starts with a parameter set (n,)."""
+        own = zip(self.space.as_dict(theta).items(), self.space.theta0)
+        return self._episode(with_set(self.robot, {name: value for (name, value), there in own if value != there}))
 
-    def _episode(self, planner: str, period: float, starts: Robot) -> Episode:
+    def _episode(self, starts: Robot) -> Episode:
         episode = Episode(
             self.simulator,
-            MoveBase(self.settings.planner_parameters(starts), planner=planner),
+            MoveBase(self.settings.planner_parameters(starts), planner=self.settings.planner),
             self.robot,
-            period=period,
+            period=PERIOD,
             end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
             monitor=self.settings.monitor,
             escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot

@@ -8,8 +8,6 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.variant import OURS
-
 BASELINE = "dwa"  # the method that drives with the robot's own parameters
 POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
 TRACED = ("time", "pose", "twist", "theta", "decided")  # what is kept of a drive's Trace (training/env/outcome.py)
@@ -20,8 +18,8 @@ class Trial:
     """A trial to be driven, without noise.
 
     world and method are names, as they stand in trials.csv; world_spec and method_spec say how to get them. method_spec
-    may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. planner is MoveBase's
-    (applr_ros1/planner/variant.py); trace asks for the driven path.
+    may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. trace asks for the
+    driven path.
     """
 
     world: str
@@ -30,7 +28,6 @@ class Trial:
     seed: int
     world_spec: str
     method_spec: str
-    planner: str
     trace: bool = False
     theta: Optional[Tuple[float, ...]] = None
 
@@ -72,7 +69,6 @@ def plan_trials(
     trials: int,
     seed: int,
     traces: int = 1,
-    planner: str = OURS,
 ) -> List[Trial]:
     """Return all trials in the order of trials.csv.
 
@@ -85,10 +81,9 @@ def plan_trials(
         trials: of each method in each world.
         seed: of all of them.
         traces: of so many trials of each method in each world the driven path is kept.
-        planner: kind of planner (applr_ros1/planner/variant.py).
     """
     return [
-        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces)
+        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces)
         for trial in range(trials)
         for world, world_spec in worlds
         for method, method_spec in chosen

@@ -9,37 +9,42 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Literal, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, Literal, NamedTuple, Optional, Sequence
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.common.yaml_files import read_yaml
+from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
-from applr_ros1.policy.form import PAPER
-from applr_ros1.robots import NAMES, load
-from training.common.command_line import Monitor, Movers, Parser, Planner, Seed, SimulatorName, words
-from training.common.options import Options, add_options, checked, dashed, option
-from training.env import settings
-from training.env.reward import RewardOptions
+from applr_ros1.policy.form import PAPER as PAPER_FORM
+from training.common import command_line
+from training.common.command_line import RayAddress, Seed
+from training.common.options import Options, checked, dashed, option
+from training.env.reward import Reward, RewardOptions
+from training.env.settings import CHALLENGE, DRAWN, PAPER, DriveSettings
 from training.td3.options import TD3Options
 from worlds.loading import FORMS
 
-RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
 PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
 BASE = "base"  # in config.json, beside the options (Start.base)
 POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 PAPER_STEPS = 5_000_000
-MOST_ROWS = 10**8  # of a replay buffer
-Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
+# options that a resumed run keeps
+FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm"
+ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
+simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it."""
+EPILOG = """Defaults are the paper's; where the paper is silent, those of its authors' code.
+docs/explanation/learning_problem.md describes the learning problem and each deviation."""
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
 
 def span(default: float, help: str, more: str = "") -> Any:
-    """Declares one of SPANS; help and more stand before and behind what two numbers mean."""
+    """Declare one of SPANS, a number or the two between which each episode draws."""
     text = f"{help} Two numbers: drawn between them at each reset{more}."
     return option([default], text, min_length=1, max_length=2)
 
@@ -50,12 +55,14 @@ class RunOptions(Options):
     model_config = ConfigDict(title="The run")
 
     # fmt: off
+    recipe: str = option("",
+        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. Options given beside it "
+        "replace those of the recipe.")
     out: str = option("runs/applr",
         "Folder for the configuration, the checkpoints, all trajectories, the actors, and the learning curves.")
     resume: bool = option(False,
         "Continue the run in the folder --out with the options that it was started with. Options that are given again "
-        "replace the stored ones, except for the networks, the replay buffer's size, the seed, the robot and "
-        "--init-from.")
+        "replace the stored ones, except for the networks, the seed, the robot and --init-from.")
     total_timesteps: int = option(PAPER_STEPS,
         "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
@@ -77,8 +84,7 @@ class ActorOptions(Options):
     actors: int = option(0,
         "Number of actors that drive episodes at the same time, as child processes. 0 drives one episode after the "
         "other in the learner's own process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
-    ray_address: str = option("",
-        "Run the actors on Ray: HOST:PORT of a cluster, or local to start Ray on this machine.")
+    ray_address: RayAddress
     exploration_noise_initial: float = option(0.5,
         "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
     exploration_noise_final: float = option(0.02,
@@ -89,69 +95,49 @@ class ActorOptions(Options):
     # fmt: on
 
 
-class TaskOptions(Options):
-    """Worlds and robot."""
+class TaskOptions(DriveSettings):
+    """Worlds, observations, and random differences between episodes."""
 
-    model_config = ConfigDict(title="Worlds and robot")
+    model_config = ConfigDict(title="Worlds and episodes")
 
     # fmt: off
-    decision_period: float = option(PERIOD,
-        "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
-    robot: str = option("jackal",
-        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/tutorials/your_robot.md). The "
-        "worlds are at its scale.", fixed=True)
-    observation: Literal["paper", "dimensionless"] = option("paper",
-        "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
-        "parameter space; or dimensionless, in the robot's size and speed (applr_ros1/policy/dimensionless.py).",
-        fixed=True)
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
-    simulator: SimulatorName = option("kinematic",
-        "Simulator to train and evaluate in: kinematic or pybullet.")
-    planner: Planner = option("ours",
-        "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
-        "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")
-    monitor: Monitor = option(False,
-        "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
-    movers: Movers = option(False,
-        "Track what moves in the scans and mark where it will be in the costmaps, in training and in the evaluations.")
+    decision_period: float = option(PERIOD,
+        "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
+    observation: Literal["paper", "dimensionless"] = option("paper",
+        "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
+        "parameter space; or dimensionless, in the robot's size and speed (applr_ros1/policy/dimensionless.py).")
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
     end_on_stall: bool = option(False,
         "End a training episode, as a failure, when the robot has come less than .85 m in 8 s, at the Jackal's scale. "
         "Evaluations are not ended.")
-    protocol: Literal["paper", "barn-challenge", "drawn"] = option("paper",
-        "Course of the worlds in training and evaluation: paper, barn-challenge (10 m straight through, and in "
-        "evaluations a collision ends the trial), or drawn, which takes one of the two in each episode, and "
-        "barn-challenge in evaluations.")
     critics_know_more: bool = option(False,
         "Show the critics what the policy cannot know: the true course ahead, moving obstacles, planner, ground, "
-        "friction and delays (training/env/privileged.py).", fixed=True)
+        "friction and delays (training/env/privileged.py).")
     start_xy: float = option(0.0,
         "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
     start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
-    scan_noise: Span = span(1.0, "Factor on the standard deviation of the laser's noise.")
-    latency: Span = span(0.0, "Delay [s] of the velocity commands.")
-    slip: Span = span(1.0, "Factor on the slip and drift of the base.")
-    friction: Span = span(1.0, "Factor on the wheels' friction.")
-    ground: Span = span(1.0, "Share of the robot's own ground, 1 or more all of it; the rest is plain.",
+    scan_noise: List[float] = span(1.0, "Factor on the standard deviation of the laser's noise.")
+    latency: List[float] = span(0.0, "Delay [s] of the velocity commands.")
+    slip: List[float] = span(1.0, "Factor on the slip and drift of the base.")
+    friction: List[float] = span(1.0, "Factor on the wheels' friction.")
+    ground: List[float] = span(1.0, "Share of the robot's own ground, 1 or more all of it; the rest is plain.",
         ", so that 0 2 gives half of the episodes the robot's own ground and the others one in between")
-    odometry: Span = span(1.0, "Factor on the odometry's errors.")
+    odometry: List[float] = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
 
 
 class LearnerOptions(TD3Options):
-    """Size of the memory, times of gradient steps, and TD3's own options."""
+    """Experience that the learner learns from, times of gradient steps, and TD3's own options."""
 
     model_config = ConfigDict(title="Learner")
 
     # fmt: off
     seed: Seed = option(0,
-        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.",
-        fixed=True)
-    device: str = option("auto",
-        "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
     utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
     mirror: bool = option(False,
         "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
@@ -159,9 +145,6 @@ class LearnerOptions(TD3Options):
     learning_starts: int = option(0,
         "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
         "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
-    buffer_size: int = option(0,
-        "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
-        "transitions of --total-timesteps and a tenth more.", fixed=True, ge=0, le=MOST_ROWS)
     # fmt: on
 
 
@@ -190,8 +173,7 @@ class OfflineOptions(Options):
         "robot's own best single set, dwa for its default parameters or a JSON file, which also gives the parameters "
         "that a policy in the dimensionless form does not choose; or from the file of a policy in the dimensionless "
         "form, which stands still while the critics learn alone for 2,000 gradient steps. "
-        "Default: the policy's first output is near the middle of the ranges.",
-        fixed=True)
+        "Default: the policy's first output is near the middle of the ranges.")
     # fmt: on
 
 
@@ -203,11 +185,10 @@ class PeriodicOptions(Options):
     # fmt: off
     eval_worlds: str = option("generated:validation",
         "Held-out worlds in which the policy is evaluated during the run, to choose the best actor. The default is a "
-        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. none disables "
-        "the evaluation.")
+        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. Each is "
+        "driven once in an evaluation. none disables the evaluation.")
     eval_freq: int = option(50_000,
         "Number of transitions (offline: of gradient steps) between two evaluations.", ge=1, le=10**9)
-    n_eval_episodes: int = option(1, "Number of trials in each held-out world.", ge=1, le=1000)
     # fmt: on
 
 
@@ -218,15 +199,6 @@ class TrainConfig(
 
     model_config = ConfigDict(title=None)
 
-    @model_validator(mode="after")
-    def _check(self) -> "TrainConfig":
-        load(self.robot, report=True)
-        for name in SPANS:
-            if getattr(self, name) != sorted(getattr(self, name)):
-                raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
-        return self
-
-    # -- what the parts need
     @cached_property
     def start(self) -> Start:
         """Return what --init-from names. Raises ApplrError for what is of no use.
@@ -239,112 +211,87 @@ class TrainConfig(
         if not name or self.resume and (out / "checkpoint.json").exists():
             return Start(base=begun)
         if name.endswith(POLICY_FILE):
-            if self.observation == PAPER:
-                raise ApplrError(f"--init-from is {self.init_from!r}: a policy needs --observation dimensionless")
+            if self.observation == PAPER_FORM:
+                raise ApplrError(f"--init-from is {name!r}: a policy needs --observation dimensionless")
             return Start(policy=name)
         if (Path(name) / "checkpoint.json").exists():
             return Start(run=name)
-        robot = load(self.robot)
         is_method = name in methods.METHODS or name.endswith(".json")
-        method = methods.make(name, robot) if is_method else None
+        method = methods.make(name, self.robot) if is_method else None
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(
-                f"--init-from is {self.init_from!r}: give static, dwa, a JSON file with a parameter set, the file of "
-                "a policy, or the folder of a training run that has saved a checkpoint"
+                f"--init-from is {name!r}: give static, dwa, a JSON file with a parameter set, the file of a policy, "
+                "or the folder of a training run that has saved a checkpoint"
             )
-        form = POLICY_FORMS[self.observation](robot, self.decision_period)
+        form = POLICY_FORMS[self.observation](self.robot, self.decision_period)
         base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
-        return Start(action=form.action(method.values).tolist(), base=base if self.observation != PAPER else {})
+        return Start(action=form.action(method.values).tolist(), base=base if self.observation != PAPER_FORM else {})
 
     def resolved(self) -> "TrainConfig":
-        """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""
-        steps, papers = self.total_timesteps, (0.5 - 0.02) / 0.125 * 1e6
-        noise = max(1, int(papers * min(1.0, steps / PAPER_STEPS)))
-        return self.model_copy(
-            update={
-                "buffer_size": self.buffer_size or min(MOST_ROWS, max(1000, int(1.1 * steps) + 1000)),
-                "exploration_noise_steps": self.exploration_noise_steps or noise,
-            }
-        )
+        """Return the options with the steps of the noise written out, which a longer resumed run must not change."""
+        papers = (0.5 - 0.02) / 0.125 * 1e6
+        noise = max(1, int(papers * min(1.0, self.total_timesteps / PAPER_STEPS)))
+        return self.model_copy(update={"exploration_noise_steps": self.exploration_noise_steps or noise})
 
-    def reward(self) -> Dict[str, Any]:
-        """Fields of the Reward."""
-        return {name: getattr(self, name) for name in RewardOptions.model_fields}
-
-    def randomisation(self) -> Dict[str, Any]:
-        """Fields of the simulators' Randomisation."""
+    def environment(self) -> Dict[str, Any]:
+        """Return the arguments of the training's environment (ApplrEnv), as JSON values."""
+        own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
         spans = {name: getattr(self, name) for name in SPANS}
         drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
-        return dict(start_xy=self.start_xy, start_yaw=self.start_yaw, **drawn)
+        return {
+            **self.model_dump(include={*DriveSettings.model_fields, *own}),
+            "randomisation": {"start_xy": self.start_xy, "start_yaw": self.start_yaw, **drawn},
+            "reward": Reward.of(self).model_dump(),
+            "period": self.decision_period,
+            "base": self.start.base,
+        }
 
     @property
-    def eval_planner(self) -> str:
-        """The planner of the evaluations."""
-        return "ours" if self.planner == "drawn" else self.planner
-
-    @property
-    def eval_protocol(self) -> str:
-        """The rules of the evaluations."""
-        return settings.CHALLENGE if self.protocol == settings.DRAWN else self.protocol
+    def judged(self) -> Dict[str, Any]:
+        """Return the settings (DriveSettings) of the run's evaluations, in which nothing is drawn."""
+        drives = {name: getattr(self, name) for name in DriveSettings.model_fields}
+        return {
+            **drives,
+            "planner": OURS if self.planner == DRAWN else self.planner,
+            "protocol": CHALLENGE if self.protocol == DRAWN else self.protocol,
+        }
 
     def setting(self) -> str:
         """Return the setting of the periodic evaluation in words: results of another setting cannot be compared."""
+        judged = self.judged
         beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
-        rules = [self.eval_protocol] * (self.eval_protocol != settings.PAPER)
-        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *beside, *rules])
+        rules = [judged["protocol"]] * (judged["protocol"] != PAPER)
+        return ", ".join([self.eval_worlds, self.simulator, judged["planner"], *beside, *rules])
 
     def noise(self, transitions: int) -> float:
-        """Exploration noise after so many transitions (of a resolved configuration)."""
+        """Return the exploration noise after so many transitions (of a resolved configuration)."""
         share = min(1.0, transitions / self.exploration_noise_steps)
         return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
 
 
-def recipes() -> List[str]:
-    """Names of the recipes that come with the package (training/recipes/NAME.yaml)."""
-    return sorted(path.stem for path in RECIPES.glob("*.yaml"))
-
-
 def recipe(name: str) -> Dict[str, Any]:
-    """The options of a recipe, checked.
+    """Return the options of a recipe, checked.
 
     Args:
-        name: one of recipes(), the path of a YAML file of options, or "" for none.
+        name: one of RECIPES, the path of a YAML file of options, or "" for none.
 
     Raises:
         ApplrError: with one line, for an unknown name or a file that holds anything but options.
     """
     if not name:
         return {}
-    if not name.endswith(".yaml") and name not in recipes():
-        raise ApplrError(f"--recipe {name} is unknown: give {', '.join(recipes())} or a .yaml file")
-    path = Path(name) if name.endswith(".yaml") else RECIPES / (name + ".yaml")
+    if not name.endswith(".yaml") and name not in RECIPES:
+        raise ApplrError(f"--recipe {name} is unknown: give {', '.join(RECIPES)} or a .yaml file")
+    path = RECIPES.get(name, Path(name))
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ApplrError(f"{path}: holds no options; give lines such as `batch_size: 256`")
-    return checked(TrainConfig, values, str(path)).model_dump(include=set(values))
-
-
-def parser() -> Parser:
-    """The command line."""
-    made = Parser(
-        "train.py",
-        "Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in\nsimulation, "
-        "or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.",
-        "Defaults are the paper's; where the paper is silent, those of its authors' code.\n"
-        "docs/explanation/learning_problem.md describes the learning problem and each deviation.",
-    )
-    made.add_argument(
-        "--recipe",
-        default="",
-        help="Use the options of a recipe: one of %s, or a YAML file of options. Options given beside it replace those "
-        "of the recipe." % ", ".join(recipes()),
-    )
-    add_options(made, TrainConfig)
-    return made
+    checked(TrainConfig, values, str(path))
+    return values
 
 
 def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
-    """The configuration that a command line asks for; with --resume the options that the run was begun with.
+    """Return the configuration that a command line asks for; with --resume that which the run was begun with.
 
     Args:
         arguments: without the program's name; None: those of this process. ROS's remappings (name:=value) are ignored.
@@ -352,26 +299,20 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     Raises:
         ApplrError: with one line.
     """
-    given = vars(parser().parse_args(words(arguments)))
-    of_recipe = recipe(given.pop("recipe"))
+    given = command_line.given(TrainConfig, "train.py", ABOUT, arguments, EPILOG)
     if not given.get("resume"):
-        config = checked(TrainConfig, {**of_recipe, **given})
+        config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
         if "gradient_steps" in config.model_fields_set and not config.dataset:  # else it drove for days
             raise ApplrError("--gradient-steps, or a recipe with them, learns offline: give a --dataset")
         return config
-    out = given.get("out", RunOptions().out)  # a resumed run keeps its options, whatever the recipe says
+    out = given.get("out", RunOptions().out)
     path = Path(out) / "config.json"
     if not path.exists():
         raise ApplrError(f"--resume: {out} holds no run (no config.json); check --out, or leave --resume out")
-    stored = read_json(path)
-    for name in (PROVENANCE, BASE):
-        stored.pop(name, None)
+    stored = {name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields}
     begun = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **given, "out": out})
-    for name, field in TrainConfig.model_fields.items():
-        if field.json_schema_extra["fixed"] and getattr(config, name) != getattr(begun, name):  # type: ignore[index,call-overload]
-            raise ApplrError(
-                f"{dashed(name)} {getattr(config, name)}: the run in {out} was begun with {getattr(begun, name)}, "
-                "which cannot be changed"
-            )
+    for name in FIXED:
+        if getattr(config, name) != getattr(begun, name):
+            raise ApplrError(f"{dashed(name)}: the run in {out} was begun with another one, which cannot be changed")
     return config

@@ -34,6 +34,7 @@ class Learner:
         layout: what observations and actions consist of.
         options: how it learns.
         folder: of the run; checkpoint.json, learner-*.pt and replay-*.safetensors lie in it.
+        rows: capacity of the replay buffer.
         start: what it begins with, unless the folder holds a checkpoint.
     """
 
@@ -42,12 +43,13 @@ class Learner:
         layout: TransitionLayout,
         options: LearnerOptions,
         folder: os.PathLike | str,
+        rows: int,
         start: Start = Start(),  # noqa: B008
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        sizes, mirror = (layout.size, layout.action), layout.policy_mirror
-        self.td3 = TD3(*sizes, options, options.seed, options.device, mirror, layout.hidden)
-        self.replay = Replay(layout, options.buffer_size)
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        self.td3 = TD3(layout.size, layout.action, options, options.seed, device, layout.policy_mirror, layout.hidden)
+        self.replay = Replay(layout, rows)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:
             if start.action:

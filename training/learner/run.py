@@ -24,7 +24,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, write_json
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import FORMS
-from applr_ros1.robots import load
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import PeriodicEvaluation
@@ -57,8 +56,7 @@ class TrainingRun:
         self.made = self.prepare(config)
         self.dataset = dataset_of(config, self.made.layout)
         self.offline = self.dataset is not None
-        if self.dataset is not None:
-            config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
+        rows = self.dataset.rows if self.dataset else int(1.1 * config.total_timesteps) + 1000
         self.config, start = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
@@ -66,17 +64,10 @@ class TrainingRun:
             raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
         if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-        self.learner = Learner(self.made.layout, config, self.folder, start)
+        self.learner = Learner(self.made.layout, config, self.folder, rows, start)
         self.extra = self.learner.resume(self.dataset)
-        self.evaluation = PeriodicEvaluation(
-            self.folder,
-            self.made.held_out,
-            config.n_eval_episodes,
-            config.eval_freq,
-            config.seed,
-            setting=config.setting(),
-            planner=config.eval_planner,
-        )
+        held_out, setting = self.made.held_out, config.setting()
+        self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed, setting)
         self._next_episode = self.extra.get("next_episode", 0)
         self._running: Set[Future] = set()  # episodes whose results are not yet taken
         self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
@@ -260,7 +251,7 @@ class TrainingRun:
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
         """The file of a policy in the form that the run learns."""
         config = self.config
-        form = FORMS[config.observation](load(config.robot), config.decision_period, config.start.base)
+        form = FORMS[config.observation](config.robot, config.decision_period, config.start.base)
         actor.save(path, weights, metadata, form)
 
     # -- progress ------------------------------------------------------------------------------------------

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Sequence
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
-from applr_ros1.robots import load
 from training.common.folders import make_folder
 from training.evaluation.evaluation import EvaluationOptions, evaluate
 from training.evaluation.trial import BASELINE
@@ -65,8 +64,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     means = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
     best = out / "best.safetensors"
     shutil.copyfile(by_run[str(means.idxmin())], best)
-    robot = load(config.robot)
-    others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, robot)).exists()
+    others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, config.robot)).exists()
     method, lines = verdict(_driven(config, out / "verdict", VERDICT, others, {POLICY: best}))
     chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
     return [f"mean scores of the policies: {chosen}", *lines, f"drive with: {method}; best policy: {best}"]
@@ -82,6 +80,6 @@ def _driven(
     for name, file in files.items():
         shutil.copyfile(policies[name], file)
     chosen = ",".join(map(str, [*others, *files.values()]))
-    how: Dict[str, Any] = {name: getattr(config, name) for name in ("robot", "simulator", "monitor", "movers", "seed")}
-    how.update(worlds=worlds, methods=chosen, trials=1, out=str(out), protocol=config.eval_protocol)
-    return paired_trials(evaluate(EvaluationOptions(**how, workers=config.actors)), [*others, *files])
+    how = {**config.judged, "seed": config.seed, "workers": config.actors}
+    evaluation = EvaluationOptions(**how, worlds=worlds, methods=chosen, trials=1, out=str(out))
+    return paired_trials(evaluate(evaluation), [*others, *files])

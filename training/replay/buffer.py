@@ -23,8 +23,6 @@ class Replay:
     """A ring of `capacity` rows. add() writes whole episodes, so the ring never cuts the newest one."""
 
     def __init__(self, layout: TransitionLayout, capacity: int):
-        if capacity < 2:
-            raise ApplrError(f"a replay of {capacity} rows holds no transition; give a --buffer-size of at least 2")
         self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror
         _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
@@ -125,4 +123,4 @@ def _check_memory(rows: int, row: int) -> None:
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > there:
         takes = f"a replay of {rows} rows takes {rows * row / 1e9:.1f} GB"
-        raise ApplrError(f"{takes}, this machine has {there / 1e9:.1f} GB; give a smaller --buffer-size")
+        raise ApplrError(f"{takes}, this machine has {there / 1e9:.1f} GB; give smaller --total-timesteps")

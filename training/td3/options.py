@@ -16,19 +16,11 @@ class TD3Options(Options):
 
     # fmt: off
     net_arch: List[Annotated[int, Field(ge=1, le=8192)]] = option([512, 512, 512],
-        "Sizes of the hidden layers of the policy and of both critics.", fixed=True, min_length=1, max_length=15)
-    actor_lr: float = option(3e-4, "Learning rate of the policy.", ge=0, le=1)
+        "Sizes of the hidden layers of the policy and of both critics.", min_length=1, max_length=15)
     critic_lr: float = option(1e-3, "Learning rate of the critics.", ge=0, le=1)
     gamma: float = option(0.95, "Discount factor per decision.", ge=0, le=1)
     n_step: int = option(4, "Number of decisions in an n-step return.", ge=1, le=100)
     batch_size: int = option(256, "Number of transitions in the batch of a gradient step.", ge=1, le=65536)
-    tau: float = option(0.005,
-        "Share of the current networks that enters the target networks at each policy step.", ge=0, le=1)
-    target_policy_noise: float = option(0.2,
-        "Standard deviation of the smoothing noise on target actions, which range from -1 to 1.", ge=0, le=2)
-    target_noise_clip: float = option(0.5,
-        "Largest absolute value of the smoothing noise on target actions.", ge=0, le=2)
-    policy_delay: int = option(2, "Number of critic updates per policy update.", ge=1, le=100)
     policy_ema_decay: float = option(0.0,
         "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
         "average. 0 uses the policy itself.", ge=0, le=0.999999)
@@ -43,8 +35,7 @@ class TD3Options(Options):
         "Weight of a penalty on the mean square of the policy's outputs before tanh. It keeps them away from the ends "
         "of the ranges, where tanh has no gradient. 0 switches it off.", ge=0, le=100)
     layer_norm: bool = option(False,
-        "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.",
-        fixed=True)
+        "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.")
     bc_alpha: float = option(0.0,
         "Alpha of TD3+BC (Fujimoto and Gu 2021), which keeps the policy close to the actions of the dataset; its "
         "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)

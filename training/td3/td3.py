@@ -23,6 +23,10 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.form import Mirror, with_mirror_images
 from training.td3.options import TD3Options
 
+ACTOR_LR = 3e-4  # learning rate of the policy
+POLICY_DELAY = 2  # critic updates per policy update
+TAU = 0.005  # share of the current networks that enters the target networks at each policy step
+TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and bound of the smoothing noise on target actions
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
 SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
 CRITICS_ALONE = 2000  # gradient steps before the first one of a policy that fresh critics would spoil
@@ -84,13 +88,13 @@ class TD3:
         actions: numbers of one action.
         options: hyper-parameters.
         seed: of the networks' first weights.
-        device: "cpu", "cuda" or "auto".
+        device: torch's name of the device that computes.
         mirror: what exchanging left and right does to what the policy is shown; None where that is not known.
         hidden: how many of an observation's last numbers only the critics are shown.
 
     Raises:
-        ApplrError: for an unknown device, a symmetric policy of observations without a scan, or another number of
-            weights of smoothness than an action has numbers.
+        ApplrError: for a symmetric policy of observations without a scan, or another number of weights of smoothness
+            than an action has numbers.
     """
 
     def __init__(
@@ -105,7 +109,7 @@ class TD3:
     ):
         if options.symmetric and mirror is None:
             raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
-        self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
+        self.options, self.actions, self.mirror, self.device = options, actions, mirror, torch.device(device)
         if len(options.smoothness) not in (1, actions):
             raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
         self.smoothness = torch.tensor(options.smoothness, device=self.device)
@@ -123,7 +127,7 @@ class TD3:
         self.policy = self.actor  # what drives: the running average of the learnt policy where there is one
         if options.policy_ema_decay:
             self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
-        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), options.actor_lr, fused=True)
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), ACTOR_LR, fused=True)
         self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), options.critic_lr, fused=True)
         self.optimizers = {"actor_optimizer": self.actor_optimizer, "critic_optimizer": self.critic_optimizer}
         self.updates = self.policy_starts = 0
@@ -159,19 +163,18 @@ class TD3:
 
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
-        """One gradient step of the critics; every policy_delay-th also of the policy and the targets."""
+        """One gradient step of the critics; every POLICY_DELAY-th also of the policy and the targets."""
         self.updates += 1
         self._update_critics(batch)
-        if self.updates % self.options.policy_delay == 0:
+        if self.updates % POLICY_DELAY == 0:
             if self.updates > self.policy_starts:
                 self._update_actor(batch)
             self._update_targets()
 
     def _update_critics(self, batch: Batch) -> None:
-        o = self.options
         with torch.no_grad():
             # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
-            noise = (batch.noise * o.target_policy_noise).clamp_(-o.target_noise_clip, o.target_noise_clip)
+            noise = (batch.noise * TARGET_NOISE).clamp_(-NOISE_CLIP, NOISE_CLIP)
             action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen])).add_(noise).clamp_(-1.0, 1.0)
             # y = r + gamma^k min Q'(s', a') (clipped double Q), bootstrapping through time limits.
             there = torch.cat((batch.next_observation, action), 1)
@@ -207,8 +210,8 @@ class TD3:
 
     @torch.no_grad()
     def _update_targets(self) -> None:
-        _mix(self.actor_target, self.actor, self.options.tau)
-        _mix(self.critic_targets, self.critics, self.options.tau)
+        _mix(self.actor_target, self.actor, TAU)
+        _mix(self.critic_targets, self.critics, TAU)
         if self.policy is not self.actor:
             _mix(self.policy, self.actor, 1.0 - self.options.policy_ema_decay)
 
@@ -249,15 +252,3 @@ class TD3:
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
     """Moves each parameter of `target` by a share of the way to that of `source`."""
     torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), share)
-
-
-def _device(name: str) -> torch.device:
-    try:
-        device = torch.device(("cuda" if torch.cuda.is_available() else "cpu") if name == "auto" else name)
-    except RuntimeError:
-        raise ApplrError(f"--device is {name!r}: give cpu, cuda or auto") from None
-    if device.type not in ("cpu", "cuda"):
-        raise ApplrError(f"--device is {name!r}: this program learns on cpu or cuda; give one of them, or auto")
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        raise ApplrError(f"--device is {name!r}: torch finds {torch.cuda.device_count()} GPUs here; give cpu or auto")
-    return device

@@ -14,6 +14,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
+from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessForm
 from applr_ros1.policy.parameter_space import space_of
@@ -61,9 +62,10 @@ say = partial(print, flush=True)
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
     """Return the trial settings of a search in some worlds; the simulator is added later."""
     farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {"robot": robot.folder, "protocol": CHALLENGE, "loaded": True}
-    rules["randomisation"] = DRAWN
-    return TrialSettings(**rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed))
+    rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE, "loaded": True, "randomisation": DRAWN}
+    return TrialSettings(
+        robot=robot, **rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed)
+    )
 
 
 def find(
@@ -87,7 +89,7 @@ def find(
     Raises:
         ApplrError: no set arrives anywhere.
     """
-    robot, seed = settings.load_robot(), options.seed
+    robot, seed = settings.robot, options.seed
     whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
     space = whole.chosen
     means, driven = [], []  # type: List[np.ndarray], List[str]

@@ -45,9 +45,7 @@ def driven_unseen(
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
     how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
-    evaluation = EvaluationOptions.model_construct(
-        **how, robot=robot, worlds=worlds, methods=names, out=str(drives / monitor)
-    )
+    evaluation = EvaluationOptions(**how, robot=robot, worlds=worlds, methods=names, out=str(drives / monitor))
 
     def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
         """Yield as many courses with both as there are workers, until the time is over."""

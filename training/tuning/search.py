@@ -12,7 +12,6 @@ from typing import Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequenc
 import numpy as np
 
 from applr_ros1.common.files import sha256
-from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import Space
 from training.evaluation.compare import Estimate, clearly_worse, over_worlds
 from training.evaluation.periodic import CHOOSING
@@ -55,13 +54,13 @@ def plan_sets(
 ) -> List[List[Trial]]:
     """Return the trials of each set (k, n) in some worlds, [(name, specification), ...], in which all have one seed.
 
-    A planner like C++'s drives. Trials are named for set and simulator; evaluate.py's have other seeds.
+    Trials are named for set and simulator; evaluate.py's have other seeds.
     """
     courses = [(*worlds[i], seed_of(CHOOSING + seed, worlds[i][0], 0)) for i in block]
     plan = []
     for theta in (tuple(map(float, space.clip(values))) for values in sets):
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
-        plan.append([Trial(name, method, 0, drawn, spec, "", CPP_LIKE, theta=theta) for name, spec, drawn in courses])
+        plan.append([Trial(name, method, 0, drawn, spec, "", theta=theta) for name, spec, drawn in courses])
     return plan
 
 

@@ -29,6 +29,7 @@ from training.bags.episodes import BagReport, Skipped, _check_motion, decision_p
 from training.baselines.appld.scripted_driver import Demonstrator
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
+from training.learner.config import RECIPES
 from training.learner.config import parse as config_of
 from training.learner.prepare import dataset_of
 from training.replay.dataset import Dataset
@@ -436,15 +437,17 @@ def test_rewards_are_in_the_scale_and_pace_of_the_form(tmp_path):
 def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, capsys):
     record(tmp_path / "a.bag")
     data = str(tmp_path / "data")
-    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", "jackal", "--no-lowest"]) == 0
+    recipe = tmp_path / "own.yaml"
+    recipe.write_text(RECIPES["jackal"].read_text().replace("lowest: true", "lowest: false"))
+    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", str(recipe)]) == 0
     source = Dataset(data).about
     assert (source["observation"], source["robot"], source["decision_period"]) == ("dimensionless", "jackal", 2.0)
     assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (11.0, True, False)
     base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2", "--out", str(tmp_path / "run")]
     known = [*base, "--no-critics-know-more"]
     for options, line in (
-        (base, "critics_know_more is True, but the .*data was driven with False: give --no-critics-know-more, or"),
-        (known, "lowest is True, but the dataset .*data was driven with False: give --no-lowest, or"),
+        (base, "critics_know_more is True, but the .*data was driven with False: give the same"),
+        (known, "lowest is True, but the dataset .*data was driven with False: give the same"),
     ):
         config = config_of(options)
         with pytest.raises(ApplrError, match=line):
@@ -541,7 +544,9 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
     command = Path(sys.executable).with_name("rosbags-convert")
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)
-    options = ["--observation", observation, "--lowest", "--exact-time", "--out", str(tmp_path / "data")]
+    recipe = tmp_path / "own.yaml"
+    recipe.write_text(f"observation: {observation}\nlowest: true\nexact_time: true\n")
+    options = ["--recipe", str(recipe), "--out", str(tmp_path / "data")]
     assert bags_to_dataset.main([str(tmp_path / "ros2"), *options]) == 0
     dataset = Dataset(tmp_path / "data")
     assert dataset.about["observation"] == observation

@@ -282,20 +282,20 @@ def test_nearest_is_bounded_and_finite_for_any_scan():
 # -- reward: the paper's section III-C ---------------------------------------------------------------------------------
 STEP = Outcome(np.zeros(8), progress=0.9, progress_y=0.8, last_scan_min=0.4, decision_min=0.2)
 STEP = replace(STEP, contact=True, seconds=2.0, decisions=3)
-TERMS = ("time", "progress", "clearance", "collision", "switching")
+TERMS = ("time", "progress", "clearance", "collision")
 
 
-def earned(reward, outcome, change=0.0, limit=50, period=2.0, scale=1.0, pace=1.0):
-    return reward(outcome, change, limit, period, scale, pace)
+def earned(reward, outcome, limit=50, period=2.0, scale=1.0, pace=1.0):
+    return reward(outcome, limit, period, scale, pace)
 
 
 def test_reward_terms():
-    total, terms = earned(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP, 0.5)
-    assert terms == pytest.approx(dict(zip(TERMS, (-1.0, 1.8, -0.25, 0.0, 0.0))))
+    total, terms = earned(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP)
+    assert terms == pytest.approx(dict(zip(TERMS, (-1.0, 1.8, -0.25, 0.0))))
     assert total == pytest.approx(0.55)
-    everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0, c_switch=0.2)
-    _, terms = earned(everything, replace(STEP, seconds=0.5, success=True), 0.5)
-    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.8, -0.25, -3.0, -0.1))))
+    everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0)
+    _, terms = earned(everything, replace(STEP, seconds=0.5, success=True))
+    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.8, -0.25, -3.0))))
     assert earned(Reward(), replace(STEP, success=True))[1]["time"] == 0.0  # R_f is 0 at the goal
     with pytest.raises(ValueError, match="should be a finite number"):
         Reward(c_p=float("nan"))
@@ -318,9 +318,9 @@ def test_a_failure_pays_for_the_time_it_stands_still():
 
 def test_times_are_counted_at_the_pace_of_the_robot():
     """Four times as slow as the Jackal: a course costs the same, and a failure is as dear beside it."""
-    everything = Reward(exact_time=True, c_c=0.1, c_switch=0.2)
-    _, terms = earned(everything, STEP, 0.5, pace=4.0)
-    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0, -0.025))))
+    everything = Reward(exact_time=True, c_c=0.1)
+    _, terms = earned(everything, STEP, pace=4.0)
+    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0))))
     once, twice = (earned(Reward(), STEP, scale=scale)[1]["progress"] for scale in (1.0, 2.0))
     assert once == 2.0 * twice != 0.0
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
@@ -329,7 +329,7 @@ def test_times_are_counted_at_the_pace_of_the_robot():
     assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # what is left until the limit
     husky = DimensionlessForm(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
-    judged = Reward(exact_time=True).judge(husky, husky.space.theta0, episode)
+    judged = Reward(exact_time=True).judge(husky, episode)
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
 
 
@@ -384,17 +384,6 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     assert (configuration["max_vel_x"], configuration["vx_samples"]) == (pytest.approx(theta[0]), theta[2])
     assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
     assert set(info["reward"]) == set(TERMS)
-
-
-def test_switching_costs_what_a_decision_changes(monkeypatch, env):
-    made = env.unwrapped
-    monkeypatch.setattr(made, "settings", made.settings.model_copy(update={"reward": Reward(c_switch=1.0)}))
-    _, begun = env.reset(seed=0)
-    action = np.full(8, 0.5, np.float32)
-    first, second = env.step(action)[-1], env.step(action)[-1]
-    change = np.abs(made.form.action(first["theta"]) - made.form.action(begun["theta"])).mean()
-    assert first["reward"]["switching"] == pytest.approx(-change) != 0.0
-    assert second["reward"]["switching"] == 0.0
 
 
 def test_decision_period_changes_the_steps_not_what_a_second_costs():

@@ -27,14 +27,14 @@ def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the
 
     monkeypatch.setattr(MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how))
     monkeypatch.setattr("training.evaluation.runner.MoveBase", made)
-    drives = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
+    drives = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
     theta = SPACE.from_dict(SET)
-    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", "cpp-like", theta=tuple(theta.tolist())))
+    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
     (base,) = bases
     wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
     assert SPACE.as_dict(drives.trace.theta[-1]) == wanted
     assert bool(called) != loaded
-    assert drives.episode("cpp-like", 1.0).escapes != loaded
+    assert drives.episode.escapes != loaded
     sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
     assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)

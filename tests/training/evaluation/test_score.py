@@ -53,7 +53,7 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
         assert task == trial
         return result, b""
 
-    found = PeriodicEvaluation(tmp_path, worlds, 1, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    found = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
     assert found["score"] == pytest.approx(result.time_s, abs=1e-4)
     assert found["score"] < 100.0
 
@@ -63,7 +63,7 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, form=DimensionlessForm(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
-    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
+    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "time_limit": 5.0}
     for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
         settings = TrialSettings(robot=robot, period=0.5, **options)
         (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0)
@@ -77,7 +77,7 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
 
 def test_the_environment_earns_what_the_evaluation_counts(monkeypatch):
     """The same decisions in the same course: the sum of the environment's rewards is the trial's total."""
-    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0, "exact_time": True}, "period": 1.0}
+    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = PolicyWeights(safetensors.numpy.save(weights))
     (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
@@ -114,7 +114,7 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
 
 
 def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
-    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 1, 100, 0)
+    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
     for step, last, number in (
         (0, False, THETA0),
         (0, True, None),
@@ -128,5 +128,5 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
             run = partial(lambda result, trial, weights: result, result)
             assert periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"] == 1.0 + step
     assert periodic.due(170, True) is None
-    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 1, 100, 0)
+    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -274,14 +274,13 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
 def test_trial_depends_on_its_task_only():
     """Driven first, or after another world with another method: the same, to the last digit."""
     (tmp_set, other) = ("static", "generated:64")
-    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, "ours")
+    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set)
     fresh = runner.TrialRunner(TrialSettings()).run(task)
     used = runner.TrialRunner(TrialSettings())
     before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
-    episode = used.episode("ours", 2.0)
-    episode.time_limit = 6.0
+    used.episode.time_limit = 6.0
     used.run(before)
-    episode.time_limit = TIME_LIMIT
+    used.episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
     theta = tuple(methods.make(tmp_set).theta(context()))
     assert used.run(replace(task, theta=theta)) == fresh  # a set that a search hands over

@@ -10,7 +10,6 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PATH, OSCILLATING
 from applr_ros1.planner.variant import draw
 from tests.support.toy_robot import Told, ToyRobot, quick, ring, run
-from training import evaluate
 
 
 def test_what_is_drawn_depends_on_the_seed_alone():
@@ -82,18 +81,15 @@ def test_success_waits_for_a_cycle_without_a_new_plan():
 
 
 # -- evaluation and training -----------------------------------------------------------------------------------------
-def test_the_planner_reaches_training_and_evaluation(tmp_path):
+def test_the_planner_reaches_training_and_evaluation():
     pytest.importorskip("torch")
     pytest.importorskip("gymnasium")
 
     import worlds
     from training.env.env import ApplrEnv
-    from training.evaluation.periodic import PeriodicEvaluation
     from training.evaluation.runner import TrialRunner
-    from training.evaluation.trial import Result
     from training.learner.config import TrainConfig
     from training.learner.prepare import prepare
-    from training.workers.pool import Pool
 
     config = TrainConfig(
         worlds="generated:0",
@@ -106,10 +102,7 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     )
     made = prepare(config)
     env = ApplrEnv(**json.loads(made.collect.args[1]))
-    driven = []
-    evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, planner=config.eval_planner)
-    evaluation.drive(-1, Pool(0), lambda trial, weights: driven.append(trial) or (Result(), b""), b"")
-    held_out = TrialRunner(made.drive.args[0]).episode(driven[0].planner, config.decision_period)
+    held_out = TrialRunner(made.drive.args[0]).episode
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
     assert set(kinds) == {"ours", "cpp-like"}
     env.reset(seed=0)
@@ -117,25 +110,10 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     assert 0.0 < env.episode.simulator.drawn.ground < 2.0
     held_out.reset(worlds.load("generated:1"), 0)
     assert held_out.move_base.variant == "ours"
-    assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
+    assert TrainConfig(planner="cpp-like").judged["planner"] == "cpp-like"
     assert config.setting() == "generated:1, kinematic, ours, collision monitor, movers"
     assert env.episode.end_on_collision
     assert not held_out.end_on_collision
     for episode in (env.episode, held_out):
         assert episode.monitor
         assert episode.prediction
-
-
-def test_the_ground_is_part_of_the_task(tmp_path, capsys):
-    drive = ["--worlds", "generated:0", "--methods", "dwa", "--trials", "1", "--workers", "0", "--no-report"]
-    drive += ["--simulator", "kinematic", "--out"]
-    assert evaluate.main([*drive, str(tmp_path / "own")]) == 0
-    assert evaluate.main([*drive, str(tmp_path / "gazebo"), "--ground", "gazebo"]) == 0
-    assert evaluate.main([*drive, str(tmp_path / "plain"), "--ground", "plain"]) == 0
-    own, gazebo, plain = ((tmp_path / name / "trials.csv").read_text() for name in ("own", "gazebo", "plain"))
-    assert own == gazebo != plain
-    capsys.readouterr()
-    assert evaluate.main([*drive, str(tmp_path / "own"), "--ground", "plain"]) == 1
-    assert "another ground" in capsys.readouterr().err
-    assert evaluate.main([*drive, str(tmp_path / "none"), "--ground", "gazebo", "--robot", "turtlebot3_burger"]) == 1
-    assert "simulation.ground is gazebo: only a skid_steer base" in capsys.readouterr().err

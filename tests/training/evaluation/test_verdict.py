@@ -17,7 +17,7 @@ def trials_of(world, seconds, trial=0):
         failed = isinstance(value, str)
         result = Result(success=not failed, timeout=failed, time_s=100.0 if failed else value)
         result = Result(**{**vars(result), "reason": value if failed else "finished"})
-        found[Trial(world, method, trial, 1, world, method, "ours")] = result
+        found[Trial(world, method, trial, 1, world, method)] = result
     return found
 
 

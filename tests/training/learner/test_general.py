@@ -7,7 +7,7 @@ from tests.support.toy_training import one_line
 from training.learner.learner import begun_policy
 from training.train import main
 
-FORM = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1", "--device", "cpu"]
+FORM = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1"]
 SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1", "--worlds", "generated:7,dynamic:100"]
 
 

@@ -20,7 +20,7 @@ def fake(options):
     worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {
-        Trial(world, name, 0, 1, world, name, "ours"): Result(success=True, time_s=SECONDS[name] + 0.1 * (i % 3))
+        Trial(world, name, 0, 1, world, name): Result(success=True, time_s=SECONDS[name] + 0.1 * (i % 3))
         for i, world in enumerate(worlds)
         for name in names
     }

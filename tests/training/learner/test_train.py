@@ -66,13 +66,13 @@ def test_resume_goes_on(tmp_path):
 def test_a_ring_that_has_been_around_comes_back_from_its_checkpoints(tmp_path, ratio):
     """Another ratio of updates counts from the resume on."""
     layout = TransitionLayout(4, 2, 2)
-    options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=50, utd_ratio=1.0, device="cpu")
-    learner = Learner(layout, options, tmp_path)
+    options = LearnerOptions(net_arch=[8], batch_size=8, utd_ratio=1.0)
+    learner = Learner(layout, options, tmp_path, 50)
     for number in range(12):
         learner.take(episode(layout, number, 10))
         learner.train()
         learner.save()
-    again = Learner(layout, options.model_copy(update={"utd_ratio": ratio}), tmp_path)
+    again = Learner(layout, options.model_copy(update={"utd_ratio": ratio}), tmp_path, 50)
     again.resume()
     actions = [sorted(row.tobytes() for row in made.replay.action[made.replay.end != 3]) for made in (learner, again)]
     assert actions[0] == actions[1]
@@ -151,7 +151,7 @@ def left_at_each_write(command, folder, copies, monkeypatch):
 def test_killed_at_any_of_its_writes_a_run_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr("training.learner.run.provenance", lambda seed: {})
     monkeypatch.setattr("training.learner.run.CHECKPOINT_SECONDS", 0.0)
-    whole, options = tmp_path / "whole", ["--total-timesteps=20", "--buffer-size=11", "--eval-freq=20", "--net-arch=8"]
+    whole, options = tmp_path / "whole", ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
     for number, name in enumerate(left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)):
         out = tmp_path / str(number)
         again = ["--resume", "--out", str(out)] if (out / "config.json").exists() else toy(out, *options)
@@ -193,7 +193,7 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = networks_of(whole)
     one_line(capsys, toy(whole), "holds a run already: --resume")
-    one_line(capsys, ["--resume", "--out", whole, "--net-arch", "64"], r"--net-arch \[64\]: .* cannot be changed")
+    one_line(capsys, ["--resume", "--out", whole, "--net-arch", "64"], r"--net-arch: .* cannot be changed")
     run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
     run.lock.close()
@@ -232,20 +232,17 @@ def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, ca
     assert main(["--resume", "--out", str(copy), "--total-timesteps", "900"]) == 0
 
 
-def test_runs_whose_episodes_all_fail_or_do_not_fit_end_in_one_line(tmp_path, capsys):
+def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
     broken = functools.partial(main, env="tests.support.toy_env:Broken")
     words = "20 episodes in a row failed: RuntimeError: the wheels came off"
     one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
-    small = ["--buffer-size", "4", *NO_EVALUATION]  # fewer than the rows of one episode
-    one_line(capsys, toy(tmp_path / "b", *small), "do not fit a replay of 4 rows")
 
 
 def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     """Its times are no rivals of the first one's."""
 
-    def made(trials=2, setting="kinematic"):
-        worlds = [("w0", "w0"), ("w1", "w1")]
-        return PeriodicEvaluation(tmp_path, worlds, trials, 100, 0, setting=setting)
+    def made(worlds=2, setting="kinematic"):
+        return PeriodicEvaluation(tmp_path, [(f"w{n}", f"w{n}") for n in range(worlds)], 100, 0, setting)
 
     def drive(rounds, step, seconds):
         def run(trial, weights):
@@ -270,7 +267,7 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
     assert summaries[1]["time_s"] is None
     assert summaries[1]["score"] == 102.5
-    assert made(trials=3).best is None  # nor are rounds of another number of trials
+    assert made(worlds=3).best is None  # nor are rounds of another number of worlds
 
 
 class TwoTerms(Line):

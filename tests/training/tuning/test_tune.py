@@ -30,6 +30,7 @@ WIDTH = robots.JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 DRIVEN = []  # trials, each of which takes a second
 LOADED = []  # of each, whether the planner starts with its set
+PLANNERS = []  # of each, the kind of planner
 MONITORED = []  # of each, whether the collision monitor is behind the planner
 
 
@@ -37,8 +38,9 @@ def toy(settings, task, gain=12.0):
     """As training.evaluation.runner.run: the nearer to PAY, the faster; other parameters are nothing to it."""
     DRIVEN.append(task)
     LOADED.append(settings.loaded)
+    PLANNERS.append(settings.planner)
     MONITORED.append(settings.monitor)
-    robot = settings.load_robot()
+    robot = settings.robot
     space = space_of(robot)
     theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
     here = dict(zip(space.names, space.to_action(theta)))
@@ -79,6 +81,7 @@ def few(monkeypatch):
     """Few courses, and time in which each drive takes a second, and nothing else any."""
     DRIVEN.clear()
     LOADED.clear()
+    PLANNERS.clear()
     MONITORED.clear()
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
@@ -130,7 +133,7 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert len(searched) > 8
     assert not searched & judged
     assert all(LOADED), "the owner loads tuned.yaml"
-    assert {task.planner for task in DRIVEN} == {"cpp-like"}
+    assert set(PLANNERS) == {"cpp-like"}
     assert "cpp-like, started with the sets" in page
     assert "the collision monitor" not in page.partition("How it was measured")[2]
     padding = space.names.index("footprint_padding")

@@ -26,7 +26,7 @@ from training.workers.pool import CallFailed, Pool
 from training.workers.ray import connect
 
 LAYOUT = TransitionLayout(0, 1, 1)
-SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2", "--device=cpu"]
+SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2"]
 
 
 def weights(seed=0, units=(8,)):
