@@ -122,10 +122,11 @@ class Stack:
         """The longest time between two of the planner's commands that the relay still has [s]."""
         return np.diff([t for t, _, _ in self.relay.planned]).max()
 
-    def stands_after(self, break_it, within=2.0):
+    def stands_after(self, break_it, within=2.0, locks=False):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time].
 
-        `within` that time it is told to stand and has slowed to CREEP.
+        `within` that time it is told to stand and has slowed to CREEP. locks: nobody brakes the wheels gently, so that
+        they lock and may slide for seconds; it is told to stand in that time.
         """
         broken, kept = self.relay.now, Kept()
         break_it()
@@ -135,7 +136,7 @@ class Stack:
             next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < most) - broken
             for most in (CREEP, 0.01)
         )
-        took, waited = max(slow, self.relay.driven - broken), kept.waiting()
+        took, waited = max(0.0 if locks else slow, self.relay.driven - broken), kept.waiting()
         said = "%.2f s (slow %.2f s, stood %.2f s), kept waiting for %.2f s; %s"
         assert took < within + waited, said % (took, slow, stood, waited, self.actions[-9:])
         return stood

@@ -92,7 +92,7 @@ def test_nothing_reaches_the_base_any_more(stack, measured, killed):
     """It stands; the launch file starts the monitor again."""
     stack.under_way()
     lose = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.bend.update(command=lambda _: None)
-    measured("stands after", stack.stands_after(lose, STANDS), "s")
+    measured("stands after", stack.stands_after(lose, 0.5, locks=True), "s")
     if killed:
         assert stack.relay.commands[-1][1:] == (0.0, 0.0), "a base without a time-out must stand, too"
         stack.start("collision_monitor")
