@@ -62,7 +62,7 @@ def check(name_or_folder: str) -> int:
         return 1
     lines = [f"remark: {line}" for with_map in setups for line in rules.remarks(described, with_map)]
     print("\n".join(summary(described) + list(dict.fromkeys(lines))), flush=True)
-    drives, lines = open_floor.check(described)
+    drives, lines = open_floor.try_out(described)
     print("\n".join(lines))
     return 0 if drives else 1
 

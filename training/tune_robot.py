@@ -76,7 +76,7 @@ def run(options: TuneOptions) -> int:
     out = make_folder(options.out or os.path.join("tune", robot.name))
     folder = out if robot_name(robot) in NAMES else Path(robot.folder)
     with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
-        can, floor = open_floor.check(robot)
+        can, floor = open_floor.try_out(robot)
     say("\n".join(floor))
     if not (can or options.anyway):
         return 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ GOAL_DISTANCE_M = 5.0  # at the robot's scale
 WINDOW_SHARE = 0.45  # of the size of a global costmap that rolls: its goals are nearer than half of that
 DOOR_MARGINS_M = 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5  # by which a door is wider than the padded footprint
 LIMIT_S = 60.0  # for a drive
+NO_REMEDY = "no single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml"
 STANDS = f"it turns or stands, and has not arrived after {LIMIT_S:g} s"
 REASON_SHARE = 0.1  # share of a drive from which on something counts as the reason
 SEED = 1
@@ -33,19 +34,6 @@ FACTORS = (  # of parameters of the robot's space, in the order in which they ar
     *(("goal_distance_bias", 3.0), ("path_distance_bias", 0.3), ("vx_samples", 3.0)),
 )
 GOAL_TOLERANCE = 0.2  # m and rad, of the goal
-
-
-class Change(NamedTuple):
-    """A parameter with another value. path: where move_base reads it first; tree: the value in all its places."""
-
-    name: str
-    value: float
-    instead_of: float
-    path: str
-    tree: Dict[str, Any]
-
-    def __str__(self) -> str:
-        return f"give {self.path} {self.value:g} instead of {self.instead_of:g}"
 
 
 def courses(robot: Robot, margin: float = DOOR_MARGINS_M[0]) -> List[World]:
@@ -128,7 +116,7 @@ class Floor(Episode):
         return STANDS
 
 
-def check(robot: Robot) -> Tuple[bool, List[str]]:
+def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     """Return whether the robot drives on open floor, and a line for each course, a remark, or what to change."""
     floor, lines, failed = Floor(robot), [], {}  # type: Floor, List[str], Dict[str, str]
     for world in courses(robot):
@@ -137,45 +125,39 @@ def check(robot: Robot) -> Tuple[bool, List[str]]:
         failed.update({world.name: why} if why else {})
     if not failed:
         return True, lines
-    found = next((change for change in changes(robot) if _mends(robot, change, failed)), None)
+
+    def arrives(changed: Robot) -> bool:
+        first = sorted(courses(changed), key=lambda world: world.name not in failed)
+        return not any(map(Floor(changed).drive, first))
+
+    remedy = next((words for words, changed in changes(robot) if arrives(changed)), "")
     if failed == {world.name: STANDS}:
         wider = (door for margin in DOOR_MARGINS_M[1:] for door in courses(robot, margin)[-1:])
         passed = next((door.name for door in wider if not floor.drive(door)), None)
         if passed:
-            more = f"; to drive through both, {found}" if found else ""
+            more = f"; to drive through both, {remedy}" if remedy else ""
             return True, [*lines, f"remark: as the C++ planner would, it can {passed} only{more}"]
-    remedy = "no single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml"
-    return False, [*lines, f"error: the set-up is wrong: {f'all four arrive if you {found}' if found else remedy}"]
+    remedy = f"all four arrive if you {remedy}" if remedy else NO_REMEDY
+    return False, [*lines, f"error: the set-up is wrong: {remedy}"]
 
 
-def _mends(robot: Robot, change: Change, failed: Dict[str, str]) -> bool:
-    """Return whether all courses are driven with a change; those that have failed without it come first."""
-    floor = Floor(with_change(robot, change))
-    return not any(map(floor.drive, sorted(courses(robot), key=lambda world: world.name not in failed)))
-
-
-def changes(robot: Robot) -> Iterator[Change]:
-    """Yield other values of parameters that decide on drives, within the ranges of the robot's space."""
+def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
+    """Yield changes of one parameter that decides on drives, in words, and the robot with each."""
     tree, space = robot.all_parameters(), {parameter.name: parameter for parameter in robot.space}
-    wanted: List[Tuple[str, float, List[Tuple[str, str]]]] = []
-    for name, factor in FACTORS:
-        if name in space:
-            parameter = space[name]
-            places = [(one.server, each) for one in parameter.sets for each in one.names]
-            value = float(f"{factor * branch(tree, places[0][0])[places[0][1]]:.2g}")
-            wanted.append((name, min(max(value, parameter.low), parameter.high), places))
+    wanted: List[Tuple[List[Tuple[str, str]], float]] = []
+    for parameter, factor in ((space[name], factor) for name, factor in FACTORS if name in space):
+        places = [(one.server, name) for one in parameter.sets for name in one.names]
+        value = float(f"{factor * branch(tree, places[0][0])[places[0][1]]:.2g}")
+        wanted.append((places, min(max(value, parameter.low), parameter.high)))
     limits = ("acc_lim_x", robot.base.max_acceleration), ("acc_lim_theta", robot.base.max_yaw_acceleration)
     for name, value in (*limits, ("yaw_goal_tolerance", GOAL_TOLERANCE), ("xy_goal_tolerance", GOAL_TOLERANCE)):
-        wanted.append((name, value, [(robot.local_planner, name)]))
-    wanted.append(("planner_frequency", 1.0, [("", "planner_frequency")]))
-    for name, value, places in wanted:
+        wanted.append(([(robot.local_planner, name)], value))
+    wanted.append(([("", "planner_frequency")], 1.0))
+    for places, value in wanted:
         now, made = branch(tree, places[0][0])[places[0][1]], {}  # type: float, Dict[str, Any]
-        for server, each in places:
-            branch(made, server, create=True)[each] = type(now)(value)
+        for server, name in places:
+            branch(made, server, create=True)[name] = type(now)(value)
         if value != now:
-            yield Change(name, value, now, "/".join(filter(None, places[0])), made)
-
-
-def with_change(robot: Robot, change: Change) -> Robot:
-    """Return the robot with a changed parameter, under a name that says so."""
-    return robot.with_parameters(change.tree, f"{robot.name} with {change.name} {change.value:g}")
+            path = "/".join(filter(None, places[0]))
+            changed = robot.with_parameters(made, f"{robot.name} with {path} {value:g}")
+            yield f"give {path} {value:g} instead of {now:g}", changed

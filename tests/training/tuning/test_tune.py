@@ -85,7 +85,7 @@ def few(monkeypatch):
     MONITORED.clear()
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
-    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (True, []))
+    monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (True, []))
 
 
 @pytest.fixture
@@ -195,7 +195,7 @@ def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
 
 
 def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
-    monkeypatch.setattr(tune_robot.open_floor, "check", lambda robot: (False, ["The set-up is wrong."]))
+    monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (False, ["The set-up is wrong."]))
     assert tune(jackal, "toy") == 1
     assert capsys.readouterr().out == "The set-up is wrong.\n"
     assert not DRIVEN
