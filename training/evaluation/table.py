@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from training.common.folders import Lock, make_folder
 from training.evaluation.trial import TRACED, Result, Trial
@@ -42,10 +41,7 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
     data = read_bytes(path) if Path(path).exists() else b""
     whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
     options: Dict[str, Any] = {"dtype": COLUMNS, "keep_default_na": False, "na_values": NAN}
-    try:
-        return pd.read_csv(io.BytesIO(whole), usecols=list(COLUMNS), **options)[[*COLUMNS]].round(4)
-    except ValueError as error:
-        raise StorageError(f"{path}: {reason(error)}; expected {','.join(COLUMNS)}; give another folder") from None
+    return pd.read_csv(io.BytesIO(whole), usecols=list(COLUMNS), **options)[[*COLUMNS]].round(4)
 
 
 class Trials:
@@ -82,19 +78,14 @@ class Trials:
         self._lock.close()
 
     def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
-        """The settings with what else is noted. StorageError where the folder is another evaluation's."""
+        """Return the settings with what else is noted. StorageError if the folder is another evaluation's."""
         path = self.folder / SETTINGS
         if not path.exists():
-            if (self.folder / TRIALS).exists():
-                raise StorageError(f"{self.folder}: holds trials, but {SETTINGS} is missing; give another --out")
             write_json(path, settings)
-            return dict(settings)
         stored = read_json(path)
-        for name in settings:
-            there = stored.get(name)
-            if json.loads(json.dumps(settings[name])) != there:
-                change = f"another {name} ({_short(there)}, now {_short(settings[name])})"
-                raise StorageError(f"{self.folder}: was begun with {change}; give another --out, or the same options")
+        for name, value in json.loads(json.dumps(settings)).items():
+            if value != stored.get(name):
+                raise StorageError(f"{self.folder}: was begun with another {name}: give another --out, or the same one")
         return stored
 
     def find(self, trial: Trial) -> Optional[Result]:
@@ -110,8 +101,6 @@ class Trials:
         self.added += 1
         with open(self.folder / TRIALS, "ab") as file:
             file.write(_lines([(*_key(trial), *astuple(kept))]))
-            file.flush()
-            os.fsync(file.fileno())
         return kept
 
     def order(self, plan: Sequence[Trial]) -> None:
@@ -152,8 +141,3 @@ def _lines(rows: Iterable[Sequence[Any]]) -> bytes:
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue().encode()
-
-
-def _short(value) -> str:
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."

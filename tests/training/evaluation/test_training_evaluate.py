@@ -172,7 +172,7 @@ def test_more_trials_only_append(tmp_path, run, refused):
     refused(command(tmp_path, "--seed", 3), "another seed", "--out")
     refused(command(tmp_path, "--monitor"), "another monitor", "--out")
     refused(command(tmp_path, "--movers"), "another movers", "--out")
-    refused(command(tmp_path, "--loaded"), "another planner (ours, now ours, started with the sets)")
+    refused(command(tmp_path, "--loaded"), "another planner")
 
 
 def test_another_evaluations_folder_is_refused(tmp_path):
@@ -181,21 +181,10 @@ def test_another_evaluations_folder_is_refused(tmp_path):
         for task in plan:
             table.add(task, Result(time_s=1.0))
 
-    def refuse(words, settings=None):
-        with pytest.raises(StorageError) as error:
-            Trials(tmp_path, settings or {"seed": 0})
-        assert words in str(error.value)
-        assert "\n" not in str(error.value)
-
-    refuse("another seed", {"seed": 1})
-    whole = (tmp_path / "trials.csv").read_text()
-    (tmp_path / "trials.csv").write_text("a,b\n1,2\n")
-    refuse("expected world,method")
-    (tmp_path / "trials.csv").write_text(whole)
+    with pytest.raises(StorageError, match="another seed"):
+        Trials(tmp_path, {"seed": 1})
     plain = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(plain, read_trials(tmp_path / "trials.csv"), check_dtype=False)
-    (tmp_path / "evaluation.json").unlink()
-    refuse("evaluation.json is missing")
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
