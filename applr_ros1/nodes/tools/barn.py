@@ -17,12 +17,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional
-
-import numpy as np
+from typing import List, Optional
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
 
 from .launcher import free_port
@@ -41,15 +38,14 @@ def parser() -> argparse.ArgumentParser:
         prog="./applr barn",
         description="Runs the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
         "with the simulator of this repository in place of Gazebo.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    made.add_argument("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/ in it.")
-    for name, default, kind, text in (
-        ("--worlds", "0-299", str, "Numbers such as 0-49,300: BARN's worlds are 0-299, DynaBARN's 300-359"),
-        ("--trials", 1, int, "Runs of each world"),
-        ("--out", Path("barn_results"), Path, "Folder of the results"),
-        ("--controller", None, Path, "Launch file of the controller, for the checkout's launch/move_base_DWA.launch"),
-    ):
-        made.add_argument(name, default=default, type=kind, help=text + " (default: %(default)s).")
+    add = made.add_argument
+    add("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/ in it.")
+    add("--worlds", default="0-299", help="Numbers such as 0-49,300: BARN's worlds are 0-299, DynaBARN's 300-359.")
+    add("--trials", default=1, type=int, help="Runs of each world.")
+    add("--out", default=Path("barn_results"), type=Path, help="Folder of the results.")
+    add("--controller", type=Path, help="Launch file for the checkout's launch/move_base_DWA.launch.")
     return made
 
 
@@ -110,15 +106,6 @@ def end(group: int) -> None:
         os.killpg(group, signal.SIGKILL)
 
 
-def summary(lines: List[str]) -> Dict[str, Any]:
-    """Return rates over all runs, and the mean time of the successful ones, of the lines of out.txt."""
-    rows = np.array([line.split()[:6] for line in lines], float).reshape(-1, 6)
-    success, times = rows[:, 1] == 1, rows[:, 4]
-    rates = dict(zip(("success_rate", "collision_rate", "timeout_rate"), rows[:, 1:4].mean(axis=0).round(4).tolist()))
-    time_s = round(float(times[success].mean()), 4) if success.any() else None
-    return {"runs": len(rows), **rates, "time_s": time_s, "metric": round(float(rows[:, 5].mean()), 4)}
-
-
 def main() -> None:
     """Drive all runs, whatever their outcome. Raises ApplrError that says how many left no result."""
     options = parser().parse_args()
@@ -140,9 +127,6 @@ def main() -> None:
         before, lines = len(lines), results.read_text().splitlines() if results.exists() else []
         result = lines[-1] if len(lines) > before else f"no result, see {out}/logs/world_{world}_trial_{trial}.log"
         print(f"world {world} trial {trial}: {result}", flush=True)
-    if lines:
-        write_json(out / "summary.json", summary(lines))
-        print((out / "summary.json").read_text())
     missing = len(worlds) * options.trials - len(lines)
     if missing:
         raise ApplrError(f"{missing} of {missing + len(lines)} runs left no result")
