@@ -25,12 +25,8 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 with extra(__name__):
     from training.bags.bag import BagError, BagOptions, bags_in, read, refused
-    from training.bags.episodes import BagReport, transitions
+    from training.bags.episodes import decision_period, transitions
     from training.bags.topics import TopicNames
-
-
-def _reasons(skipped) -> str:
-    return "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
 
 
 class DatasetOptions(BagOptions):
@@ -72,31 +68,31 @@ def run(options: DatasetOptions) -> None:
     layout = TransitionLayout.of(FORMS[learnt.observation](robot, PERIOD))
     if (folder / dataset.DATA).exists():
         raise ApplrError(f"{options.out}: holds a dataset already; give another folder")
-    reports: List[BagReport] = []
+    listed: List[Dict[str, Any]] = []
     made: List[Trajectory] = []
+    periods, all_skipped = set(), Counter[str]()
     for bag in bags:
-        reports.append(report := BagReport())
+        found, skipped = [], Counter[str]()
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)
-                made += transitions(recorded, robot, learnt.observation, reward, report, options.finish)
+                found, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish)
+                periods.update([decision_period(recorded)] if found else [])
         except BagError as error:
-            report.skipped[str(error).partition(": ")[2].partition(" (")[0]] += 1
-            print(error)
-        skipped = _reasons(report.skipped)
-        print(f"{bag}: {report.transitions} transitions in {report.episodes} episodes{skipped}")
-    all_skipped = sum((report.skipped for report in reports), Counter())
+            skipped[str(error).partition(": ")[2]] += 1
+        made, all_skipped = made + found, all_skipped + skipped
+        row = {"name": bag.name, "episodes": len(found), "transitions": sum(map(len, found)), "skipped": skipped}
+        listed.append(row)
+        reasons = "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
+        print(f"{bag}: {row['transitions']} transitions in {row['episodes']} episodes{reasons}")
     if not made:
-        raise BagError(f"no transition could be used{_reasons(all_skipped)}")
-    columns, pairs = ("episodes", "transitions", "skipped"), zip(bags, reports)
-    listed = [{"name": bag.name, **{name: vars(report)[name] for name in columns}} for bag, report in pairs]
+        raise BagError("no transition could be used; see above")
     about: Dict[str, Any] = {"bags": listed, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
-    periods = sorted(set().union(*(report.periods for report in reports)))
     if len(periods) == 1:
-        about["decision_period"] = round(periods[0], 3)
+        about["decision_period"] = round(periods.pop(), 3)
     else:
-        print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in periods)} s")
+        print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in sorted(periods))} s")
     dataset.write(make_folder(folder), layout, made, about)
     print(f"{options.out}: {sum(map(len, made))} transitions")
 

@@ -25,8 +25,8 @@ from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
-METADATA, STORAGES = "metadata.yaml", (".mcap", ".db3")  # of a ROS 2 bag
-RUNNING, ENDED = (1, 6), (2, 3, 4, 5)  # actionlib: active, preempting; preempted, succeeded, aborted, rejected
+METADATA = "metadata.yaml"  # file in the folder of a ROS 2 bag
+RUNNING = 1, 6  # actionlib: active, preempting
 
 
 class BagError(ApplrError):
@@ -48,9 +48,8 @@ class BagOptions(Options):
 
 
 class Poses(NamedTuple):
-    """Odometry: at (n,), stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+    """Odometry: stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
 
-    at: np.ndarray
     stamp: np.ndarray
     pose: np.ndarray
     twist: np.ndarray
@@ -74,8 +73,6 @@ class Scans(NamedTuple):
 class Decision(NamedTuple):
     """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}."""
 
-    at: int
-    number: int
     goal: str
     stamp: int
     scan: int
@@ -91,14 +88,13 @@ class Bag:
     Times are int64 nanoseconds. `at` is when a message was recorded, `stamp` is the time in its header.
 
     Attributes:
-        goals: (at, frame, x, y, yaw) of each message with a goal.
+        goals: (frame, x, y, yaw) of each goal that move_base accepted.
         status: (at, id of the running goal or "").
         results: By id of a goal when it ended, and its actionlib status.
         commands: (n,) times and (n, 2) v [m/s], w [rad/s].
         ends: What the applr node saw where courses ended, with what the planner had before.
         source: Who demonstrated, and where.
         collisions: When a contact was reported.
-        end: Time of the last message.
     """
 
     path: Path
@@ -106,71 +102,58 @@ class Bag:
     scans: Scans
     odometry: Poses
     commands: Tuple[np.ndarray, np.ndarray]
-    goals: List[Tuple[int, str, float, float, float]]
+    goals: List[Tuple[str, float, float, float]]
     status: List[Tuple[int, str]]
     results: Dict[str, Tuple[int, int]]
     decisions: List[Decision]
     ends: List[Decision]
     collisions: List[int]
     source: Dict[str, Any]
-    end: int
 
 
 def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
     """Read a bag.
 
     Args:
-        path: A .bag file, a ROS 2 folder with metadata.yaml, or a file in it.
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a lone .mcap or .db3 file.
         topics: Names of what was recorded.
         ranges: Whether the ranges of scans are wanted.
     """
-    place, base, end = Path(path), topics.move_base, 0
-    if (place.suffix in STORAGES or place.name == METADATA) and (place.parent / METADATA).exists():
-        place = place.parent
+    base = topics.move_base
     unpackers: Dict[str, Callable[[Any], Sequence[Any]]] = {
         topics.scan: lambda m: _scan(m, ranges),
         topics.odometry: _odometry,
         topics.command: _command,
-        base + "/status": _status,
+        base + "/status": lambda m: ([s.goal_id.id for s in m.status_list if s.status in RUNNING],),
         base + "/result": lambda m: (m.status.goal_id.id, int(m.status.status)),
-        base + "/current_goal": _goal,
-        base + "/goal": lambda m: _goal(m.goal.target_pose),
-        base + "_simple/goal": _goal,
+        base + "/current_goal": lambda m: (_frame(m), *_pose(m.pose)),
         topics.demonstration: lambda m: (json.loads(m.data),),
         topics.collision: lambda m: (m.data,),
         topics.decision: _decision,
         topics.course_end: _decision,
     }
     rows: Dict[str, List[Any]] = {topic: [] for topic in unpackers}
-    with AnyReader([place], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         needed = [one for one in reader.connections if one.topic in unpackers]
-        for connection, end, raw in reader.messages(needed) if needed else ():
+        for connection, at, raw in reader.messages(needed) if needed else ():
             message = reader.deserialize(raw, connection.msgtype)
-            rows[connection.topic].append((end, *unpackers[connection.topic](message)))
-    odometry = rows[topics.odometry]
-    scans = [row for row in rows[topics.scan] if row[2] == rows[topics.scan][0][2]]  # lasers may share a topic
-    nearest, geometry, kept = _numbers(scans, 3, 1)[:, 0], _numbers(scans, 4, 4), [row[8] for row in scans]
-    ended = [(at, *one) for at, _, ends in reversed(rows[base + "/status"]) for one in ends]  # the first one counts
+            rows[connection.topic].append((at, *unpackers[connection.topic](message)))
+    scans, odometry, commands = (rows[topic] for topic in (topics.scan, topics.odometry, topics.command))
+    nearest, geometry, kept = _numbers(scans, 2, 1)[:, 0], _numbers(scans, 3, 4), [row[7] for row in scans]
+    frame = odometry[0][2] if odometry else "odom"
     return Bag(
         Path(path),
         topics,
         Scans(_times(scans, 0), _times(scans, 1), nearest, geometry, kept),
-        Poses(
-            _times(odometry, 0),
-            _times(odometry, 1),
-            _numbers(odometry, 3, 3),
-            _numbers(odometry, 6, 2),
-            odometry[0][2] if odometry else "odom",
-        ),
-        (_times(rows[topics.command], 0), _numbers(rows[topics.command], 1, 2)),
-        sorted(rows[base + "/current_goal"] or rows[base + "/goal"] or rows[base + "_simple/goal"]),
-        [(at, running) for at, running, _ in rows[base + "/status"]],
-        {goal: (at, status) for at, goal, status in ended + rows[base + "/result"]},
-        [Decision(*row) for row in rows[topics.decision]],
-        [Decision(*row) for row in rows[topics.course_end]],
+        Poses(_times(odometry, 1), _numbers(odometry, 3, 3), _numbers(odometry, 6, 2), frame),
+        (_times(commands, 0), _numbers(commands, 1, 2)),
+        [goal for _, *goal in rows[base + "/current_goal"]],
+        [(at, running[-1] if running else "") for at, running in rows[base + "/status"]],
+        {goal: (at, status) for at, goal, status in rows[base + "/result"]},
+        [Decision(*row) for _, *row in rows[topics.decision]],
+        [Decision(*row) for _, *row in rows[topics.course_end]],
         [at for at, touches in rows[topics.collision] if touches],
         rows[topics.demonstration][-1][1] if rows[topics.demonstration] else {},
-        end,
     )
 
 
@@ -195,31 +178,26 @@ def bags_in(paths) -> List[Path]:
     for path in map(Path, paths):
         if not path.exists():
             raise BagError(f"{path}: there is no such file or folder; {kinds}")
-        holds_bags = path.is_dir() and not (path / METADATA).exists()
-        found += [inside for inside in sorted(path.rglob("*")) if _is_bag(inside)] if holds_bags else [path]
+        is_bag = path.is_file() or (path / METADATA).exists()
+        inside = [] if is_bag else sorted(path.rglob("*"))
+        found += [path] if is_bag else [one for one in inside if one.suffix == ".bag" or (one / METADATA).exists()]
     if not found:
         raise BagError(f"{', '.join(map(str, paths))}: no bags there; {kinds}")
     return found
 
 
-def _is_bag(path: Path) -> bool:
-    if path.suffix in STORAGES:
-        return not (path.parent / METADATA).exists()
-    return path.suffix == ".bag" or (path / METADATA).exists()
-
-
 # -- messages ----------------------------------------------------------------------------------------------------------
 def _scan(m: Any, keep: bool) -> Sequence[Any]:
-    """Return stamp, frame, nearest range, geometry and ranges. Some lasers say NaN or 0 where nothing returned."""
+    """Return stamp, nearest range, geometry and ranges. Some lasers say NaN or 0 where nothing returned."""
     ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
     nearest = np.fmin.reduce(ranges) if len(ranges) else np.inf
     geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max
-    return _stamp(m), _frame(m), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
+    return _stamp(m), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
 
 
 def _odometry(m: Any) -> Sequence[Any]:
-    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
-    return _stamp(m), _frame(m), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z
+    twist = m.twist.twist
+    return _stamp(m), _frame(m), *_pose(m.pose.pose), twist.linear.x, twist.angular.z
 
 
 def _command(m: Any) -> Sequence[Any]:
@@ -227,25 +205,18 @@ def _command(m: Any) -> Sequence[Any]:
     return m.linear.x, m.angular.z
 
 
-def _status(m: Any) -> Sequence[Any]:
-    """Return the running goal, and those that have ended, with their status."""
-    running = [s.goal_id.id for s in m.status_list if s.status in RUNNING]
-    return running[-1] if running else "", [(s.goal_id.id, int(s.status)) for s in m.status_list if s.status in ENDED]
-
-
-def _goal(m: Any) -> Sequence[Any]:
-    p, q = m.pose.position, m.pose.orientation
-    return _frame(m), p.x, p.y, yaw_of(q)
-
-
 def _decision(m: Any) -> Sequence[Any]:
-    """Return the fields of a Decision, but for its time."""
+    """Return the fields of a Decision."""
     before, after = (dict(zip(p.names, p.values.tolist())) for p in (m.before, m.after))
     scan = m.ranges.astype(np.float32), m.angle_min, m.angle_increment
     movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
     pose, goal = (m.x, m.y, m.yaw), (m.goal_x, m.goal_y, m.goal_yaw)
     seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, np.column_stack([m.plan_x, m.plan_y]), movers)
-    return int(m.number), m.goal, _stamp(m), _nanoseconds(m.scan), before, after, seen
+    return m.goal, _stamp(m), _nanoseconds(m.scan), before, after, seen
+
+
+def _pose(m: Any) -> Tuple[float, float, float]:
+    return m.position.x, m.position.y, yaw_of(m.orientation)
 
 
 def _frame(m: Any) -> str:

@@ -8,8 +8,8 @@ of the bag say what came of it.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
-from typing import Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import PAPER, Form
-from applr_ros1.policy.observation import ObservationError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
 from training.bags.bag import Bag, BagError, Decision
@@ -28,22 +27,12 @@ from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 SUCCEEDED, ABORTED = 3, (4, 5)  # actionlib
-MAX_AGE_S = 1.0  # older scans and poses say nothing about a decision
-JUMP_M = 0.3  # beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
+MAX_AGE_S = 1.0  # age above which a scan or pose says nothing about a decision [s]
+JUMP_M = 0.3  # way beyond what 5 m/s covers that means that the robot was moved, or that the clock jumped [m]
 
 
 class Skipped(ApplrError):
-    """An episode, or a part of one, that cannot be used; the text is the reason, without numbers, to be counted."""
-
-
-@dataclass
-class BagReport:
-    """The account of what became of a bag."""
-
-    episodes: int = 0
-    transitions: int = 0
-    periods: Set[float] = field(default_factory=set)  # of its decisions [s]
-    skipped: Counter[str] = field(default_factory=Counter)  # transitions that are not used, by reason
+    """An episode that cannot be used; the text is the reason, without numbers, to be counted."""
 
 
 class Goal(NamedTuple):
@@ -68,17 +57,17 @@ class Sample:
         decision: The decision; at an end what was seen there.
         place: (x, y) [m] of the robot in the decision's frame.
         is_end: Whether the course ended or was broken off here.
-        trouble: Why it cannot be used (outcome is None), or why the transition that ends here cannot.
-        theta: (k,) what the planner had.
+        theta: (k,) what the planner had after the decision.
+        observation: What the decision was made from.
+        outcome: What came of the decision before.
     """
 
     decision: Decision
     place: Tuple[float, float]
-    is_end: bool = False
-    trouble: str = ""
-    theta: np.ndarray = field(default_factory=lambda: np.empty(0))
-    observation: np.ndarray = field(default_factory=lambda: np.empty(0))
-    outcome: Optional[Outcome] = None
+    is_end: bool
+    theta: np.ndarray
+    observation: np.ndarray
+    outcome: Outcome
 
     @property
     def at(self) -> int:
@@ -87,66 +76,58 @@ class Sample:
 
 
 def transitions(
-    bag: Bag,
-    robot: Robot = JACKAL,
-    observation: str = PAPER,
-    reward: Reward = Reward(),
-    report: Optional[BagReport] = None,
-    finish: Optional[float] = None,
-) -> Iterator[Trajectory]:
-    """Yield a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
+    bag: Bag, robot: Robot = JACKAL, observation: str = PAPER, reward: Reward = Reward(), finish: Optional[float] = None
+) -> Tuple[List[Trajectory], Counter[str]]:
+    """Return a Trajectory per usable stretch of each goal, and how often something was unusable, by the reason.
 
     Args:
         bag: What was recorded.
         robot: Who drove.
         observation: Name of the form in which the transitions are.
         reward: Of each transition.
-        report: Is filled.
         finish: Metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
             goal lies beyond the finish line); None: only move_base's own result counts.
 
     Raises:
         BagError: The bag lacks what is needed.
     """
-    _check(bag)
-    report = report if report is not None else BagReport()
-    period = decision_period(bag)
-    form = FORMS[observation](robot, period)
-    for goal in goals(bag, report.skipped):
+    form = FORMS[observation](robot, decision_period(bag))
+    _check(bag, form)
+    trajectories: List[Trajectory] = []
+    skipped: Counter[str] = Counter()
+    for goal in goals(bag):
         try:
             _check_motion(bag, goal)
             samples = _samples(bag, form, goal, finish)
         except Skipped as reason:
-            report.skipped[str(reason)] += 1
+            skipped[str(reason)] += 1
             continue
-        report.periods.add(period)
-        for before, after in zip(samples, samples[1:]):
-            if before.outcome and after.outcome and not before.is_end:
-                after.trouble = _unusable(bag, form, before, after)
-        for run in split_at_gaps(samples, report.skipped):
-            report.episodes += 1
-            report.transitions += len(run) - 1
-            trajectory = _trajectory(form, run, reward)
-            trajectory.info.update(goal=goal.id)
-            yield trajectory
+        trajectories += [_trajectory(form, run, reward) for run in _usable(bag, form, samples, skipped)]
+    return trajectories, skipped
 
 
-def _check(bag: Bag) -> None:
+def _check(bag: Bag, form: Form) -> None:
     """Raise BagError where a bag lacks what transitions are made of."""
     topics = bag.topics
-    remedy = "record a drive of the applr node with record:=FILE"
     if not bag.decisions:
-        raise BagError(f"no decisions on {topics.decision}: {remedy}")
-    for what, topic, times in (("scans", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
-        if not len(times):
+        raise BagError(f"no decisions on {topics.decision}: record a drive of the applr node with record:=FILE")
+    for what, topic, found in (
+        ("scans", topics.scan, bag.scans.at),
+        ("odometry", topics.odometry, bag.odometry.stamp),
+        ("goals", topics.move_base + "/status", goals(bag)),
+    ):
+        if not len(found):
             raise BagError(f"no {what} on {topic}")
     if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
         raise BagError("recorded on another clock than its messages'; set use_sim_time where you record")
+    theirs = list(bag.decisions[0].before)
+    if set(theirs) != set(form.space.names):
+        raise BagError(f"its decisions set {', '.join(theirs)}; give the --robot that has these parameters")
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
-def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
-    """Return the goals that were pursued, by the action's status; that there is none counts in `skipped`."""
+def goals(bag: Bag) -> List[Goal]:
+    """Return the goals that were pursued, by the action's status."""
     spans: List[List] = []  # [id, start, end]
     before = ""
     for at, running in bag.status:
@@ -159,8 +140,6 @@ def goals(bag: Bag, skipped: Counter[str]) -> List[Goal]:
     for goal, start, end in spans:
         at, status = bag.results.get(goal, (end, None))
         found.append(Goal(goal, start, end if status is None else min(end, at), status))
-    if not spans:
-        skipped["no goal was pursued"] += 1
     return found
 
 
@@ -171,10 +150,8 @@ def decision_period(bag: Bag) -> float:
     """
     stamps: Dict[str, List[int]] = {}
     for decision in bag.decisions:
-        if 0 <= decision.stamp <= bag.end:  # a bag may state anything
-            stamps.setdefault(decision.goal, []).append(decision.stamp)
+        stamps.setdefault(decision.goal, []).append(decision.stamp)
     intervals = np.concatenate([np.zeros(0), *(np.diff(times) for times in stamps.values())])
-    intervals = intervals[intervals > 0]
     if not len(intervals):
         return PERIOD
     return round(max(1, round(float(np.median(intervals)) / SECOND / CONTROL_PERIOD)) * CONTROL_PERIOD, 9)
@@ -184,16 +161,13 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
     """Raise Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
     during = (bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)
     stamps, pose = bag.odometry.stamp[during], bag.odometry.pose[during]
-    if len(stamps) < 2 or not np.isfinite(pose).all():
-        raise Skipped("odometry is not finite" if len(stamps) > 1 else "no odometry while the goal was pursued")
+    if len(stamps) < 2:
+        raise Skipped("no odometry while the goal was pursued")
     gaps = np.diff(stamps)
-    if (gaps < 0).any() or (gaps == 0).mean() > 0.1:
+    if (gaps < 0).any():
         raise Skipped("the clock jumped")
     if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP_M + 5.0 * gaps / SECOND).any():
         raise Skipped("the odometry jumped")
-    stamps = bag.scans.stamp[(bag.scans.at >= goal.start) & (bag.scans.at <= goal.end)]
-    if (np.diff(stamps) < 0).any():
-        raise Skipped("the clock jumped")
 
 
 # -- samples -----------------------------------------------------------------------------------------------------------
@@ -210,30 +184,28 @@ def _samples(bag: Bag, form: Form, goal: Goal, finish: Optional[float]) -> List[
     if finish is not None:
         goal = _finished(bag, goal, made, finish)
         made, told = ([d for d in some if d.stamp <= goal.end] for some in (made, told))
-    samples = [Sample(d, d.seen.pose[:2]) for d in made]
-    samples += [Sample(d._replace(stamp=min(d.stamp, goal.end)), d.seen.pose[:2], True) for d in told]
-    samples.sort(key=lambda sample: sample.at)
-    is_told = samples[-1].is_end and samples[-1].at > goal.end - MAX_AGE_S * SECOND
-    if goal.ended and not is_told and made[-1].stamp < goal.end:
+    moments = [(d, d.seen.pose[:2], False) for d in made]
+    moments += [(d._replace(stamp=min(d.stamp, goal.end)), d.seen.pose[:2], True) for d in told]
+    moments.sort(key=lambda moment: moment[0].stamp)
+    last, _, is_told = moments[-1]
+    if goal.ended and made[-1].stamp < goal.end and not (is_told and last.stamp > goal.end - MAX_AGE_S * SECOND):
         end = made[-1]._replace(stamp=goal.end, before=made[-1].after or made[-1].before)
-        samples.append(Sample(end, tuple(_driven(bag, made[-1], goal.end)[1][-1]), True))
-    if len(samples) < 2:
+        moments.append((end, tuple(_driven(bag, made[-1], goal.end)[1][-1]), True))
+    if len(moments) < 2:
         raise Skipped("shorter than one decision")
+    samples: List[Sample] = []
     form.reset()
-    for number, sample in enumerate(samples):
-        try:
-            _look(form, sample, number, (sample.at - samples[0].at) / SECOND)
-        except ObservationError as error:
-            sample.trouble = f"a decision's scan is unusable ({str(error).split(':')[0]})"
-        except Skipped as reason:
-            sample.trouble = str(reason)
-        if sample.outcome and number:
-            _label(bag, form.robot, samples[number - 1], sample, sample.outcome)
-        if sample.is_end:
+    for number, (decision, place, is_end) in enumerate(moments):
+        had, has = (_theta(form, values) for values in (decision.before, decision.after or decision.before))
+        seen = form.observe(Context.of(had, decision.seen, form.space, form.layout))
+        outcome = Outcome(had, decisions=number, time_s=(decision.stamp - moments[0][0].stamp) / SECOND)
+        samples.append(Sample(decision, place, is_end, has, seen, outcome))
+        if number:
+            _label(bag, form.robot, *samples[-2:])
+        if is_end:
             form.reset()
-    last = samples[-1]
-    if last.outcome and last.is_end and goal.ended:
-        last.outcome.success, last.outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
+    if is_end and goal.ended:
+        outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
     return samples
 
 
@@ -261,30 +233,14 @@ def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.nd
     return stamps[rows], np.column_stack(transform_point(change, *bag.odometry.pose[rows, :2].T))
 
 
-def _look(form: Form, sample: Sample, number: int, time_s: float) -> None:
-    """Set parameters, observation and outcome of a sample. Raises Skipped and ObservationError where it has none."""
-    theta = _theta(form, sample.decision.before)
-    sample.observation = form.observe(Context.of(theta, sample.decision.seen, form.space, form.layout))
-    if not np.isfinite(sample.observation).all():
-        raise Skipped("what a decision was made from is not finite")
-    sample.theta, sample.outcome = theta, Outcome(theta, decisions=number, time_s=time_s)
-
-
-def _after(form: Form, decision: Decision) -> np.ndarray:
-    """Return the parameters (k,) that the planner had after a decision; those before it where it was refused."""
-    return _theta(form, decision.after or decision.before)
-
-
 def _theta(form: Form, values: Dict[str, float]) -> np.ndarray:
     """Return theta (k,) of the {name: value} of a decision."""
-    theta = np.array([values.get(name, np.nan) for name in form.space.names])
-    if not np.isfinite(theta).all():
-        raise Skipped("the planner's parameters are not known")
-    return theta
+    return np.array([values[name] for name in form.space.names])
 
 
-def _label(bag: Bag, robot: Robot, before: Sample, after: Sample, outcome: Outcome) -> None:
+def _label(bag: Bag, robot: Robot, before: Sample, after: Sample) -> None:
     """Set the parts of an Outcome that a transition has: progress, clearance, contact, time."""
+    outcome = after.outcome
     outcome.progress, outcome.progress_y = progress(before.decision.seen.goal, before.place, after.place)
     outcome.seconds = (after.at - before.at) / SECOND
     ranges = bag.scans.nearest[(bag.scans.stamp >= before.at) & (bag.scans.stamp <= after.at)]
@@ -297,7 +253,7 @@ def _label(bag: Bag, robot: Robot, before: Sample, after: Sample, outcome: Outco
 def _unusable(bag: Bag, form: Form, before: Sample, after: Sample) -> str:
     """Return why a transition cannot be used; "" when it can."""
     seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
-    early = seconds < 0.5 * form.period and not (after.outcome and after.outcome.over)
+    early = seconds < 0.5 * form.period and not after.outcome.over
     if early and after.is_end:
         return "a course was broken off soon after a decision"
     if early or seconds > 1.5 * form.period:
@@ -305,36 +261,35 @@ def _unusable(bag: Bag, form: Form, before: Sample, after: Sample) -> str:
     stamps = stamps[(stamps >= before.at - MAX_AGE_S * SECOND) & (stamps <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
         return "scans are missing"
-    if not np.array_equal(_after(form, before.decision), after.theta):
+    if not np.array_equal(before.theta, after.outcome.theta):
         return "parameters were changed between decisions"
     return ""
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def split_at_gaps(samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
-    """Yield runs of samples with usable transitions between them; the trouble of the others counts in `skipped`."""
-    run: List[Sample] = []
-    for sample in samples:
-        skipped.update([sample.trouble] if sample.trouble else [])
-        if sample.trouble or run and run[-1].is_end:
+def _usable(bag: Bag, form: Form, samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
+    """Yield runs of samples with usable transitions between them; the others are counted in `skipped`."""
+    run = samples[:1]
+    for before, after in zip(samples, samples[1:]):
+        trouble = "" if before.is_end else _unusable(bag, form, before, after)
+        if trouble:
+            skipped[trouble] += 1
+        if trouble or before.is_end:
             if len(run) > 1:
                 yield run
             run = []
-        if sample.outcome is not None:
-            run.append(sample)
+        run.append(after)
     if len(run) > 1:
         yield run
 
 
 def _trajectory(form: Form, run: List[Sample], reward: Reward) -> Trajectory:
     """Return the transitions between the samples of a run."""
-    actions, rewards, outcomes = [], [], [sample.outcome for sample in run if sample.outcome]
-    for before, outcome in zip(run, outcomes[1:]):
-        action = form.action(_after(form, before.decision))
+    actions, rewards, outcome = [], [], run[0].outcome
+    for before, after in zip(run, run[1:]):
+        actions.append(form.action(before.theta))
+        outcome = after.outcome
         limit = max(round(TIME_LIMIT / form.period), outcome.decisions)
         rewards.append(reward(outcome, limit, form.period, form.scale, form.pace)[0])
-        actions.append(action)
-    last = outcomes[-1]
-    info = {"from": outcomes[0].decisions, "success": bool(last.success)}
-    terminated = last.success or failed(last)
-    return Trajectory.of(TransitionLayout.of(form), [m.observation for m in run], actions, rewards, terminated, info)
+    observations, terminated = [sample.observation for sample in run], outcome.success or failed(outcome)
+    return Trajectory.of(TransitionLayout.of(form), observations, actions, rewards, terminated)

@@ -65,11 +65,14 @@ def read_demonstration(path, topics: TopicNames = TopicNames(), robot: Robot = J
     """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
 
     The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.
-    Where no command was recorded, the odometry's twist one cycle later stands for it.
     """
     with refused(path):
         bag = read(path, topics)
-        for what, topic, found in (("scan", topics.scan, bag.scans.at), ("odometry", topics.odometry, bag.odometry.at)):
+        for what, topic, found in (
+            ("scan", topics.scan, bag.scans.stamp),
+            ("odometry", topics.odometry, bag.odometry.stamp),
+            ("commands", topics.command, bag.commands[0]),
+        ):
             if len(found) < 2:
                 raise BagError(f"no {what} on {topic}")
         return _instants(bag, robot)
@@ -79,24 +82,19 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
     scans, odometry = bag.scans, bag.odometry
     chosen, layout = _beats(scans.stamp), layout_of(robot)
     when, stamps = scans.stamp[chosen], odometry.stamp
-    if np.any(np.diff(when) <= 0):
-        raise BagError("its clock jumps back; record it anew")
     nearest = np.clip(np.searchsorted(stamps, when), 1, len(stamps) - 1)
     nearest -= np.abs(stamps[nearest - 1] - when) <= np.abs(stamps[nearest] - when)
-    command = _commands(*bag.commands, when) if len(bag.commands[0]) else _next(odometry.twist[nearest])
+    command = _commands(*bag.commands, when)
     used = np.abs(stamps[nearest] - when) < 0.1 * SECOND
     moving = np.flatnonzero((np.abs(command).max(axis=1) > DRIVING_SPEED) & used)
     if len(moving) * CONTROL_PERIOD < SHORTEST:
-        raise BagError(
-            f"{len(moving) * CONTROL_PERIOD:.1f} s of driving; a demonstration needs {SHORTEST:g} s and more"
-        )
+        driven = len(moving) * CONTROL_PERIOD
+        raise BagError(f"{driven:.1f} s of driving; a demonstration needs {SHORTEST:g} s and more")
     span = np.arange(moving[0], moving[-1] + 1)
     span = span[used[span]]
     pose = odometry.pose[nearest[span]]
-    goals = [pose for _, frame, *pose in bag.goals if frame == odometry.frame]
+    goals = [pose for frame, *pose in bag.goals if frame == odometry.frame]
     goal = tuple(goals[-1] if goals else pose[-1].tolist())
-    if len({(len(scans.ranges[i]), *scans.geometry[i].tolist()) for i in chosen.tolist()}) > 1:
-        raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
     first, increment, low, high = scans.geometry[chosen[0]].tolist()
     ranges = np.array([scans.ranges[i] for i in chosen[span].tolist()])
     return Demonstration(
@@ -129,7 +127,3 @@ def _commands(at, values, when) -> np.ndarray:
     last = np.searchsorted(at, when + int(0.9 * CONTROL_PERIOD * SECOND), side="right") - 1
     fresh = (last >= 0) & (when - at[last] < HELD * SECOND)
     return np.where(fresh[:, None] & np.isfinite(values[last]), values[last], 0.0)
-
-
-def _next(twist) -> np.ndarray:
-    return np.vstack([twist[1:], twist[-1:]])

@@ -30,7 +30,7 @@ class AppldOptions(BagOptions):
 
     # fmt: off
     bags: List[str] = argument(
-        "Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and, if possible, commands.")
+        "Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands.")
     out: str = option(...,
         "File to write (.safetensors). The log is written beside it.")
     contexts: int = option(4,
