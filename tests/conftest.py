@@ -156,7 +156,7 @@ def pytest_terminal_summary(terminalreporter):
             tests[report.nodeid][0] += report.processor_s
             tests[report.nodeid][1] += report.duration
             rooms[report.nodeid.partition("::")[0]] += report.processor_s
-    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[:10]
+    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[:20]
     if most:
         terminalreporter.section("processor time: %.0f s, tests %.0f s" % (sum(os.times()[:4]), sum(rooms.values())))
         terminalreporter.line(", ".join("%s %.0f s" % room for room in rooms.most_common(5)))
