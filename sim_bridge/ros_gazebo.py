@@ -8,8 +8,8 @@ What differs from Gazebo: a requested twist is not taken over, the robot stands 
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin
-from typing import Any, Optional, Tuple
+from math import cos, sin
+from typing import Any
 
 import rospy
 from gazebo_msgs.srv import GetModelState, GetModelStateResponse, SetModelState, SetModelStateResponse
@@ -37,18 +37,16 @@ class GazeboInterface:
 
     def set_model_state(self, request: Any) -> SetModelStateResponse:
         """Put the robot somewhere else; it stands then, and time goes on."""
-        state = request.model_state
-        pose, problem = _planar(state.pose), ""
+        state, problem = request.model_state, ""
         if state.model_name != self.robot:
             problem = f"SetModelState: model [{state.model_name}] does not exist; it is called {self.robot}"
         elif state.reference_frame not in WORLD_FRAMES:
             problem = f"SetModelState: reference frame [{state.reference_frame}] is not known; give world"
-        elif pose is None:
-            problem = "SetModelState: the pose must be finite"
         if problem:
             rospy.logwarn("sim_bridge: %s", problem)
             return SetModelStateResponse(False, problem)
-        self.bridge.teleport(pose)
+        position = state.pose.position
+        self.bridge.teleport((position.x, position.y, yaw_of(state.pose.orientation)))
         return SetModelStateResponse(True, "SetModelState: set model state done")
 
     def get_model_state(self, request: Any) -> GetModelStateResponse:
@@ -68,15 +66,3 @@ class GazeboInterface:
             answer.twist.linear.x, answer.twist.linear.y, answer.twist.angular.z = v * cos(yaw), v * sin(yaw), w
             answer.success, answer.status_message = True, "GetModelState: got properties"
         return answer
-
-
-def _planar(message: Any) -> Optional[Tuple[float, float, float]]:
-    """Return (x, y, yaw) of a geometry_msgs/Pose; None where a number is not finite.
-
-    The quaternion may have any length, and one of zeros is the identity, as in Gazebo.
-    """
-    q = message.orientation
-    values = (message.position.x, message.position.y, q.x, q.y, q.z, q.w)
-    if not all(map(isfinite, values)):
-        return None
-    return values[0], values[1], yaw_of(q) if any(values[2:]) else 0.0

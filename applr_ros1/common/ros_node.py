@@ -17,7 +17,7 @@ import signal
 import socket
 import threading
 from contextlib import contextmanager
-from typing import Any, Dict, Iterator
+from typing import Any, Iterator
 
 import rosgraph
 import rospy
@@ -66,14 +66,6 @@ def init_node(name: str, **options: Any) -> None:
             print_exception(error)
 
     threading.excepthook = print_while_running
-
-
-def private_parameters() -> Dict[str, Any]:
-    """Return the node's own parameters. Raises ApplrError where something else has its name."""
-    found = rospy.get_param("~", {})
-    if isinstance(found, dict):
-        return found
-    raise ApplrError(f"the parameter {rospy.get_name()} is {found!r}: remove it (rosparam delete {rospy.get_name()})")
 
 
 @contextmanager

@@ -29,55 +29,12 @@ WHOLE_SHARE = 0.9  # share of its predecessor's angle that a scan covers at leas
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
-POSE_BYTES = 56  # seven float64
 COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")  # one point per cell
 TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # one point per point of a trajectory
 
 
 class MessageError(ApplrError):
     """A message that cannot be used; one line says why."""
-
-
-class PackedPath(Path):
-    """A nav_msgs/Path of which only the ends are read: a thousand poses would take 6 ms, twenty times a second.
-
-    Attributes:
-        packed: the message.
-        straight: way [m] from the first pose to the last one; None where there are none.
-    """
-
-    packed = b""
-    straight: Optional[float] = None
-
-    def deserialize(self, buff: bytes) -> PackedPath:
-        """Read the message, as rospy asks for it: seq, stamp and frame, and so again before each pose."""
-        self.packed = buff
-        poses = 16 + struct.unpack_from("<I", buff, 12)[0]
-        if struct.unpack_from("<I", buff, poses)[0]:
-            first = poses + 20 + struct.unpack_from("<I", buff, poses + 16)[0]
-            (x, y), (end_x, end_y) = (struct.unpack_from("<2d", buff, at) for at in (first, len(buff) - POSE_BYTES))
-            self.straight = math.hypot(end_x - x, end_y - y)
-        return self
-
-    def unpacked(self) -> Path:
-        """Return the whole message."""
-        return Path().deserialize(self.packed)
-
-
-class _WithArray:
-    """A message whose `data` is an array (n,) int8. As a list, four million cells would take .4 s."""
-
-    def deserialize(self, buff: bytes) -> Any:
-        """Read the message, as rospy asks for it."""
-        return self.deserialize_numpy(buff, np)  # type: ignore[attr-defined]
-
-
-class MapMessage(_WithArray, OccupancyGrid):
-    """A nav_msgs/OccupancyGrid with an array."""
-
-
-class MapUpdateMessage(_WithArray, OccupancyGridUpdate):
-    """A map_msgs/OccupancyGridUpdate with an array."""
 
 
 def is_upright(q) -> bool:
@@ -114,7 +71,7 @@ def twist(v: float, w: float) -> Twist:
 
 def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
-    shown = [KeyValue(key, str(value)) for key, value in values.items()]
+    shown = [KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value)) for k, value in values.items()]
     return DiagnosticArray(header("", stamp), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
@@ -143,7 +100,7 @@ def check_scan(message, turn: Optional[float], no_return: Optional[float] = None
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
-    return with_infinity(ranges, no_return)
+    return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
 
 
 def angle_covered(message) -> float:
@@ -151,26 +108,19 @@ def angle_covered(message) -> float:
     return abs((len(message.ranges) - 1) * message.angle_increment)
 
 
-def with_infinity(ranges: np.ndarray, no_return: Optional[float]) -> np.ndarray:
-    """Return the ranges (n,) float32 with +inf in place of the number that the driver states where nothing returns."""
-    return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
-
-
 def points_of(message) -> np.ndarray:
-    """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud. Raises MessageError."""
+    """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud.
+
+    Raises MessageError if a field is missing, ValueError or TypeError if the sizes do not fit.
+    """
     if hasattr(message, "points"):
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
     if not all(axis in offsets for axis in "xyz"):
         given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
         raise MessageError(f"has the fields {given or 'of none'}: give x, y and z as FLOAT32")
-    n, width = message.width * message.height, message.point_step
-    row = message.row_step if message.height > 1 else n * width
-    if width < max(offsets[axis] for axis in "xyz") + 4 or row < message.width * width:
-        raise MessageError(f"has point_step {width} and row_step {row} for {message.width} points a row")
-    if len(message.data) < row * (message.height - 1) + message.width * width:
-        raise MessageError(f"has {len(message.data)} bytes for {n} points of {width}")
-    order = ">" if message.is_bigendian else "<"
+    width, order = message.point_step, ">" if message.is_bigendian else "<"
+    row = message.row_step if message.height > 1 else message.width * width
     kind = np.dtype(
         {"names": list("xyz"), "formats": [order + "f4"] * 3, "offsets": [offsets[a] for a in "xyz"], "itemsize": width}
     )
@@ -188,17 +138,12 @@ def _rotation(transform) -> Tuple[float, float, float, float]:
     return q.x, q.y, q.z, q.w
 
 
-def cos_tilt(transform) -> float:
-    """Return the cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
-    return 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)
-
-
 def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
     """Return the planner's scan of a message whose ranges have been checked.
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
     """
-    upright = cos_tilt(transform)
+    upright = 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)  # cosine between the two z axes
     ranges, first = from_above(message, ranges, upright < -LEVEL_COS)
     stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
     rotation = None if abs(upright) > LEVEL_COS else _rotation(transform)
@@ -231,13 +176,6 @@ def static_map(message) -> StaticMap:
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     place = float(info.origin.position.x), float(info.origin.position.y)
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
-
-
-def update_cells(message) -> np.ndarray:
-    """Return the occupancies (h, w) int8 of a map_msgs/OccupancyGridUpdate. Raises MessageError."""
-    if message.width * message.height != len(message.data):
-        raise MessageError(f"has {len(message.data)} cells for {message.width} x {message.height}")
-    return np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
 
 
 # -- out -------------------------------------------------------------------------------------------------------

@@ -8,10 +8,10 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections import defaultdict, deque
-from typing import Any, Deque, Dict, Mapping, Optional, Tuple
+import time
+from collections import deque
+from typing import Any, Deque, Dict, Mapping, Optional, Sequence, Tuple
 
-import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 from rospy.rostime import is_wallclock
@@ -21,12 +21,12 @@ from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import compose
 from applr_ros1.policy.observation import ObservationError
+from applr_ros1.robots import Robot
 
 from . import conversions
 from .conversions import MessageError, Pose
 from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
-AGES_KEPT = 600  # that the ages of Ages are of: half a minute at 20 Hz
 SCANS_KEPT = 20  # scans kept until their transform comes
 TURN_HELD_S = 2.0  # s without a usable scan after which the scanner may have another angle
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
@@ -41,32 +41,18 @@ class Clock:
     """
 
     def __init__(self) -> None:
-        self.now = rospy.get_rostime()
+        self.now, self._changed = rospy.get_rostime(), time.monotonic()
+
+    def stands(self, seconds: float) -> bool:
+        """Return whether the time has not changed for `seconds` of wall time."""
+        return time.monotonic() - self._changed > seconds
 
     def went_back(self) -> bool:
         """Read the time; return whether it went back: if simulated at all, else by more than ADJUSTMENT_S."""
         last, self.now = self.now, rospy.get_rostime()
+        if self.now != last:
+            self._changed = time.monotonic()
         return self.now < last and (not is_wallclock() or (last - self.now).to_sec() > ADJUSTMENT_S)
-
-
-class Ages:
-    """The ages [s] of scan, pose and twist at the newest commands."""
-
-    def __init__(self) -> None:
-        self._known: Dict[str, Deque[float]] = defaultdict(lambda: deque(maxlen=AGES_KEPT))
-
-    def add(self, ages: Mapping[str, float]) -> None:
-        """Add the ages {name: [s]} of what a command was made from (Sensors.ages)."""
-        for name, age in ages.items():
-            self._known[name].append(age)
-
-    def values(self) -> Dict[str, str]:
-        """Return {"scan_age_s": "median .., 99 % .., largest .."}, as /diagnostics shows it."""
-        shown = {}
-        for name, ages in self._known.items():
-            median, most = np.percentile(ages, (50, 99))
-            shown[name + "_age_s"] = f"median {median:.3f}, 99 % {most:.3f}, largest {max(ages):.3f}"
-        return shown
 
 
 class Sensors:
@@ -100,6 +86,16 @@ class Sensors:
             odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
         )
         self.transforms.listen()
+
+    @classmethod
+    def of_lasers(cls, robot: Robot, prefix: str, frame: str, more_scans: Sequence[str] = ()) -> Sensors:
+        """Return the sensors of a robot, its laser and further ones by topic, placed in `frame`.
+
+        The names of the robot's frames begin with `prefix`.
+        """
+        topics = dict.fromkeys([robot.topics.scan, *more_scans], "LaserScan")
+        frames = frame, frame, prefix + robot.frames.base
+        return cls(frames, topics, {}, robot.topics.odometry, robot.laser.no_return)
 
     def _take_odometry(self, message) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
@@ -138,11 +134,14 @@ class Sensors:
         """Return (v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
         return self._twist
 
-    def ages(self, now) -> Dict[str, float]:
-        """Return {"scan", "pose", "twist": [s] since its stamp} of the newest that were used, where there is one."""
+    def stamps(self) -> Dict[str, rospy.Time]:
+        """Return the stamps {"scan", "pose", "twist"} of the newest that were used; 0: none."""
         scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
-        stamps = dict(self._stamps, scan=scan)
-        return {name: (now - stamp).to_sec() for name, stamp in stamps.items() if not stamp.is_zero()}
+        return dict(self._stamps, scan=scan)
+
+    def ages(self, now) -> Dict[str, float]:
+        """Return {"scan_age_s", "pose_age_s", "twist_age_s"}: the time [s] since each of `stamps`, if there is one."""
+        return {name + "_age_s": (now - stamp).to_sec() for name, stamp in self.stamps().items() if not stamp.is_zero()}
 
     def odometry_trouble(self, now, patience: float) -> str:
         """Return the complaint if no odometry has come for `patience` [s], or ever; "" if it comes."""
@@ -166,13 +165,12 @@ class Sensors:
     def _newest_pose(self, target, source, now, oldest, most_ahead):
         self.pose_trouble = ""
         try:
-            transform = self.transforms.at(target, source, rospy.Time(0))
-            if source == self.base:
-                self._stamps["pose"] = transform.header.stamp
-            self.transforms.check_age(transform, target, now, oldest, most_ahead, "check transform_tolerance")
+            transform = self.transforms.newest(target, source, now, oldest, most_ahead, "check transform_tolerance")
         except ObservationError as problem:
             self.pose_trouble = str(problem)
             return None
+        if source == self.base:
+            self._stamps["pose"] = transform.header.stamp
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
@@ -272,7 +270,7 @@ class _Topic:
                 continue
             try:
                 found = use(self, message)
-            except MessageError as problem:
+            except (ValueError, TypeError) as problem:
                 self.trouble = f"{self.name} {problem}"
                 rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
                 refused.add(id(message))

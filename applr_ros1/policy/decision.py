@@ -103,7 +103,7 @@ class Method:
             robot's where it states none.
         per_cell: Whether the distance biases of its sets are meant for a planner that counts per cell, as those of all
             learned sets here: the applr node then rescales them for a planner that counts per metre
-            (policy/distance_weights.py). Otherwise they are sent as they are.
+            (nodes/applr/meter_scoring.py). Otherwise they are sent as they are.
         stalls: Decisions so far that it made otherwise because the robot had stalled.
     """
 

@@ -140,7 +140,7 @@ class Space:
         return self.requests_for(self.clip(theta))
 
     def requests_for(self, values):
-        """The requests for values (n,) that may lie outside of the space's ranges (distance_weights.py)."""
+        """The requests for values (n,) that may lie outside of the space's ranges (nodes/applr/meter_scoring.py)."""
         values = list(self.as_dict(values).values())
         return {
             server: {t.name: -values[i] if t.negated else values[i] for i, t in self.targets_of(server)}

@@ -18,7 +18,7 @@ from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes.move_base.robot_parameters import with_robot
+from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete

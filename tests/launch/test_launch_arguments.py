@@ -15,7 +15,7 @@ import roslaunch.xmlloader
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.nodes.move_base.robot_parameters import with_robot
+from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo, launcher, play, send_goal
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.planner.parameters.check import check, complete

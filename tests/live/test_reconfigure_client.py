@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -222,8 +222,9 @@ def test_nothing_that_a_server_says_is_run(tmp_path):
     evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
     evil.until("all up")
     client = ReconfigureClient("/evil")
-    wait_for(lambda: "not as a number" in client.connect() or client.connected, "the servers")
-    client.apply(SPACE.high)
+    wait_for(lambda: not client.connect(), "the servers")
+    with suppress(TypeError):  # bounds that are texts
+        client.apply(SPACE.high)
     evil.kill()
     assert not mark.exists()
 

@@ -3,12 +3,10 @@
 That move_base is a made-up one, and then this package's, which hears of no monitor: it makes no such motions either.
 """
 
-import io
 import time
 from types import SimpleNamespace
 
 import actionlib
-import numpy as np
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
@@ -18,7 +16,7 @@ from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Path
 from std_msgs.msg import String
 
-from applr_ros1.nodes.conversions import PackedPath, path, twist
+from applr_ros1.nodes.conversions import pose_stamped, twist
 from tests.support.fake_jackal import FakeJackal
 from tests.support.jackal import tree
 from tests.support.move_base_stack import finish, goal
@@ -49,9 +47,7 @@ class MoveBase:
             goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
             self._statuses.publish(GoalStatusArray(status_list=goals))
         ends = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)] if self.left else []
-        message = Path()
-        message.deserialize(packed(ends))
-        self._plans.publish(message)
+        self._plans.publish(Path(poses=[pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in ends]))
         if self.command is not None:
             self._commands.publish(twist(*self.command))
 
@@ -59,12 +55,6 @@ class MoveBase:
         self._timer.shutdown()
         for publisher in (self._commands, self._statuses, self._plans):
             publisher.unregister()
-
-
-def packed(points):
-    buffer = io.BytesIO()
-    path(np.array(points).reshape(-1, 2), "map", rospy.Time(3)).serialize(buffer)
-    return buffer.getvalue()
 
 
 def monitor(escape):
@@ -143,11 +133,6 @@ def stack(whole):
 
 def moved(jackal, since):
     return [(at, v, w) for at, v, w in jackal.commands if at > since and (v, w) != (0.0, 0.0)]
-
-
-def test_the_plan_is_read_from_end_to_end():
-    assert PackedPath().deserialize(packed([(1.0, 2.0), (0.0, 9.0), (4.0, 6.0)])).straight == 5.0
-    assert PackedPath().deserialize(packed([])).straight is None
 
 
 def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_way(stack):

@@ -1,6 +1,6 @@
 """What the applr node takes for its inputs: plans of this goal, poses of now. No ROS master is needed."""
 
-import io
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,13 +8,12 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from applr_ros1.msg import Movers
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import transforms as module
 from applr_ros1.nodes.applr.inputs import RobotInputs
-from applr_ros1.nodes.conversions import PackedPath
 from applr_ros1.policy.observation import ObservationError
 from tests.support.fake_jackal import transform
 from tests.support.refusals import refused
@@ -25,25 +24,24 @@ def stamped(message, now, frame):
     return message
 
 
-def packed(message):
-    buff = io.BytesIO()
-    message.serialize(buff)
-    return PackedPath().deserialize(buff.getvalue())
-
-
 class Beside:
     """RobotInputs at a time [s], with scans, odometry far from where tf has the robot, plans and goals."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
-        monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+        self.hear = {}  # by topic: the callback
+        monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
         monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
         monkeypatch.setattr(module.tf2_ros, "TransformListener", lambda *_, **__: "listens")
         self.inputs = RobotInputs()
         self.place("odom", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-        self.inputs._mount = SimpleNamespace(beams=lambda scan, base: (scan.ranges, scan.angle_min, 0.01))
+        self.place("base_link", "front_laser", (0.1, 0.0, 0.5), rospy.Time(0))
+
+    def _subscriber(self, topic, kind, callback, **_):
+        self.hear[topic] = callback
+        return SimpleNamespace(resolved_name="/" + topic)
 
     @property
     def time(self):
@@ -62,19 +60,27 @@ class Beside:
         placed = transform(parent, child, pose, stamp)
         (buffer.set_transform_static if stamp.is_zero() else buffer.set_transform)(placed, "test")
 
+    def mount(self, roll, yaw):
+        placed = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
+        x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
+        placed.transform.rotation = Quaternion(x * u, x * z, w * z, w * u)
+        self.inputs._transforms.buffer.set_transform_static(placed, "test")
+
     def plan(self, end, frame="odom"):
         message = stamped(Path(), self.time, frame)
         for x in np.linspace(0.0, end, 5):
             message.poses.append(PoseStamped())
             message.poses[-1].pose.position.x = x
-        self.inputs._on_plan(packed(message))
+        self.inputs._on_plan(message)
 
     def snapshot(self, scanned=None):
-        scan = LaserScan(angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 501)
-        self.inputs._on_scan(stamped(scan, self.time if scanned is None else scanned, "front_laser"))
+        scan = LaserScan(
+            angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 500 + [2.0]
+        )
+        self.hear["front/scan"](stamped(scan, self.time if scanned is None else scanned, "front_laser"))
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
-        self.inputs._on_odometry(odometry)
+        self.hear["odometry/filtered"](odometry)
         return self.inputs.snapshot(self.time, self.time)
 
 
@@ -105,9 +111,9 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
     for x in (1.0, 2.0):
         beside.place("world", "odom", (x, 0.0, 0.25), beside.time)
         beside.now += 0.2
-    for frame in ("world", "/world"):
-        beside.plan(5.0, frame)
-        for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
+    for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
+        for frame in ("world", "/world"):
+            beside.plan(5.0, frame)
             snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - ago))
             assert snapshot.seen.pose == pytest.approx((x, 0.0, 0.25))
             assert snapshot.seen.twist == (0.5, 0.0)
@@ -125,7 +131,7 @@ def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside
 
 def test_a_static_transform_has_no_age(beside):
     beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    assert beside.inputs._transforms.newest("map", "base_link", 1.0).rotation.w == 1.0
+    assert beside.inputs._transforms.newest("map", "base_link", beside.time, 1.0).transform.rotation.w == 1.0
 
 
 def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
@@ -149,3 +155,23 @@ def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
     assert (seen.seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
     beside.inputs._on_movers(stamped(Movers(), beside.time, "odom"))
     assert beside.snapshot().seen.movers.shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("turn", "first", "last_range"),
+    [((0.0, 0.25), -2.25, 2.0), ((math.pi, 0.25), -2.25, 1.0), ((math.pi - 0.1, 0.0), -2.5, 1.0)],
+    ids=["level", "upside down", "upside down and tilted"],
+)
+def test_beams_are_those_of_the_robots_frame_seen_from_above(beside, turn, first, last_range):
+    beside.goal("one", 5.0)
+    beside.plan(5.0)
+    beside.mount(*turn)
+    ranges, start, step = beside.snapshot().seen.scan
+    assert (start, step, ranges[-1]) == (pytest.approx(first), 0.01, last_range)
+
+
+def test_a_laser_that_is_mounted_aslant_is_refused(beside):
+    beside.goal("one", 5.0)
+    beside.plan(5.0)
+    beside.mount(0.5, 0.0)
+    refused(lambda: beside.snapshot(), "aslant", kind=ObservationError)

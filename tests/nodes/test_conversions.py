@@ -1,6 +1,5 @@
 """Messages written in one piece equal the generated classes' byte for byte; scans and quaternions are judged."""
 
-import copy
 import io
 import math
 from types import SimpleNamespace
@@ -9,15 +8,12 @@ import genpy
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point32, Quaternion, Transform, Vector3
-from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 
 from applr_ros1.common.scan import project
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
-from applr_ros1.nodes.transforms import LaserMount
-from applr_ros1.policy.observation import ObservationError
 from tests.support.refusals import refused
 
 STAMP = genpy.Time(12, 345)
@@ -133,16 +129,9 @@ def test_points_of_clouds():
     points = conversions.points_of(message)
     np.testing.assert_array_equal(points, [(k, 10.0, -1.5) for k in range(6)])
     np.testing.assert_array_equal(conversions.points_of(PointCloud(points=[Point32(1.0, 2.0, 3.0)])), [(1.0, 2.0, 3.0)])
-    for change, words in (
-        ({"data": rows[:-4]}, "bytes for 6 points"),
-        ({"fields": message.fields[:2]}, "give x, y and z as FLOAT32"),
-        ({"point_step": 20}, "point_step 20"),
-    ):
-        wrong = copy.deepcopy(message)
-        for name, value in change.items():
-            setattr(wrong, name, value)
-        with pytest.raises(MessageError, match=words):
-            conversions.points_of(wrong)
+    message.fields = message.fields[:2]
+    with pytest.raises(MessageError, match="give x, y and z as FLOAT32"):
+        conversions.points_of(message)
 
 
 def test_maps():
@@ -157,37 +146,6 @@ def test_maps():
         conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))
 
 
-@pytest.mark.parametrize("frame", ["map", ""])
-def test_maps_come_as_arrays_and_else_as_the_generated_messages(frame):
-    """Four million cells as a list would hold the planner up for .4 s."""
-    grid = OccupancyGrid(header=conversions.header(frame, STAMP), data=[0, 100, -1, 50, 7, 9])
-    grid.info.width, grid.info.height, grid.info.resolution, grid.info.origin.position.y = 3, 2, 0.05, 1.5
-    update = OccupancyGridUpdate(header=conversions.header(frame, STAMP), x=-1, y=2, width=2, height=1, data=[-1, 5])
-    for plain, kind in ((grid, conversions.MapMessage), (update, conversions.MapUpdateMessage)):
-        made = kind().deserialize(written(plain))
-        assert isinstance(made.data, np.ndarray)
-        assert (made._type, made._md5sum) == (plain._type, plain._md5sum)
-        cells, made.data = made.data.tolist(), plain.data
-        assert cells == list(plain.data)
-        assert written(made) == written(plain)
-    made = conversions.static_map(conversions.MapMessage().deserialize(written(grid)))
-    assert (made.cells.tolist(), made.origin) == ([[0, 100, -1], [50, 7, 9]], (0.0, 1.5))
-
-
-# -- how the policy's laser is mounted -------------------------------------------------------------------------------
-class Tf:
-    """Stands in for Transforms: one transform, or none as long as it is None."""
-
-    def __init__(self, transform=None):
-        self.transform, self.asked = transform, 0
-
-    def newest(self, target, source):
-        self.asked += 1
-        if self.transform is None:
-            raise ObservationError("no transform")
-        return self.transform
-
-
 def turned(roll, yaw):
     """A geometry_msgs/Transform turned by roll, then by yaw [rad]."""
     x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
@@ -198,26 +156,6 @@ def test_what_a_driver_states_for_no_return_is_infinity():
     scan = LaserScan(ranges=[0.0, 1.0, math.inf, 2.0], angle_increment=0.1)
     assert conversions.check_scan(scan, None, 0.0).tolist() == [math.inf, 1.0, math.inf, 2.0]
     assert conversions.check_scan(scan, None).tolist() == [0.0, 1.0, math.inf, 2.0]
-    assert LaserMount(Tf(turned(0.0, 0.0)), 0.0, 0.0).beams(scan, "base")[0][0] == math.inf
-
-
-def test_beams_of_lasers_as_tf_says_they_are_mounted():
-    scan = LaserScan(angle_min=-1.0, angle_increment=0.5, ranges=[1.0, 2.0, 3.0, 4.0, 5.0])
-    tf = Tf()
-    mount = LaserMount(tf, 0.25)
-    ranges, *angles = mount.beams(scan, "base")
-    assert (list(ranges), angles) == (scan.ranges, [-0.75, 0.5])  # as described, until tf knows
-    tf.transform = turned(0.0, 0.5)
-    assert mount.beams(scan, "base")[1:] == (pytest.approx(-0.5), 0.5)
-    assert mount.beams(scan, "base")
-    assert tf.asked == 2
-    ranges, first, step = LaserMount(Tf(turned(math.pi, 0.5)), 0.25).beams(scan, "base")
-    assert list(ranges) == [5.0, 4.0, 3.0, 2.0, 1.0]
-    assert (first, step) == (pytest.approx(0.5 - 1.0), 0.5)
-    aslant = LaserMount(Tf(turned(1.0, 0.0)), 0.0)
-    for _ in range(2):
-        with pytest.raises(ObservationError, match="aslant"):
-            aslant.beams(scan, "base")
 
 
 def test_range_max_may_be_infinite_and_no_number():

@@ -1,12 +1,15 @@
-"""One cycle of the move_base node, without a ROS master: what leaves it."""
+"""Control cycles of the move_base node, without a ROS master: when they come, and what leaves them."""
 
 import math
+import threading
+import time
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
 import rospy
 
+from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.planner.state_machine import Cycle
 
@@ -50,8 +53,7 @@ def test_diagnostics_say_which_critics_refused_the_samples():
     node.move_base.step.return_value = Cycle(controlled=True)
     node.move_base.local_planner.refusals.side_effect = [{}, refused]
     node.watchdog.is_lost.return_value = False
-    node._displays.post.side_effect = lambda publish: publish()
-    node._ages.values.return_value, node._refusals = {}, {}
+    node.sensors.ages.return_value, node._refusals = {}, {}
     reports = []
     for cycles in (1, 2, 0):
         for _ in range(cycles):  # once there are reasons, they stay until they are reported
@@ -63,3 +65,29 @@ def test_diagnostics_say_which_critics_refused_the_samples():
         reports.append((status.level, status.message, {v.key: v.value for v in status.values}))
     fine = (0, "", {})
     assert reports == [fine, (1, "no legal command", {"samples": "3", "obstacle": "3"}), fine]
+
+
+def test_cycles_that_were_missed_are_counted():
+    loop = ControlLoop(*[MagicMock()] * 5)
+    due = rospy.Time.from_sec(100.0)
+    for late, missed, next_due in ((0.0, 0, 0.05), (0.04, 0, 0.05), (0.06, 1, 0.11), (0.46, 9, 0.51)):
+        loop.missed = 0
+        later = loop._next_due(due, due + rospy.Duration.from_sec(late), 0.05)
+        assert (loop.missed, (later - due).to_sec()) == (missed, pytest.approx(next_due))
+
+
+def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):
+    cycle, failed, ended = MagicMock(side_effect=KeyError("three")), MagicMock(), threading.Event()
+    rospy.rostime.set_rostime_initialized(True)
+    monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
+    loop = ControlLoop(cycle, lambda: 200.0, MagicMock(), MagicMock(), failed)
+    running = threading.Thread(target=loop.run)
+    with loop.lock:
+        running.start()
+        time.sleep(0.1)
+        assert not cycle.called
+    while failed.call_count < 2:
+        time.sleep(0.001)
+    ended.set()
+    running.join(5.0)
+    assert not running.is_alive()

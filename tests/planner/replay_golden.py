@@ -16,6 +16,7 @@ from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from tests.planner import replay_dwa
+from tests.support.map_scenes import paint, sampled_window
 
 FORMAT = "planner-golden-1"
 WINDOW = ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
@@ -67,7 +68,7 @@ def make_costmap(scenario):
             given["inflation_radius"], given["cost_scaling_factor"], True, bool(given["inflate_unknown"])
         ),
     )
-    costmap.paint(scenario.array("cells"))
+    paint(costmap, scenario.array("cells"))
     return costmap
 
 
@@ -133,7 +134,11 @@ def dwa(scenario):
     yield "state_after", planner.state, expected["state_after"]
     yield "flags_after", planner.state[:5], [expected["flags_after"][name] for name in FLAGS]
     weights = expected["effective"]
-    yield "effective", [planner.effective[name] for name in sorted(weights)], [weights[w] for w in sorted(weights)]
+    yield (
+        "effective",
+        [planner._params[0][name].item() for name in sorted(weights)],
+        [weights[w] for w in sorted(weights)],
+    )
     if not expected.get("has_samples", True):
         return
     used = list(expected["pose_used"]) + list(expected["vel_used"])
@@ -141,7 +146,7 @@ def dwa(scenario):
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
     window = expected["window"]
     names = [name for name in WINDOW if window[name] is not None]  # null where C++ divided by zero
-    ours = planner.window
+    ours = sampled_window(planner)
     yield "window", [ours[name] for name in names], [window[name] for name in names]
     yield from compare_grids(scenario, planner)
     rows = scenario.array("samples")

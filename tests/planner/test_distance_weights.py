@@ -6,9 +6,9 @@ import numpy as np
 
 import worlds
 from applr_ros1 import robots
+from applr_ros1.nodes.applr.meter_scoring import factor_of, multipliers_of
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
-from applr_ros1.policy.distance_weights import factor_of, multipliers_of
 from applr_ros1.policy.parameter_space import SPACE, send
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 

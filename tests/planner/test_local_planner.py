@@ -125,5 +125,5 @@ def test_flags_survive_plans_and_not_a_reset():
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():
-    assert local_planner(controller_frequency=10.0).planner.effective["sim_period"] == 0.1
-    assert local_planner(controller_frequency=0.0).planner.effective["sim_period"] == 0.05
+    assert local_planner(controller_frequency=10.0).planner._params[0]["sim_period"] == 0.1
+    assert local_planner(controller_frequency=0.0).planner._params[0]["sim_period"] == 0.05

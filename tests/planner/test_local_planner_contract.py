@@ -15,7 +15,7 @@ from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from tests.support.jackal import JACKAL
 from tests.support.map_scenes import JACKAL as FOOT
-from tests.support.map_scenes import straight
+from tests.support.map_scenes import paint, straight
 
 STANDING = (0.0, 0.0)
 DWA = dict(min_vel_y=0.0, max_vel_y=0.0, max_vel_x=0.5, max_vel_trans=0.5, acc_lim_x=10.0, acc_lim_theta=10.0)
@@ -35,7 +35,7 @@ def costmap(*lethal):
     cells = np.zeros((120, 120), np.uint8)
     for x, y in lethal:
         cells[int((y + 3) / 0.05), int((x + 3) / 0.05)] = 254
-    made.paint(cells)
+    paint(made, cells)
     return made
 
 

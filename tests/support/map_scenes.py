@@ -10,6 +10,7 @@ import numpy as np
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.costmap.static_layer import StaticMap
+from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 
 JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1)
 
@@ -53,3 +54,20 @@ def wall_with_a_door():
     cells[78:102, 100:103] = 0
     cells[:10] = -1
     return StaticMap(cells, 0.05, (-3.0, -3.0), "map")
+
+
+def paint(costmap, cells):
+    """Write the non-zero cells (ny, nx) over a costmap's master and inflate the whole map."""
+    np.copyto(costmap._base, costmap.cells)
+    np.copyto(costmap._base, cells, where=np.asarray(cells) != 0)
+    for layer in costmap.inflation_layers:
+        layer.update(costmap.cells, costmap._base, (0, 0) + costmap.size)
+    costmap._changed((0, 0) + costmap.size)
+
+
+def sampled_window(planner):
+    """Ranges and steps of the last samples of a TrajectoryPlanner: {"min_vel_x", "max_vel_x", "dvx", ...}."""
+    x0, x1, w0, w1 = velocity_window(planner._params[0], planner._plan, planner.start)
+    dvx, dw = fill_evenly(x0, x1, planner._scratch.vs), fill_evenly(w0, w1, planner._scratch.ws)
+    names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"
+    return dict(zip(names, (x0, x1, dvx, w0, w1, dw)))

@@ -38,7 +38,7 @@ TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
     """A parameter tree of move_base with `meter_scoring` false, whatever it says: what is learned here counts per cell.
 
-    The applr node rescales what it sends to a planner that counts per metre (applr_ros1/policy/distance_weights.py).
+    The applr node rescales what it sends to a planner that counts per metre (applr_ros1/nodes/applr/meter_scoring.py).
     """
     planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
     return dict(parameters, TrajectoryPlannerROS=planner)

@@ -11,9 +11,9 @@ from typing import Any, Dict, Mapping, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import shapes_at_start
-from applr_ros1.policy.distance_weights import PLANNER
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import TRAJECTORY
 
 
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -36,8 +36,8 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
                 continue
             names = [name for name in target.names if name in branch(own, place)] or target.names[:1]
             branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
-    if PLANNER in own.get("base_local_planner", PLANNER):  # all drives counted so
-        branch(made, PLANNER, create=True)["meter_scoring"] = False
+    if TRAJECTORY in own.get("base_local_planner", TRAJECTORY):  # all drives counted so
+        branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made
 
 

@@ -8,8 +8,8 @@ from typing import Any, Mapping
 import yaml
 
 from applr_ros1.common.files import write_bytes, write_json
-from applr_ros1.policy.distance_weights import PLANNER
 from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import TRAJECTORY
 from training.evaluation.loaded import move_base_parameters
 
 HEAD = """# Parameters of move_base for {robot}, to be loaded after its own files:
@@ -17,7 +17,7 @@ HEAD = """# Parameters of move_base for {robot}, to be loaded after its own file
 # Its distance biases count {unit}.
 """
 UNITS = {
-    PLANNER: "cells, as the C++ planner does unless it was unlucky at its start\n# (docs/howto/cpp_move_base.md)",
+    TRAJECTORY: "cells, as the C++ planner does unless it was unlucky at its start\n# (docs/howto/cpp_move_base.md)",
     "DWAPlannerROS": "metres, as the C++ planner does",
 }
 

@@ -11,17 +11,18 @@ import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import LaserScan
+from nav_msgs.msg import Path
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.transforms import MAX_AGE_S, LaserMount, Transforms, check_age
+from applr_ros1.nodes.sensors import Sensors
+from applr_ros1.nodes.transforms import MAX_AGE_S
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import ObservationError
 from applr_ros1.robots import JACKAL
 
+LEAST_LEVEL_COS = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
 STATUS_AGE_S = 2.0  # without a status for so long, move_base counts as gone
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
@@ -45,33 +46,28 @@ class RobotInputs:
     """Subscriptions to tf, to a robot's scan and odometry, and to move_base's plan and status.
 
     Args:
-        robot: Description of the robot; its laser's yaw counts until tf has the laser's frame.
+        robot: Description of the robot.
         move_base: Namespace of move_base, whose status says which goal is pursued.
         prefix: Prefix of the names of the robot's frames.
     """
 
     def __init__(self, robot=JACKAL, move_base="/move_base", prefix=""):
-        self._transforms, self._base = Transforms(), prefix + robot.frames.base
-        self._transforms.listen()
-        laser = robot.laser
-        self._mount = LaserMount(self._transforms, laser.pose[2], laser.no_return)
-        names = {"scan": robot.topics.scan, "odometry": robot.topics.odometry, "plan": move_base + "/NavfnROS/plan"}
-        self._names = {what: rospy.resolve_name(name) for what, name in names.items()}
-        self._lock = threading.Lock()
+        self._base, self._scan_topic = prefix + robot.frames.base, robot.topics.scan
+        self._sensors = Sensors.of_lasers(robot, prefix, self._base)
+        self._transforms = self._sensors.transforms
+        plan = move_base + "/NavfnROS/plan"
+        self._plan_topic, self._lock = rospy.resolve_name(plan), threading.Lock()
         self.clear()
-        big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
-        rospy.Subscriber(names["scan"], LaserScan, self._on_scan, **big)
-        rospy.Subscriber(names["plan"], conversions.PackedPath, self._on_plan, **big)
-        rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=1, buff_size=2**20)
+        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # a small buffer delivers old ones
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self):
         """Forget everything: the clock jumped back."""
-        self._transforms.buffer.clear()
+        self._sensors.forget()
         with self._lock:
-            self._scan = self._plan = self._planned = self._movers = self._odometry = None
+            self._scan = self._plan = self._planned = self._movers = None
             self._goal, self._goal_heard, self._goal_since = None, None, None
             self._current_goal = self._former_goal = None  # as move_base stated them
 
@@ -93,34 +89,44 @@ class RobotInputs:
         Raises ObservationError with one line about what is missing or odd.
         """
         with self._lock:
-            scan, plan, planned = self._scan, self._plan, self._planned
+            plan, planned = self._plan, self._planned
             since, goal = self._goal_since, self._current_goal
-            former, movers, odometry = self._former_goal, self._movers, self._odometry
-        if scan is None:
-            raise ObservationError(f"no scan on {self._names['scan']} yet")
-        check_age(f"scan on {self._names['scan']}", scan.header.stamp, now)
-        if odometry is None:
-            raise ObservationError(f"no odometry on {self._names['odometry']} yet")
-        check_age(f"odometry on {self._names['odometry']}", odometry.header.stamp, now)
-        beams = self._mount.beams(scan, self._base)
-        plan = None if plan is None else plan.unpacked()
+            former, movers = self._former_goal, self._movers
+        beams = self._beams(now)
+        stamps = self._sensors.stamps()
         early = 0.0 if plan is None or since is None else (since - planned).to_sec()
         if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
-            raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
+            raise ObservationError(f"no global plan for this goal on {self._plan_topic} yet")
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         goal = conversions.pose_of(plan.poses[-1].pose if goal is None else goal)
-        pose, twist = self._pose(frame, scan.header.stamp), odometry.twist.twist
         moving, movers_stamp = self._moving(movers, frame, now)
-        time, twist = (now - began).to_sec(), (twist.linear.x, twist.angular.z)
-        seen = Seen(beams, time, pose, twist, goal, points, moving)
-        return Snapshot(seen, frame, scan.header.stamp, odometry.header.stamp, plan.header.stamp, movers_stamp)
+        pose, time = self._pose(frame, stamps["scan"], now), (now - began).to_sec()
+        seen = Seen(beams, time, pose, self._sensors.twist(), goal, points, moving)
+        return Snapshot(seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp)
 
-    def _pose(self, frame, stamp):
+    def _beams(self, now):
+        """Return (ranges, angle of the first, step to the next [rad]) of the newest scan, in the robot's frame."""
+        self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
+        if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
+            newest, topic = self._sensors.newest(self._scan_topic), self._sensors.resolved(self._scan_topic)
+            raise ObservationError(f"no usable scan on {topic}: {newest}")
+        trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
+        if trouble:
+            raise ObservationError(trouble)
+        ranges, first, upright = scan.ranges, scan.angle_min, 1.0
+        if scan.rotation is not None:
+            upright = 1.0 - 2.0 * (scan.rotation[0] ** 2 + scan.rotation[1] ** 2)
+            ranges, first = conversions.from_above(scan, ranges, upright < 0.0)
+        if abs(upright) < LEAST_LEVEL_COS:
+            raise ObservationError(f"the laser in {scan.frame} is mounted aslant: the policy needs a level one")
+        return ranges, scan.sensor_pose[2] + first, scan.angle_increment
+
+    def _pose(self, frame, stamp, now):
         """Return the robot's (x, y, yaw) in `frame` at a time, or its latest pose if tf does not reach that time."""
         if self._transforms.has(frame, self._base, stamp):
             return conversions.pose_of(self._transforms.at(frame, self._base, stamp).transform)
-        return conversions.pose_of(self._transforms.newest(frame, self._base, MAX_AGE_S))
+        return conversions.pose_of(self._transforms.newest(frame, self._base, now, MAX_AGE_S).transform)
 
     def _moving(self, msg, frame, now):
         """Return the tracked movers (k, 4) x, y, vx, vy in `frame` and their stamp; empty if the message is stale."""
@@ -128,7 +134,8 @@ class RobotInputs:
             return np.zeros((0, 4)), rospy.Time()
         x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
         if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
-            place = conversions.pose_of(self._transforms.newest(frame, msg.header.frame_id, MAX_AGE_S))
+            place = self._transforms.newest(frame, msg.header.frame_id, now, MAX_AGE_S)
+            place = conversions.pose_of(place.transform)
             x, y = transform_point(place, x, y)
             vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
         return np.column_stack([x, y, vx, vy]), msg.header.stamp
@@ -137,17 +144,8 @@ class RobotInputs:
         with self._lock:
             self._movers = msg
 
-    def _on_scan(self, msg):
-        msg.header.stamp = msg.header.stamp or rospy.Time.now()  # 0: the driver gives none
-        with self._lock:
-            self._scan = msg
-
-    def _on_odometry(self, msg):
-        with self._lock:
-            self._odometry = msg
-
     def _on_plan(self, msg):
-        if msg.straight is not None:  # a failed plan is published empty: the old one stands
+        if msg.poses:  # a failed plan is published empty: the old one stands
             with self._lock:
                 self._plan, self._planned = msg, rospy.Time.now()
 

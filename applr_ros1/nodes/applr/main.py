@@ -15,7 +15,7 @@ import sys
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
-from applr_ros1.common.arguments import frame_prefix, number_within
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.msg import Parameters
@@ -23,9 +23,9 @@ from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.nodes.applr.meter_scoring import CHOICES
 from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
+from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL, load
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
@@ -82,31 +82,27 @@ def set_method(node, given, request):
     return SetMethodResponse(True, f"method {spec}")
 
 
-def _number(name, low, high):
-    """The private parameter `name`, 0 without it. ApplrError, one line, where it is no number from low to high."""
-    return number_within(name, rospy.get_param("~" + name, 0), low, high)
-
-
 def main():
     """Reads the private parameters and runs until shutdown. ApplrError, one line, for one of no use."""
     init_node("applr")
-    period, seed = _number("period", 0, 60.0), _number("seed", 0, 2**31 - 1)
-    max_speed = _number("max_speed", 0, math.inf)
-    namespace = rospy.resolve_name(str(rospy.get_param("~move_base", "move_base")))
-    robot = load(str(rospy.get_param("~robot", JACKAL.name)), with_map=bool(rospy.get_param("~map", False)))
+    given = rospy.get_param("~", {})
+    most = {"period": 60.0, "seed": 2**31 - 1, "max_speed": math.inf}
+    period, seed, max_speed = (number_within(name, given.get(name, 0), 0, high) for name, high in most.items())
+    namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
+    robot, prefix = named_robot(given)
     space = space_of(robot)
     slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
     if 0 < max_speed < slowest:
         raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for any")
-    spec = str(rospy.get_param("~method", "auto"))
-    meter_scoring = str(rospy.get_param("~meter_scoring", "auto")).lower()  # ROS reads true as a bool
+    spec = str(given.get("method", "auto"))
+    meter_scoring = str(given.get("meter_scoring", "auto")).lower()  # ROS reads true as a bool
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
-    given = started_with(spec)
-    method, trouble = make_method(spec, robot, given)
+    code = started_with(spec)
+    method, trouble = make_method(spec, robot, code)
     node = ApplrNode(
         method,
-        RobotInputs(robot, namespace, frame_prefix(str(rospy.get_param("~tf_prefix", "")))),
+        RobotInputs(robot, namespace, prefix),
         ApplrTopics(robot),
         float(period) or None,
         namespace,
@@ -117,7 +113,7 @@ def main():
     )
     rospy.Subscriber("~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10)
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
-    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, given, request))
+    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, code, request))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble

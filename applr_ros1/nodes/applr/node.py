@@ -15,7 +15,7 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
-from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import ObservationError
@@ -266,7 +266,8 @@ class ApplrNode:
         if client.sent is None or (only and (client.multipliers == 1.0).all()):
             return
         self.meter_scoring.forget()  # as the planner was before this node came
-        client.restore_on_shutdown(theta)
+        if client.apply(theta, RESTORE_S):  # again if a former call was still to be answered
+            client.apply(theta, RESTORE_S)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1

@@ -27,8 +27,6 @@ ANNOUNCED_S = 0.4  # longest time between a server's answer and its message on p
 RETRY_S = 0.25  # pause between two attempts
 SEARCH_S = 1.0  # pause between two searches for the servers
 MOST_SEARCHES = 15  # failed searches before they are reported
-# Texts are left out: the library evaluates as Python what a server says of their choices (edit_method).
-_KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float}
 
 
 class Server:
@@ -46,7 +44,7 @@ class Server:
         settings: (index in theta, sign, name) of each of those values.
         call: The latest call; its result is one line why the values are not in force, or "".
 
-    Raises rospy.ROSException if it does not answer, ApplrError if it does not hold a value.
+    Raises rospy.ROSException if it does not answer, ApplrError if it lacks a value.
     """
 
     def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
@@ -67,8 +65,6 @@ class Server:
     def _name_of(self, target: Setting) -> str:
         for name in target.names:
             if name in self.declared:
-                if self.declared[name]["type"] not in _KINDS:
-                    raise ApplrError(f"declares {name} as {self.declared[name]['type']}, not as a number")
                 return name
         raise ApplrError(f"has no parameter {target.names[0]}")
 
@@ -92,10 +88,9 @@ class Server:
         """Return whether {name: value} are in force."""
         return are_in_force(values, self.values)
 
-    def request(self, values: np.ndarray) -> Dict[str, Any]:
-        """Return {name: value} of its share of values (n,), in the types that it declares."""
-        declared = self.declared
-        return {name: _KINDS[declared[name]["type"]](sign * values[i]) for i, sign, name in self.settings}
+    def request(self, values: np.ndarray) -> Dict[str, float]:
+        """Return {name: value} of its share of values (n,). The library makes them the types that it declares."""
+        return {name: float(sign * values[i]) for i, sign, name in self.settings}
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Begin a call. Wait for the former one first."""
@@ -118,10 +113,10 @@ class Server:
 
 
 class ReconfigureClient:
-    """The parameters of one move_base, and the only door to them. Make it after rospy.init_node.
+    """The parameters of one move_base.
 
-    `apply` waits for its result; once it is started, a thread applies what is requested, until it is in force. Both
-    clip to the space's ranges, round counts, and refuse what is not finite.
+    `apply` waits for its result. Once it is started, a thread applies what is requested until it is in force. Both clip
+    to the space's ranges, round counts, and refuse what is not finite.
 
     Args:
         namespace: Of move_base.
@@ -261,9 +256,7 @@ class ReconfigureClient:
         Raises:
             ApplrError: A value is not finite; nothing was sent.
         """
-        return self._apply(self.space.clip(theta), seconds)
-
-    def _apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
+        theta = self.space.clip(theta)
         with self._lock:
             if not self.connected:
                 return f"no parameter servers below {self.namespace} yet"
@@ -280,11 +273,6 @@ class ReconfigureClient:
                 elif not server.has(server.request(values)):
                     errors.append(server.call.result() or f"{server.name} had a former call to answer")
             return "; ".join(errors)
-
-    def restore_on_shutdown(self, theta: np.ndarray) -> None:
-        """Restore theta (n,) at the end of the node, again if a former call was still to be answered. `stop` first."""
-        if self.apply(theta, RESTORE_S):
-            self.apply(theta, RESTORE_S)
 
     def start(self) -> None:
         """Begin to apply requests; those made before are kept."""
@@ -345,7 +333,7 @@ class ReconfigureClient:
             self._wake.clear()
 
     def _attempt(self, theta: np.ndarray) -> None:
-        error = self._apply(theta)
+        error = self.apply(theta)
         with self._asking:
             if not error:
                 self.applied = theta

@@ -22,17 +22,17 @@ from typing import Dict, Optional, Sequence, Tuple
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
-from rosgraph.names import is_legal_name
 from std_msgs.msg import Bool, String
 
-from applr_ros1.common.arguments import frame_prefix, number_within
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_script
-from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.sensors import Ages, Clock, Sensors
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.nodes.robot_parameters import NAMING, named_robot
+from applr_ros1.nodes.sensors import Clock, Sensors
+from applr_ros1.robots import Robot
 
 from .guard import Heartbeat
 from .stalled_move_base import StalledMoveBase
@@ -71,25 +71,18 @@ class CollisionMonitorNode:
         self.monitor = CollisionMonitor(settings, more_scans)
         self._tolerance = tolerance
         self._lock = threading.Lock()
-        self._clock, self._moved = Clock(), time.monotonic()  # when the clock last moved
+        self._clock = Clock()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
-        self._ages = Ages()
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
         self._zeros = 0  # number of zeros that the base has got since it stands without a command
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
         self._stalls = StalledMoveBase(near) if escape else None
-        topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
+        topics = robot.topics
         self._scan, self._more_scans = topics.scan, more_scans
         self._frames: Dict[str, str] = {}  # of the first laser on each topic
-        self.sensors = Sensors(
-            (fixed, fixed, base),
-            dict.fromkeys([self._scan, *more_scans], "LaserScan"),
-            {},
-            topics.odometry,
-            no_return=robot.laser.no_return,
-        )
+        self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
@@ -120,7 +113,6 @@ class CollisionMonitorNode:
             time.sleep(LOOK_S)
 
     def _take_scans(self) -> None:
-        last = self._clock.now
         if self._clock.went_back():
             rospy.logwarn("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
@@ -128,8 +120,6 @@ class CollisionMonitorNode:
             self._commanded = rospy.Time(0)
             if self._stalls is not None:
                 self._stalls.forget()
-        if self._clock.now != last:
-            self._moved = time.monotonic()
         for topic, scan in self.sensors.observations().items():
             first = scan.frame == self._frames.setdefault(topic, scan.frame)  # lasers may share a topic
             name = "" if topic == self._scan else topic
@@ -138,7 +128,7 @@ class CollisionMonitorNode:
     @property
     def _stalled(self) -> str:
         """Return what is wrong if ROS time stands still, else ""."""
-        return f"/clock has not moved for {STALLED_S:g} s" if time.monotonic() - self._moved > STALLED_S else ""
+        return f"/clock has not moved for {STALLED_S:g} s" if self._clock.stands(STALLED_S) else ""
 
     def _break_silence(self) -> None:
         """Brake to zero while no command comes. A base that stands gets LAST_ZEROS more, then others may drive it."""
@@ -217,10 +207,9 @@ class CollisionMonitorNode:
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
             return Verdict(self._braked(), STOP, 0.0, trouble)
-        known = self.sensors.ages(now)
-        ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
+        known = self.sensors.ages(now)  # none of a pose that never changes, or without stamps
+        ages = known.get("pose_age_s", 0.0), known.get("twist_age_s", 0.0)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages, creeps)
-        self._ages.add(known)
         if verdict.action == STOP and "scan" in verdict.reason:
             named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
             topic = next(named, self._scan)
@@ -237,7 +226,7 @@ class CollisionMonitorNode:
             "scale": f"{verdict.scale:.2f}",
             "remembered": len(self.monitor.memory.points),
         }
-        values.update(self._counts, **self._ages.values())
+        values.update(self._counts, **self.sensors.ages(rospy.get_rostime()))
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
         level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
         self._diagnostics.publish(conversions.diagnostics(name, level, message, values, rospy.get_rostime()))
@@ -250,7 +239,7 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
         ApplrError: with one line, for an unknown parameter or a value that cannot be used.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    others = {"robot", "map", "tf_prefix", "transform_tolerance", "more_scans", "escape"}
+    others = {*NAMING, "transform_tolerance", "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
@@ -263,12 +252,11 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
 def main() -> int:
     """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
-    parameters = private_parameters()
-    robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
-    prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
+    parameters = rospy.get_param("~", {})
+    robot, prefix = named_robot(parameters)
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
     more = parameters.get("more_scans", list(robot.topics.more_scans))
-    if not isinstance(more, list) or not all(isinstance(topic, str) and is_legal_name(topic or " ") for topic in more):
+    if not isinstance(more, list):
         raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic; leave it out")

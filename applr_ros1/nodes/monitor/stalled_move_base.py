@@ -5,13 +5,14 @@ From its status comes the goal under way, from its global plan how far the robot
 
 from __future__ import annotations
 
+import math
 from typing import Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Path
 
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
-from applr_ros1.nodes.conversions import PackedPath
 
 STATUS_AGE_S = 1.0  # s after which a status counts no more: move_base repeats it five times a second
 NEVER = rospy.Time(0)
@@ -28,7 +29,7 @@ class StalledMoveBase:
         self._planner = StalledPlanner(tolerance)
         self.forget()
         rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
-        rospy.Subscriber("move_base/NavfnROS/plan", PackedPath, self._take_plan, queue_size=1, buff_size=2**24)
+        rospy.Subscriber("move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=2**24)
         self.report_held = self._planner.report_held
 
     def forget(self) -> None:
@@ -55,5 +56,7 @@ class StalledMoveBase:
         active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
         self._goal = rospy.get_rostime(), active[-1] if active else None  # none where it is being cancelled
 
-    def _take_plan(self, message: PackedPath) -> None:
-        self._left = rospy.get_rostime(), message.straight
+    def _take_plan(self, message: Path) -> None:
+        ends = [pose.pose.position for pose in message.poses[:1] + message.poses[-1:]]
+        left = math.hypot(ends[1].x - ends[0].x, ends[1].y - ends[0].y) if ends else None
+        self._left = rospy.get_rostime(), left

@@ -1,12 +1,9 @@
 """The topics that RViz and others show: costmaps with their updates, footprints, plans and the cost cloud.
 
-Called by the move_base node after each cycle, in the planner's thread, where only what the next cycle would change is
-copied; a thread of its own makes the messages and sends them. A message without subscribers is not made.
+Called by the move_base node after each cycle. A message without subscribers is not made.
 """
 
 from __future__ import annotations
-
-from types import SimpleNamespace
 
 import rospy
 from geometry_msgs.msg import PolygonStamped
@@ -21,31 +18,31 @@ from applr_ros1.planner.costmap.grid import union
 from applr_ros1.planner.parameters.layers import COSTMAPS
 
 TRAJECTORIES_HZ = 5.0  # Hz of trajectory_cloud where C++ has none
-MAX_ORDERS = 20  # messages that wait to be made, from which on no more are ordered
 
 
 class _NewSubscriber(rospy.SubscribeListener):
-    """A listener that sends a whole map, as it is between two cycles, to who subscribes."""
+    """Sends a whole map, as it is between two cycles, to each new subscriber."""
 
-    def __init__(self, post, send):
+    def __init__(self, lock, send):
         super().__init__()
-        self._post, self._send = post, send
+        self._lock, self._send = lock, send
 
     def peer_subscribe(self, topic_name, topic_publish, peer_publish):
-        self._post(lambda: self._send(peer_publish))
+        with self._lock:
+            self._send(peer_publish)
 
 
 class CostmapDisplay:
     """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
 
-    name: of the costmap of the MoveBase. post(work): has work done in the planner's thread. thread: a BackgroundThread.
+    name: of the costmap of the MoveBase. lock: held while the costmap is read.
     """
 
-    def __init__(self, name, move_base, post, thread):
-        self._name, self._move_base, self._thread = name, move_base, thread
+    def __init__(self, name, move_base, lock):
+        self._name, self._move_base = name, move_base
         static = move_base.parameters[name]
         self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
-        listener = _NewSubscriber(post, self._send_whole)
+        listener = _NewSubscriber(lock, self._send_whole)
         self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, listener, queue_size=1, latch=False)
         self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
         self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
@@ -58,11 +55,9 @@ class CostmapDisplay:
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
-        if self._thread.waiting >= MAX_ORDERS:
-            return
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
-            self._thread.post(lambda: self._footprint.publish(conversions.polygon(outline, self._frame, stamp)))
+            self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
         frequency, now = self._move_base.configuration(self._name)["publish_frequency"], stamp.to_sec()
         if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
             return
@@ -75,23 +70,19 @@ class CostmapDisplay:
         elif self._window is not None:
             x0, y0, xn, yn = self._window
             corner = max(0, x0), max(0, y0)
-            cells = costmap.cells[corner[1] : yn, corner[0] : xn].copy()
-            self._thread.post(lambda: self._updates.publish(conversions.grid_update(cells, corner, self._frame, stamp)))
+            cells = costmap.cells[corner[1] : yn, corner[0] : xn]
+            self._updates.publish(conversions.grid_update(cells, corner, self._frame, stamp))
         self._shape, self._window = shape, None
 
     def _send_whole(self, publish, stamp=None) -> None:
         costmap = self._move_base.costmaps[self._name]
-        seen = SimpleNamespace(
-            cells=costmap.cells.copy(), size=costmap.size, resolution=costmap.resolution, origin=costmap.origin.copy()
-        )
-        self._thread.post(lambda: publish(conversions.grid(seen, self._frame, stamp or rospy.Time.now())))
+        publish(conversions.grid(costmap, self._frame, stamp or rospy.Time.now()))
 
 
 class PlanDisplay:
     """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner of a MoveBase."""
 
-    def __init__(self, move_base, thread):
-        self._thread = thread
+    def __init__(self, move_base):
         name, static = move_base.local_planner_name, move_base.parameters
         self._static = static[name]
         self._global_frame, self._frame = (static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS)
@@ -109,15 +100,13 @@ class PlanDisplay:
 
     def controlled(self, local_planner, costmap, stamp) -> None:
         """Publish the local planner's paths and clouds. An empty path is not sent: the old one stays, as in C++."""
-        if self._thread.waiting >= MAX_ORDERS:
-            return
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):
                 self._send(publisher, poses, stamp, self._frame)
         if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
-                self._thread.post(lambda: self._costs.publish(conversions.cloud(rows, COST_FIELDS, self._frame, stamp)))
+                self._costs.publish(conversions.cloud(rows, COST_FIELDS, self._frame, stamp))
         self._show_trajectories(local_planner, costmap, stamp)
 
     def _show_trajectories(self, local_planner, costmap, stamp) -> None:
@@ -130,11 +119,8 @@ class PlanDisplay:
         if len(rows):
             self._sent = stamp.to_sec()
             frame = self._static.get("global_frame_id", self._frame)
-            self._thread.post(
-                lambda: self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
-            )
+            self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
 
     def _send(self, publisher, poses, stamp, frame) -> None:
         if publisher.get_num_connections():
-            poses = poses.copy()
-            self._thread.post(lambda: publisher.publish(conversions.path(poses, frame, stamp)))
+            publisher.publish(conversions.path(poses, frame, stamp))

@@ -1,8 +1,8 @@
 """The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
 
-Started as `rosrun applr_ros1 move_base.py`. Subscribers and services hand their messages to one thread
-(planner_thread.py), which steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose
-files are then read), ~map and ~tf_prefix for it, and those in docs/reference/parameters.md.
+Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and publishes. Subscribers
+and services use the planner between two cycles, under the same lock. Parameters: ~robot (name or folder of a
+description, whose files are then read), ~map and ~tf_prefix for it, and those in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -11,42 +11,44 @@ import gc
 import logging
 import math
 import sys
+import threading
 import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
 
+import numpy as np
 import rospy
 from actionlib import SimpleActionServer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
-from nav_msgs.msg import Path
+from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
+from rospy.numpy_msg import numpy_msg
 from std_msgs.msg import Bool
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
-from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
-from applr_ros1.nodes.sensors import Ages, Sensors
+from applr_ros1.nodes.conversions import MessageError
+from applr_ros1.nodes.robot_parameters import NAMING, with_robot
+from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
 
-from .background import BackgroundThread
+from .control_loop import ControlLoop
 from .displays import CostmapDisplay, PlanDisplay
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
-from .planner_thread import PlannerThread
-from .reconfigure_server import ReconfigureServer, write_parameters
-from .robot_parameters import NAMING, with_robot
+from .reconfigure_server import ReconfigureServer
 
-PLANNING_S = 0.015  # s, the room that a plan on request wants before the next cycle
 STATUS_PERIOD = rospy.Duration(0.2)  # between two messages of goal statuses, as in actionlib
 WENT_BACK = "Aborting because the clock jumped back."
 
@@ -60,7 +62,7 @@ class MoveBaseNode:
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
-        self.thread = PlannerThread(
+        self.loop = ControlLoop(
             self._cycle,
             lambda: self.move_base.frequency,
             self._clock_went_back,
@@ -75,7 +77,7 @@ class MoveBaseNode:
             tree.get(local_planner, {}).get("odom_topic", odometry),
             robot.laser.no_return if robot else None,
         )
-        self._ages, self._report_from = Ages(), 0.0  # time.monotonic()
+        self._report_from = 0.0  # time.monotonic()
         self._refusals = {}  # of the first cycle without a legal command since the last report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
@@ -86,37 +88,30 @@ class MoveBaseNode:
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
         self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
-        self._displays = BackgroundThread("displays", "a display was not sent")
-        self._plans = PlanDisplay(self.move_base, self._displays)
-        self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post, self._displays) for name in COSTMAPS}
-        mirror = BackgroundThread("parameters", "parameters were not written")
+        self._plans = PlanDisplay(self.move_base)
+        self._maps = {name: CostmapDisplay(name, self.move_base, self.loop.lock) for name in COSTMAPS}
         self.servers = {
-            name: ReconfigureServer(name, self.move_base, mirror, self.thread) for name in self.move_base.servers
+            name: ReconfigureServer(name, self.move_base, self.loop.lock) for name in self.move_base.servers
         }
         for name in ("conservative_reset", "aggressive_reset"):
-            distance = {"reset_distance": static[name]["reset_distance"]}
-            mirror.post(partial(write_parameters, f"{rospy.get_name()}/{name}/", distance))
+            rospy.set_param(f"~{name}/reset_distance", static[name]["reset_distance"])
         self._pose = None
         rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
         """Take goals and requests until the node is shut down."""
-        post = self.thread.post
-        subscribe = [
-            ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
-            ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
-        ]
+        rospy.Subscriber("collision_monitor/held_back", Bool, self._take_held)
+        rospy.Subscriber("applr/heartbeat", TimeMessage, lambda _: self.watchdog.heartbeat(rospy.get_time()))
         for name in COSTMAPS:
-            subscribe.append((f"~{name}/footprint", Polygon, partial(self._take_footprint, name)))
+            rospy.Subscriber(f"~{name}/footprint", Polygon, partial(self._take_footprint, name))
         for topic, with_updates in self.move_base.map_topics.items():
-            rospy.Subscriber(topic, MapMessage, partial(self._take_map, topic))
+            rospy.Subscriber(topic, numpy_msg(OccupancyGrid), partial(self._take_map, topic))
             if with_updates:
-                subscribe.append((topic + "_updates", MapUpdateMessage, partial(self._take_map_update, topic)))
-        for topic, kind, work in subscribe:
-            rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
+                update = numpy_msg(OccupancyGridUpdate)
+                rospy.Subscriber(topic + "_updates", update, partial(self._take_map_update, topic))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
-        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_S))
-        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_S))
+        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan))
+        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
         self.goals.start()
         server = self.goals.action_server
@@ -128,7 +123,7 @@ class MoveBaseNode:
             ", ".join(map(self.sensors.resolved, self.move_base.sources)) or "no topic",
         )
         with until_shutdown():
-            self.thread.run()
+            self.loop.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
     def _cycle(self, stamp) -> None:
@@ -139,7 +134,6 @@ class MoveBaseNode:
         self._pose = None if pose is None else move_base.in_global_frame(pose)
         if cycle.command is not None:
             self._send(*cycle.command)
-            self._ages.add(self.sensors.ages(rospy.get_rostime()))
         if cycle.controlled and not self._refusals:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
@@ -150,8 +144,8 @@ class MoveBaseNode:
             if self._pose is not None:
                 self.goals.publish_feedback(MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp)))
         self._show(cycle, pose, stamp)
-        if self.watchdog.is_lost(now):
-            self._back_to_start_up()
+        if self.watchdog.is_lost(now):  # in a thread: a server's own lock is taken before the loop's
+            threading.Thread(target=self._back_to_start_up, daemon=True).start()
         self._report_missed()
         self._report(stamp)
 
@@ -230,20 +224,19 @@ class MoveBaseNode:
         """Give the parameters that a lost policy has set their start-up values."""
         max_speed = self.move_base.parameters["applr"]["max_speed"]
         for server, values in start_up_requests(self.move_base, self._space, max_speed).items():
-            self.servers[server].change(values)
+            self.servers[server].update_configuration(values)
         rospy.logwarn(
             "no sign of the applr node for %g s: planner parameters are back at their start-up values",
             self.watchdog.patience,
         )
 
     def _report_missed(self) -> None:
-        if self.thread.missed and time.monotonic() > self._report_missed_from:
+        if self.loop.missed and time.monotonic() > self._report_missed_from:
             self._report_missed_from = time.monotonic() + 5.0  # until then they add up
             rospy.logwarn(
-                f"control loop missed its rate of {self.move_base.frequency:g} Hz: {self.thread.missed} cycles left "
-                "out",
+                f"control loop missed its rate of {self.move_base.frequency:g} Hz: {self.loop.missed} cycles left out",
             )
-            self.thread.missed = 0
+            self.loop.missed = 0
 
     def _report(self, stamp) -> None:
         if time.monotonic() > self._report_from:
@@ -251,20 +244,20 @@ class MoveBaseNode:
             name, refused = rospy.get_name().lstrip("/"), self._refusals
             blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
             for what, level, text, values in (
-                ("age of what commands are made from", DiagnosticStatus.OK, "", self._ages.values()),
+                ("age of what commands are made from", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
                 ("samples that critics refused", *blocked, refused),
             ):
-                message = conversions.diagnostics(f"{name}: {what}", level, text, values, stamp)
-                self._displays.post(partial(self._diagnostics.publish, message))
+                self._diagnostics.publish(conversions.diagnostics(f"{name}: {what}", level, text, values, stamp))
             self._refusals = {}
 
     # -- requests --------------------------------------------------------------------------------------------------
-    def _ask(self, work, cost=0.0):
-        """Return a service callback that has `work` done in the planner's thread."""
+    def _ask(self, work):
+        """Return a service callback that calls `work` between two cycles."""
 
         def call(request):
             try:
-                return self.thread.ask(lambda: work(request), cost)
+                with self.loop.lock:
+                    return work(request)
             except ApplrError as problem:
                 raise rospy.ServiceException(str(problem)) from None
 
@@ -276,24 +269,25 @@ class MoveBaseNode:
         goal.goal.target_pose = message
         self._goal_relay.publish(goal)
 
+    def _take_held(self, message) -> None:
+        with self.loop.lock:
+            self.move_base.report_held(message.data)
+
     def _take_footprint(self, name, message) -> None:
-        with _refusals_of(f"{name}/footprint"):
+        with self.loop.lock, _refusals_of(f"{name}/footprint"):
             self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
 
     def _take_map(self, topic, message) -> None:
-        """Read a map in the subscriber's thread; the planner's gets the finished one."""
         with _refusals_of(topic):
-            given = conversions.static_map(message)
-            self.thread.post(lambda: self._show_map(topic, given, message.info))
-
-    def _show_map(self, topic, given, info) -> None:
-        with _refusals_of(topic):
-            self.move_base.set_map(given, topic)
+            given, info = conversions.static_map(message), message.info
+            with self.loop.lock:
+                self.move_base.set_map(given, topic)
             rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
 
     def _take_map_update(self, topic, message) -> None:
-        with _refusals_of(topic + "_updates"):
-            self.move_base.update_map(topic, message.x, message.y, conversions.update_cells(message))
+        with self.loop.lock, _refusals_of(topic + "_updates"):
+            cells = np.reshape(message.data, (message.height, message.width))
+            self.move_base.update_map(topic, message.x, message.y, cells)
 
     def _make_plan(self, request):
         if self.goals.is_active() or self.move_base.goal is not None:
@@ -378,7 +372,7 @@ class _OwnFootprints(logging.Filter):
 def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
     init_node("move_base")
-    given = private_parameters()
+    given = rospy.get_param("~", {})
     tree, robot = with_robot(given)
     problems = check(tree)
     for problem in problems:

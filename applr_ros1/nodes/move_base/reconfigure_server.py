@@ -1,93 +1,45 @@
-"""The dynamic_reconfigure servers of the move_base node, and the mirror of their values as ROS parameters.
-
-A request is checked and applied by MoveBase.reconfigure, between two cycles: all of it or nothing. The library's own
-server lets NaN through and writes thirty ROS parameters, one by one, before it answers.
-"""
+"""The dynamic_reconfigure servers of the move_base node: the library's, with MoveBase's values and its checks."""
 
 from __future__ import annotations
 
 import importlib
-from functools import partial
+import threading
+from contextlib import suppress
 from typing import Any, Dict
 
 import rospy
-from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
-from dynamic_reconfigure.msg import Config, ConfigDescription, GroupState
-from dynamic_reconfigure.srv import Reconfigure
+from dynamic_reconfigure.server import Server
 
 from applr_ros1.planner.move_base import MoveBase
 
-from .background import BackgroundThread
-from .planner_thread import PlannerThread
 
-
-def write_parameters(namespace: str, values: Dict[str, Any]) -> None:
-    """Write {name: value} to the parameter server below `namespace`, which ends in a slash."""
-    for name, value in values.items():
-        try:
-            rospy.set_param(namespace + name, value)
-        except Exception as error:  # the master is away; the values are in force all the same
-            rospy.logwarn_throttle(10.0, f"cannot write parameter {namespace}{name}: {error}")
-
-
-class ReconfigureServer:
+class ReconfigureServer(Server):
     """One dynamic_reconfigure server, under ~<name>/ (the node itself for "").
 
     Args:
         name: Of the server below the node's, "" for the node's own.
-        move_base: Holds the values; used in the planner's thread.
-        mirror: Where values are written as ROS parameters: a slow or dead master holds nothing up.
-        thread: The planner's thread. Values are published there too, so that they go out in the order in which they
-            came into force, whoever changes them.
+        move_base: Holds the values.
+        lock: Held while move_base is used.
     """
 
-    def __init__(self, name: str, move_base: MoveBase, mirror: BackgroundThread, thread: PlannerThread):
+    def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
+        self._name, self._move_base, self._lock = name, move_base, lock
         kind = importlib.import_module(f"applr_ros1.cfg.{move_base.servers[name].config}Config")
-        self.name, self._move_base, self._mirror, self._thread = name, move_base, mirror, thread
-        self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
-        self._names = set(kind.defaults)
-        description = encode_description(kind)
-        self._groups = get_tree(description)
-        for values in (description.max, description.min, description.dflt):  # C++ names the group there, too
-            values.groups = [GroupState(group.name, True, group.id, group.parent) for group in description.groups]
-        self._published: Dict[str, Any] = {}
-        self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
-        self._descriptions.publish(description)
-        self._updates = self._publisher("parameter_updates", Config)
-        self._publish(move_base.configuration(name))
-        self._service = rospy.Service(self._ns + "set_parameters", Reconfigure, self._set)
+        super().__init__(kind, self._apply, name)
 
-    def _publisher(self, topic, kind):
-        return rospy.Publisher(self._ns + topic, kind, latch=True, queue_size=10)
-
-    def _encode(self, values: Dict[str, Any]) -> Config:
-        return encode_config(dict(values, groups=self._groups))
-
-    def change(self, values: Dict[str, Any]) -> Dict[str, Any]:
-        """Apply {name: value} and publish what is in force then, which is returned. Only in the planner's thread.
-
-        Raises:
-            ValueError: The values cannot be used; nothing has changed.
-        """
-        in_force = self._move_base.reconfigure(self.name, values)
-        self._publish(in_force)
-        return in_force
-
-    def _publish(self, values: Dict[str, Any]) -> None:
-        changed = {name: value for name, value in values.items() if self._published.get(name) != value}
-        self._published = dict(values)
-        self._mirror.post(partial(write_parameters, self._ns, changed))
-        self._updates.publish(self._encode(values))
-
-    def _set(self, request):
-        values = dict(decode_config(request.config))
-        unknown = sorted(set(values) - self._names)
-        if unknown:
-            rospy.logwarn("%s: no parameter %s; ignored", self._ns, ", ".join(unknown))
-        values = {name: value for name, value in values.items() if name in self._names}
+    def _apply(self, config: Dict[str, Any], _: int) -> Dict[str, Any]:
+        """Apply all values or none, and return those in force."""
         try:
-            return self._encode(self._thread.ask(lambda: self.change(values)))
+            with self._lock:
+                in_force = self._move_base.reconfigure(self._name, {name: config[name] for name in self.type.defaults})
         except ValueError as problem:
-            if not rospy.is_shutdown():
-                rospy.logerr("%s refused a change: %s", self._ns, problem)
+            rospy.logerr("%s refused a change: %s", self.ns, problem)
             raise rospy.ServiceException(str(problem)) from None
+        return dict(in_force, groups=config["groups"])
+
+    def _copy_from_parameter_server(self) -> None:
+        self.config.update(self._move_base.configuration(self._name))
+
+    def _copy_to_parameter_server(self) -> None:
+        with suppress(OSError):  # the master is away; the values are in force all the same
+            super()._copy_to_parameter_server()

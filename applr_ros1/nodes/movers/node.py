@@ -18,16 +18,16 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.errors import run_script
-from applr_ros1.common.ros_node import init_node, private_parameters, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.movers.tracker import warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
+from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robots import Robot
 
 LOOK_S = 0.01  # wall time between looks for a new scan [s]
 SHOWN_S = 0.3  # s for which it stays
@@ -45,13 +45,7 @@ class MoversNode:
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
         self._display = rospy.Publisher("applr/movers", MarkerArray, queue_size=1)
-        self._sensors = Sensors(
-            (self._frame, self._frame, prefix + robot.frames.base),
-            {self._scan: "LaserScan"},
-            {},
-            robot.topics.odometry,
-            robot.laser.no_return,
-        )
+        self._sensors = Sensors.of_lasers(robot, prefix, self._frame)
 
     def spin(self) -> None:
         """Until shutdown: takes scans as they come."""
@@ -90,10 +84,9 @@ def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]
 def main() -> int:
     """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("movers")
-    parameters = private_parameters()
-    robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
+    robot, prefix = named_robot(rospy.get_param("~", {}))
     warm_up()
-    node = MoversNode(robot, frame_prefix(str(parameters.get("tf_prefix", ""))))
+    node = MoversNode(robot, prefix)
     with until_shutdown():
         node.spin()
     return 0

@@ -1,6 +1,6 @@
-"""The viewer's subscriptions, read when they are drawn, and how what a person does on the page reaches other nodes.
+"""The viewer's subscriptions, and how what a person does on the page reaches other nodes.
 
-A message that nobody looks at costs no reading, and while nobody looks at all there are no subscriptions.
+While no page is open there are no subscriptions.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import time
 from collections import deque
 from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
-import numpy as np
 import rospy
+from rospy.numpy_msg import numpy_msg
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
@@ -53,17 +53,15 @@ class Listener:
             new = self._queues[topic] = deque(maxlen=KEPT_MESSAGES)
 
             def keep(message: Any) -> None:
-                new.append(message._buff)
+                new.append(message)
                 self._times[topic] = time.monotonic(), rospy.get_time()
 
             self._subscribers.append(
-                rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT_MESSAGES, buff_size=2**24)
+                rospy.Subscriber(topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24)
             )
         queue, found = self._queues[topic], []
         while queue:
-            message = kind()
-            message.deserialize_numpy(queue.popleft(), np)
-            found.append(message)
+            found.append(queue.popleft())
         if found:
             self._newest[topic] = found[-1]
         return found
@@ -95,7 +93,7 @@ class Listener:
         if frame.lstrip("/") == self.fixed.lstrip("/"):
             return 0.0, 0.0, 0.0
         try:
-            return pose_of(self._transforms.newest(self.fixed, frame))
+            return pose_of(self._transforms.newest(self.fixed, frame, rospy.get_rostime()).transform)
         except ObservationError:
             return None
 

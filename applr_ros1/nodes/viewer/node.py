@@ -19,10 +19,12 @@ from actionlib_msgs.msg import GoalID
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
-from applr_ros1.common.arguments import frame_prefix, number_within
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes.conversions import pose_stamped
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.nodes.robot_parameters import named_robot
+from applr_ros1.nodes.sensors import Clock
+from applr_ros1.robots import Robot
 
 from . import admission, panel, pilot, scene
 from .listening import Listener, by_hand, publish
@@ -54,7 +56,7 @@ class Viewer:
         gui.main_panel.dock_right()  # the scene has the rest of the window
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
-        self._ready, self._now, self._moved = False, 0.0, 0.0
+        self._ready, self._clock = False, Clock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._status, self.text = gui.add_html(""), ""
@@ -105,11 +107,9 @@ class Viewer:
 
     def draw(self) -> None:
         """Bring the page up to date."""
-        if rospy.get_time() < self._now:  # the clock began anew
+        if self._clock.went_back():
             self.listener.close()
             self.scene.forget()
-        if rospy.get_time() != self._now:
-            self._now, self._moved = rospy.get_time(), time.monotonic()
         odometry = self.listener.newest(self._robot.topics.odometry, Odometry)
         speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
         goal = panel.goal_status(self.listener)
@@ -123,7 +123,7 @@ class Viewer:
     def _write_status(self, goal: Any, speed: float, driving: bool) -> None:
         """Bring the lines above the tabs up to date."""
         silence = self.panel.silence()
-        if self._ready and time.monotonic() - self._moved > panel.SILENT_S:
+        if self._ready and self._clock.stands(panel.SILENT_S):
             silence.insert(0, "the clock stands still")
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [self._robot.name] + ([] if self._ready else [STARTS])
@@ -146,10 +146,10 @@ class Viewer:
 def main() -> int:
     """Runs until shutdown. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("viewer")
-    robot = load(str(rospy.get_param("~robot", JACKAL.name)))
-    prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
-    fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
-    port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
+    parameters = rospy.get_param("~", {})
+    robot, prefix = named_robot(parameters)
+    fixed = robot.frames.map if parameters.get("map") else prefix + robot.frames.odom
+    port = int(number_within("port", parameters.get("port", 8080), 1, 65535))
     viewer = Viewer(robot, prefix, fixed, port)
     rospy.set_param("~address", viewer.address)
     rospy.loginfo("viewer: the page is at %s", viewer.address)

@@ -42,11 +42,10 @@ class Lines:
         nothing = np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8)
         self.handle = scene.add_line_segments(name, *nothing, thickness=thickness, visible=False)
 
-    def path(self, points: np.ndarray, z: float, shades: Optional[np.ndarray] = None) -> None:
-        """Draw a line through points (n, 2) [m] at height z; shades: (n, 3) uint8 for each."""
+    def path(self, points: np.ndarray, z: float) -> None:
+        """Draw a line through points (n, 2) [m] at height z."""
         flat = lifted(points, z)
-        segments = np.stack([flat[:-1], flat[1:]], axis=1)
-        self.segments(segments, None if shades is None else np.stack([shades[:-1], shades[1:]], axis=1))
+        self.segments(np.stack([flat[:-1], flat[1:]], axis=1))
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""

@@ -272,14 +272,6 @@ class Costmap:
         for layer in self.obstacle_layers:
             layer.clear_outside(pose, side)
 
-    def paint(self, cells: np.ndarray) -> None:
-        """Write the non-zero cells (ny, nx) over the master and inflate the whole map: a map made by hand."""
-        np.copyto(self._base, self.cells)
-        np.copyto(self._base, cells, where=np.asarray(cells) != 0)
-        for layer in self.inflation_layers:
-            layer.update(self.cells, self._base, (0, 0) + self.size)
-        self._changed((0, 0) + self.size)
-
     def set_free(self, x0: int, y0: int, xn: int, yn: int) -> None:
         """Write 0 into the cells [x0, xn) x [y0, yn) of the master alone, until an update covers them."""
         block = self.cells[y0:yn, x0:xn]

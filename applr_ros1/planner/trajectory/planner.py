@@ -18,9 +18,7 @@ from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cl
 from applr_ros1.planner.trajectory.sampling import (
     STATE,
     allocate_grids,
-    fill_evenly,
     find_best_path,
-    velocity_window,
 )
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
 
@@ -64,25 +62,6 @@ class TrajectoryPlanner(SamplingPlanner):
     def end_escape(self) -> None:
         """Sample forward velocities again, though the robot has not backed out far enough."""
         self._state[0]["escaping"] = 0
-
-    @property
-    def window(self) -> Dict[str, float]:
-        """Ranges and steps of the last cycle's samples: min_vel_x, max_vel_x, dvx, ... [m/s, rad/s]."""
-        start, vs, ws = self.start, self._scratch.vs, self._scratch.ws
-        least_vx, most_vx, least_w, most_w = velocity_window(self._params[0], self._plan, start)
-        return {
-            "min_vel_x": least_vx,
-            "max_vel_x": most_vx,
-            "dvx": fill_evenly(least_vx, most_vx, vs),
-            "min_vel_theta": least_w,
-            "max_vel_theta": most_w,
-            "dvtheta": fill_evenly(least_w, most_w, ws),
-        }
-
-    @property
-    def effective(self) -> Dict[str, float]:
-        """The values in force by name; the distance weights per cell."""
-        return {name: self._params[0][name].item() for name in PARAMETERS.names or ()}
 
     def reset(self) -> None:
         """Forget flags, reference positions and plan, as a new object (training episodes)."""

@@ -22,7 +22,7 @@ def costmap_of(cells, origin=(0.0, 0.0)):
     """A costmap with exactly these cells (ny, nx)."""
     ny, nx = cells.shape
     made = Costmap((nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0))
-    made.paint(cells)
+    map_scenes.paint(made, cells)
     return made
 
 
@@ -41,7 +41,7 @@ def world(rng, ny, nx, kind):
         inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
     )
     made.inflation.set_inscribed_radius(0.05)
-    made.paint(np.where(obstacles, 254, 0).astype(np.uint8))
+    map_scenes.paint(made, np.where(obstacles, 254, 0).astype(np.uint8))
     cells = made.cells.copy()
     cells[rng.random((ny, nx)) < 0.03] = 255
     return cells
@@ -84,7 +84,7 @@ def test_one_planner_on_a_changing_map(seed, list_size):
             block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
             cells[block] = world(rng, 9, 9, "arbitrary")[: cells[block].shape[0], : cells[block].shape[1]]
             costmap.clear()
-            costmap.paint(cells)
+            map_scenes.paint(costmap, cells)
         if rng.random() < 0.5:
             robot = inside(rng, nx, ny, 0.1)
         if rng.random() < 0.2:
@@ -103,7 +103,7 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
     assert not len(planner.plan(costmap, robot, (*goal, 0.0)))
     wall[20, 20] = 0
     costmap.clear()
-    costmap.paint(wall.T if turned else wall)
+    map_scenes.paint(costmap, wall.T if turned else wall)
     assert len(compare(planner, costmap, robot, (*goal, 0.0))) > 3
 
 
@@ -114,7 +114,7 @@ def test_a_deep_copy_plans_by_itself():
     copied, its_map = copy.deepcopy((planner, costmap))
     wall = np.zeros((40, 40), np.uint8)
     wall[8:, 20] = 254
-    its_map.paint(wall)
+    map_scenes.paint(its_map, wall)
     assert len(compare(copied, its_map, *way)) > len(before)
     np.testing.assert_array_equal(compare(planner, costmap, *way), before)
 
@@ -174,7 +174,7 @@ def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
             at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
             x, y = cx + int(rng.integers(w)), cy + int(rng.integers(h))
             cells[y, x] = rng.choice([0, 100, 254])
-            costmap.paint(cells)
+            map_scenes.paint(costmap, cells)
         np.testing.assert_array_equal(fenced.potential, full.potential)
     assert stat["fenced"] > 200
 

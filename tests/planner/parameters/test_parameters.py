@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
@@ -196,7 +195,7 @@ def test_older_names_count_where_cpp_reads_them():
     assert rotation.tolerance == 0.1
     here = MoveBase({PLANNER: older}).local_planner
     assert here._slowest_turn == 0.7
-    assert here.planner.effective["min_in_place_vel_theta"] == np.float32(0.4)  # rollouts
+    assert here.planner._params[0]["min_in_place_vel_theta"] == 0.4  # rollouts
     both = dict(older, min_in_place_vel_theta=0.5)
     assert MoveBase({PLANNER: both}).local_planner._slowest_turn == 0.5
 

@@ -10,7 +10,7 @@ from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from tests.support.jackal import JACKAL
 from tests.support.map_scenes import JACKAL as JACKAL_FOOT
-from tests.support.map_scenes import open_map
+from tests.support.map_scenes import open_map, sampled_window
 
 PARAMS = complete(JACKAL)["TrajectoryPlannerROS"]
 
@@ -39,7 +39,7 @@ def test_one_sample_is_one_value():
     """C++ divides by zero; ours does not and chooses the same."""
     made = planner(vx_samples=0, vtheta_samples=-3)
     result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
-    window = made.window
+    window = sampled_window(made)
     assert result.cost >= 0
     assert all(math.isfinite(v) for v in window.values())
     assert window["dvx"] == window["dvtheta"] == 0
@@ -50,12 +50,12 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     made = planner()
     made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     for _ in range(2):
-        assert (made.effective["path_distance_bias"], made.effective["goal_distance_bias"]) == (0.75 * 0.1, 0.1)
-        assert made.effective["occdist_scale"] == 0.1
+        assert (made._params[0]["path_distance_bias"], made._params[0]["goal_distance_bias"]) == (0.75 * 0.1, 0.1)
+        assert made._params[0]["occdist_scale"] == 0.1
         made.reconfigure(PARAMS)
     unscaled = planner(meter_scoring=False)
     unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
-    assert unscaled.effective["path_distance_bias"] == 0.75
+    assert unscaled._params[0]["path_distance_bias"] == 0.75
 
 
 @pytest.mark.parametrize("heading_scoring", [False, True])

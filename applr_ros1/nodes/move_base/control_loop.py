@@ -1,0 +1,82 @@
+"""Control cycles of the move_base node at a fixed rate of ROS time, as in C++, and the lock on its planner."""
+
+from __future__ import annotations
+
+import threading
+from typing import Callable, Optional
+
+import rospy
+from rospy.rostime import get_rostime_cond, is_wallclock
+
+from applr_ros1.nodes.sensors import Clock
+
+STALLED_S = 1.0  # wall time without a new value of a simulated clock after which the clock counts as stalled [s]
+LOOK_S = 0.1  # longest time between two looks at the clock [s]
+
+
+class ControlLoop:
+    """Calls cycle(now) `frequency()` times a second of ROS time, from the thread that calls run().
+
+    Args:
+        cycle: One control cycle; now: rospy.Time.
+        frequency: Returns the control frequency [Hz]; asked before every cycle.
+        went_back: Called before the first cycle after the clock jumped back.
+        stalled: Called once each time that a simulated clock stands still for STALLED_S seconds of wall time.
+        failed: Called with the exception that a cycle raised; the next cycle comes all the same.
+
+    Attributes:
+        lock: Held during these calls. Whoever else uses the planner holds it as well.
+        missed: Number of cycles left out because an earlier one took too long.
+    """
+
+    def __init__(
+        self,
+        cycle: Callable[[rospy.Time], None],
+        frequency: Callable[[], float],
+        went_back: Callable[[], None],
+        stalled: Callable[[], None],
+        failed: Callable[[Exception], None],
+    ):
+        self._cycle, self._frequency = cycle, frequency
+        self._went_back, self._stalled, self._failed = went_back, stalled, failed
+        self.lock, self.missed = threading.RLock(), 0
+
+    def run(self) -> None:
+        """Run cycles until the node is shut down."""
+        due: Optional[rospy.Time] = None
+        clock, stalled, tick = Clock(), False, get_rostime_cond()
+        while not rospy.is_shutdown():
+            last = clock.now
+            if clock.went_back():
+                with self.lock:
+                    self._went_back()
+            now, had_stalled, stalled = clock.now, stalled, clock.stands(STALLED_S)
+            if now < last:
+                due = None
+            if stalled and not had_stalled:
+                with self.lock:
+                    self._stalled()
+            left = LOOK_S if now.is_zero() else 0.0 if due is None else (due - now).to_sec()
+            if left > 0.0:
+                with tick:  # every /clock message notifies it
+                    if is_wallclock() or rospy.get_rostime() == now:
+                        tick.wait(min(left, LOOK_S) if is_wallclock() else LOOK_S)
+                continue
+            due = self._next_due(due, now, 1.0 / self._frequency())
+            with self.lock:
+                try:
+                    self._cycle(now)
+                except Exception as error:
+                    self._failed(error)
+
+    def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
+        """Return when the cycle after the one that begins now is due: a period [s] after this one was.
+
+        After cycles that were missed it is a period from now.
+        """
+        step = rospy.Duration.from_sec(period)
+        late = 0.0 if due is None else (now - due).to_sec()
+        if due is None or late > period:
+            self.missed += int(late / period)
+            return now + step
+        return due + step
