@@ -34,15 +34,10 @@ def provenance(seed: int) -> Dict[str, Any]:
 
 def commit() -> str:
     """The commit of this package, "... and changes" where files differ from it; "unknown" outside of its checkout."""
-
-    def git(*words: str) -> str:
-        command = ["git", "-C", ROOT, *words]
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-
+    command = ["git", "-C", ROOT, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty= and changes"]
+    alone = {**os.environ, "GIT_CEILING_DIRECTORIES": str(Path(ROOT).parent)}
     try:
-        if os.path.realpath(git("rev-parse", "--show-toplevel")) != os.path.realpath(ROOT):
-            return "unknown"
-        return git("rev-parse", "HEAD") + (" and changes" if git("status", "--porcelain", "-uno") else "")
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True, env=alone).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 

@@ -87,20 +87,14 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
 def summary(results: Sequence[Result]) -> Dict[str, Any]:
     """Return means over one or more trials, as JSON values.
 
-    They are {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided",
-    "metric" (barn_metric) and "time_s", the mean time of the successes or None. Elsewhere the score is the negated mean
-    return.
+    They are {"trials", "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (the mean time of
+    the successes, or None), "score"}.
     """
-    found: Dict[str, Any] = {
+    times = [r.time_s for r in results if r.success]
+    return {
         "trials": len(results),
         "return": _mean([r.total_reward for r in results]),
         "length": _mean([r.decisions for r in results]),
-    }
-    if math.isnan(results[0].time_s):
-        return dict(found, score=-found["return"])
-    times = [r.time_s for r in results if r.success]
-    return {
-        **found,
         "success": _mean([r.success for r in results]),
         "collided": _mean([r.collided for r in results]),
         "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),

@@ -36,10 +36,9 @@ class Trial:
 class Result:
     """The result of a trial, in the order of the columns of trials.csv.
 
-    An environment that knows no courses leaves time_s at NaN and gives only decisions and total_reward. time_s is the
-    full limit where the trial timed out; min_clearance_m is the smallest laser range, mean_clearance_m its mean over
-    time (training/env/outcome.py); mean_turn the mean |yaw acceleration|; switching the mean change of the parameters
-    per decision, in action units.
+    time_s is the full limit where the trial timed out; min_clearance_m is the smallest laser range, mean_clearance_m
+    its mean over time (training/env/outcome.py); mean_turn the mean |yaw acceleration|; switching the mean change of
+    the parameters per decision, in action units.
     """
 
     success: bool = False

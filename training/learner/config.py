@@ -227,12 +227,6 @@ class TrainConfig(
         base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
         return Start(action=form.action(method.values).tolist(), base=base if self.observation != PAPER_FORM else {})
 
-    def resolved(self) -> "TrainConfig":
-        """Return the options with the steps of the noise written out, which a longer resumed run must not change."""
-        papers = (0.5 - 0.02) / 0.125 * 1e6
-        noise = max(1, int(papers * min(1.0, self.total_timesteps / PAPER_STEPS)))
-        return self.model_copy(update={"exploration_noise_steps": self.exploration_noise_steps or noise})
-
     def environment(self) -> Dict[str, Any]:
         """Return the arguments of the training's environment (ApplrEnv), as JSON values."""
         own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
@@ -264,8 +258,9 @@ class TrainConfig(
         return ", ".join([self.eval_worlds, self.simulator, judged["planner"], *beside, *rules])
 
     def noise(self, transitions: int) -> float:
-        """Return the exploration noise after so many transitions (of a resolved configuration)."""
-        share = min(1.0, transitions / self.exploration_noise_steps)
+        """Return the exploration noise after so many transitions."""
+        papers = (0.5 - 0.02) / 0.125 * 1e6 * min(1.0, self.total_timesteps / PAPER_STEPS)
+        share = min(1.0, transitions / (self.exploration_noise_steps or max(1, int(papers))))
         return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
 
 

@@ -58,17 +58,19 @@ class Learner:
                 self.td3.begin_with(begun_policy(start.policy), start.policy)
             if start.run:
                 self._begin_with(Path(start.run))
-        self.lags: List[int] = []  # how old, in updates, the policies were that drove what was taken
+        self.lags: Deque[int] = deque(maxlen=100)  # ages in updates of the policies that drove the newest trajectories
         self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # of the newest trajectories
         self.checkpoints = 0
         self._kept: List[List[Any]] = []  # files of the replay, and how many rows each has
         self._saved = 0  # rows of the replay that lie in files
-        self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
+        self._due = 0.0  # gradient steps not yet made for the transitions taken
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
-        """Add an actor's trajectory to the replay."""
+        """Add an actor's trajectory to the replay; gradient steps are due for its transitions after learning starts."""
+        before = max(self.transitions, self.options.learning_starts)
         self.replay.add(trajectory)
+        self._due += self.options.utd_ratio * max(0, self.transitions - before)
         self.lags.append(self.td3.updates - trajectory.info.get("version", self.td3.updates))
         self.infos.append(trajectory.info)
 
@@ -79,29 +81,14 @@ class Learner:
         return self.replay.transitions
 
     @property
-    def _counted(self) -> int:
-        """Transitions that gradient steps are due for, and at least those before learning starts."""
-        return max(self.transitions, self.options.learning_starts)
-
-    @property
     def updates_due(self) -> int:
-        """Gradient steps not yet made for the transitions taken."""
-        if not self.replay.held:
-            return 0
-        transitions, updates = self._pace
-        due = int((self._counted - transitions) * self.options.utd_ratio + 1e-9)
-        return max(0, updates + due - self.td3.updates)
-
-    def train(self, most: Optional[int] = None) -> int:
-        """Make the gradient steps that are due, at most `most`; returns how many were made."""
-        n = self.updates_due if most is None else min(self.updates_due, most)
-        for _ in range(n):
-            self.update()
-        return n
+        """Return the number of gradient steps that are due for the transitions taken."""
+        return int(self._due + 1e-6)
 
     def update(self) -> None:
-        """One gradient step on a batch drawn from the replay."""
+        """Make one gradient step on a batch drawn from the replay."""
         o = self.options
+        self._due -= 1.0
         self.td3.update(draw_batch(self.replay, self.rng, o.batch_size, o.n_step, o.gamma, self.td3.device, o.mirror))
 
     # -- checkpoints -------------------------------------------------------------------------------
@@ -168,7 +155,6 @@ class Learner:
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
         self.checkpoints = checkpoint["number"]
-        self._pace = self._counted, self.td3.updates  # Options of the pace may have changed.
         return checkpoint["extra"]
 
     def _begin_with(self, folder: Path) -> None:

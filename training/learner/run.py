@@ -9,9 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 import time
-from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any, Dict, Optional, Set
@@ -26,10 +24,9 @@ from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import FORMS
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.periodic import THETA0, PeriodicEvaluation
 from training.evaluation.trial import Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig
-from training.learner.metrics import TensorBoardLog, describe, mean
 from training.learner.prepare import dataset_of, prepare
 from training.replay.trajectory import Trajectory
 from training.workers.collect import Collect, draw_world
@@ -39,6 +36,7 @@ MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of the
 BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
 CHECKPOINT_SECONDS = 120.0  # between two checkpoints
 STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
+EPISODE = "return", "length", "success", "collided", "time_s"  # what TensorBoard shows of an episode
 
 
 class TrainingRun:
@@ -48,11 +46,11 @@ class TrainingRun:
 
     def __init__(self, config: TrainConfig):
         import torch  # seconds, which --help and mistakes in options do not take
+        from torch.utils.tensorboard import SummaryWriter
 
         from training.learner.learner import Learner
 
         self.began = time.monotonic()
-        config = config.resolved()
         self.made = self.prepare(config)
         self.dataset = dataset_of(config, self.made.layout)
         self.offline = self.dataset is not None
@@ -72,24 +70,19 @@ class TrainingRun:
         self._running: Set[Future] = set()  # episodes whose results are not yet taken
         self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
         self._saved = self._shown = time.monotonic()
-        self._failed: Counter[str] = Counter()  # episodes, by error
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
-        self.board = TensorBoardLog(self.folder, self.steps)
+        self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)
         often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
         end = tqdm.format_interval(60.0 * config.minutes)  # the steps' own estimate would be of hours
         limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
         look: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
         self.bar = tqdm(total=self.goal, initial=self.steps, **look)
-        self._write_config()  # from now on it is a run
-
-    def _write_config(self) -> None:
-        """config.json: the options, and where each session of the run comes from."""
-        path, config = self.folder / "config.json", self.config
-        before = read_json(path).get(PROVENANCE, []) if config.resume else []
-        options = config.model_dump(exclude={"resume"})
-        write_json(path, {**options, BASE: config.start.base, PROVENANCE: [*before, provenance(config.seed)]})
+        path = self.folder / "config.json"
+        sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
+        about = {BASE: start.base, PROVENANCE: [*sessions, provenance(config.seed)]}
+        write_json(path, {**config.model_dump(exclude={"resume"}), **about})  # from now on it is a run
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -114,18 +107,14 @@ class TrainingRun:
 
     def run(self) -> int:
         """Trains to the end, or until SIGINT or SIGTERM."""
-        handlers = {}
-        if threading.current_thread() is threading.main_thread():
-            handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            self._publish()
             while not self.finished and not self.stopping:
                 self._evaluate()
                 if self.offline:
                     for _ in range(min(10, self.goal - self.steps)):
                         self.learner.update()
                 self._collect(0.0 if self.offline else 0.2)
-                self._publish()
                 if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
                     self.save()
                 self._show_status()
@@ -135,7 +124,7 @@ class TrainingRun:
         finally:
             self.pool.shutdown()
             self.bar.close()
-            self.board.writer.close()
+            self.board.close()
             for number, handler in handlers.items():
                 signal.signal(number, handler)
             self.lock.close()
@@ -154,6 +143,7 @@ class TrainingRun:
         while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
             if self.offline or self.finished:
                 return
+            self._publish()
             self._running.add(self.pool.submit(self.made.collect, self._episode(), self._policy))
 
     def _episode(self) -> Collect:
@@ -174,9 +164,7 @@ class TrainingRun:
                 if not self.finished:
                     self._take(trajectory)
             except CallFailed as error:
-                self._failed[str(error)] += 1
-                if self._failed[str(error)] == 1:
-                    self.bar.write(f"an episode failed: {error}")
+                self.bar.write(f"an episode failed: {error}")
                 self._failed_in_a_row += 1
                 if self._failed_in_a_row >= MANY_ERRORS:
                     raise ApplrError(f"{MANY_ERRORS} episodes in a row failed: {error}") from None
@@ -185,13 +173,14 @@ class TrainingRun:
     def _take(self, trajectory: Trajectory) -> None:
         """Take in an episode, and make the gradient steps that are due for it."""
         self.learner.take(trajectory)
-        self.board.episode(trajectory.info, self.steps)
+        self._scalars("episode", {name: trajectory.info.get(name) for name in EPISODE})
+        self._scalars("reward", trajectory.info.get("terms", {}))
         while self.learner.updates_due and not self.stopping:
-            self.learner.train(10)
-            self._publish()
+            self.learner.update()
             self._submit()
 
     def _publish(self) -> None:
+        """Take the present policy for the episodes that begin now, if theirs is old."""
         updates = self.learner.td3.updates
         interval = BROADCAST_INTERVAL if self.config.actors else 1
         if self._published < 0 or updates >= self._published + interval:
@@ -221,7 +210,8 @@ class TrainingRun:
         self.bar.write(describe(summary))
         if summary["best"]:
             self.export(self.folder / "best.safetensors", weights, summary)
-        self.board.round(summary)
+        prefix = "default_dwa" if number == THETA0 else "held_out"
+        self._scalars(prefix, {name: summary[name] for name in (*EPISODE, "score")})
         return True
 
     def _end_if_stopped(self, trial: Trial, result: Result) -> None:
@@ -262,16 +252,22 @@ class TrainingRun:
         self._shown = time.monotonic()
         learner, infos = self.learner, self.learner.infos
         values = {
-            **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
+            **{name: np.mean([info.get(name, np.nan) for info in infos] or [np.nan]) for name in EPISODE[:-1]},
             "sigma": self.config.noise(learner.transitions),
             "updates": learner.td3.updates,
-            "policy_lag": mean(learner.lags[-100:]),
+            "policy_lag": np.mean(learner.lags or [np.nan]),
             "actors": self.pool.alive,
             "replaced": self.pool.replaced,
             **learner.td3.report(),
         }
         self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
-        self.board.scalars("training", values, self.steps)
+        self._scalars("training", values)
+
+    def _scalars(self, prefix: str, values: Dict[str, Any]) -> None:
+        """Show the finite numbers among `values` in TensorBoard, as prefix/name."""
+        for name, value in values.items():
+            if value is not None and np.isfinite(value):
+                self.board.add_scalar(f"{prefix}/{name}", value, self.steps)
 
     def _print_the_end(self) -> None:
         how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
@@ -281,3 +277,14 @@ class TrainingRun:
         print(f"{how} after {made}, {seconds}; {self.folder}")
         if self.evaluation.best:
             print(f"best actor: {describe(self.evaluation.best)}")
+
+
+def describe(summary: Dict[str, Any]) -> str:
+    """Return a round of the periodic evaluation in one line."""
+    who = "default DWA" if summary["round"] == THETA0 else f"evaluation at {summary['step']:,}"
+    time = "-" if summary["time_s"] is None else f"{summary['time_s']:.2f}"
+    return (
+        f"{who}: return {summary['return']:.2f}, length {summary['length']:.2f}, success {summary['success']:.3f}, "
+        f"collision {summary['collided']:.3f}, time {time} s, score {summary['score']:.2f} s "
+        f"({summary['trials']} trials){', the best so far' if summary['best'] else ''}"
+    )

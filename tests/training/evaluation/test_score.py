@@ -31,7 +31,6 @@ def test_the_score_counts_a_failure_as_the_time_limit():
     found = score.summary([won, lost])
     assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.5, 20.0, 0.5, 0.5)
     assert score.summary([lost])["time_s"] is None
-    assert score.summary([Result(total_reward=-3.0, decisions=10)])["score"] == 3.0  # knows no courses
 
 
 def test_barn_metric_by_hand():

@@ -54,12 +54,12 @@ def test_a_recipe_is_what_the_command_line_takes(name):
 
 
 def test_noise_is_the_papers():
-    paper = TrainConfig().resolved()
+    paper = TrainConfig()
     assert paper.noise(0) == 0.5
     assert paper.noise(1_000_000) == pytest.approx(0.375)
     assert paper.noise(3_840_000) == pytest.approx(0.02)
     assert paper.noise(5_000_000) == 0.02
-    assert TrainConfig(total_timesteps=50_000).resolved().noise(38_400) == pytest.approx(0.02)
+    assert TrainConfig(total_timesteps=50_000).noise(38_400) == pytest.approx(0.02)
     rising = TrainConfig(exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100)
     assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
 

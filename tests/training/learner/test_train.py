@@ -70,7 +70,8 @@ def test_a_ring_that_has_been_around_comes_back_from_its_checkpoints(tmp_path, r
     learner = Learner(layout, options, tmp_path, 50)
     for number in range(12):
         learner.take(episode(layout, number, 10))
-        learner.train()
+        while learner.updates_due:
+            learner.update()
         learner.save()
     again = Learner(layout, options.model_copy(update={"utd_ratio": ratio}), tmp_path, 50)
     again.resume()
