@@ -93,14 +93,14 @@ def add_mover(p: Any, client: int, mover: Mover) -> int:
     """Make a moving cylinder; the simulator puts it where it is at every step."""
     on = {"physicsClientId": client}
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M, **on)
-    body = p.createMultiBody(0, shape, basePosition=_upright(*mover.position(0.0)), **on)
+    body = p.createMultiBody(0, shape, basePosition=(*mover.position(0.0), OBSTACLE_TOP_M / 2), **on)
     p.changeDynamics(body, -1, lateralFriction=1.0, **on)
     return body
 
 
 def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
     """Put a moving cylinder at (x, y) [m]."""
-    p.resetBasePositionAndOrientation(body, _upright(x, y), (0, 0, 0, 1), physicsClientId=client)
+    p.resetBasePositionAndOrientation(body, (x, y, OBSTACLE_TOP_M / 2), (0, 0, 0, 1), physicsClientId=client)
 
 
 def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int:
@@ -186,10 +186,6 @@ def _standing(p, robot, pose):
     return position, p.getQuaternionFromEuler([0, 0, yaw])
 
 
-def _upright(x, y):
-    return (x, y, OBSTACLE_TOP_M / 2)
-
-
 def _parts(world):
     """Return the static obstacles as (x, y, yaw, radius, half sizes), near ones together, no more than a body takes.
 
@@ -210,7 +206,7 @@ def _compound(p, on, obstacles, look):
         radii=[radius for _, _, _, radius, _ in obstacles],
         lengths=[OBSTACLE_TOP_M] * len(obstacles),
         halfExtents=[half for *_, half in obstacles],
-        collisionFramePositions=[_upright(x, y) for x, y, *_ in obstacles],
+        collisionFramePositions=[(x, y, OBSTACLE_TOP_M / 2) for x, y, *_ in obstacles],
         collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, *_ in obstacles],
         **on,
     )

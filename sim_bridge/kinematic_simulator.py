@@ -120,15 +120,7 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
     depth, nx, ny, own = np.inf, 0.0, 0.0, True
-    for k in range(4):
-        if k == 0:
-            ex, ey = 1.0, 0.0
-        elif k == 1:
-            ex, ey = 0.0, 1.0
-        elif k == 2:
-            ex, ey = ax, ay
-        else:
-            ex, ey = -ay, ax
+    for k, (ex, ey) in enumerate(((1.0, 0.0), (0.0, 1.0), (ax, ay), (-ay, ax))):
         apart = px * ex + py * ey
         if apart < 0.0:
             ex, ey, apart = -ex, -ey, -apart
@@ -141,11 +133,6 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
         qx, qy = px + i * hx * ax - j * hy * ay, py + i * hx * ay + j * hy * ax
         return depth, x + min(max(qx, -a), a), y + min(max(qy, -b), b), nx, ny
     return depth, x + (-a if nx > 0.0 else a), y + (-b if ny > 0.0 else b), nx, ny
-
-
-@kernel
-def _note(row, depth, x, y, nx, ny, part):
-    row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = depth, x, y, nx, ny, part, 0.0, 0.0
 
 
 @kernel
@@ -166,9 +153,8 @@ def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, foun
         for k in range(parts.shape[0]):
             depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], parts[k])
             if depth > -_MARGIN_M and n < _MOST_CONTACTS:
-                _note(found[n], depth, qx, qy, nx, ny, k)
-                found[n, 6] = c * circles[i, 3] + s * circles[i, 4]
-                found[n, 7] = c * circles[i, 4] - s * circles[i, 3]
+                its_u, its_s = c * circles[i, 3] + s * circles[i, 4], c * circles[i, 4] - s * circles[i, 3]
+                found[n] = depth, qx, qy, nx, ny, float(k), its_u, its_s
                 n += 1
     for i in range(n_boxes):
         dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
@@ -182,7 +168,7 @@ def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, foun
         for k in range(parts.shape[0]):
             depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, parts[k])
             if depth > -_MARGIN_M and n < _MOST_CONTACTS:
-                _note(found[n], depth, qx, qy, nx, ny, k)
+                found[n] = depth, qx, qy, nx, ny, float(k), 0.0, 0.0
                 n += 1
     return n
 
@@ -231,20 +217,7 @@ def _press(u, s, w, found, n, rims, scalars):
 
 @kernel
 def drive(
-    state,
-    rolling,
-    steps,
-    targets,
-    circles,
-    boxes,
-    scalars,
-    supports,
-    parts,
-    table,
-    noise,
-    friction,
-    slip,
-    ground,
+    state, rolling, steps, targets, circles, boxes, scalars, supports, parts, table, noise, friction, slip, ground
 ):
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 

@@ -62,8 +62,11 @@ def mechanics(robot: Robot) -> Mechanics:
     n = base.wheels
     mass, com, loads = geometry.balance(robot)
     body_com = body.centre_of_mass
-    inertia = body.inertia or _box_inertia(body.mass, body.size)
-    wheel = base.wheel_inertia or _wheel_inertia(base.wheel_mass, base.wheel_radius, base.wheel_width)
+    x2, y2, z2 = (value * value for value in body.size)
+    part = body.mass / 12
+    inertia = body.inertia or (part * (y2 + z2), part * (x2 + z2), part * (x2 + y2))
+    across = base.wheel_mass / 12 * (3 * base.wheel_radius * base.wheel_radius + base.wheel_width * base.wheel_width)
+    wheel = base.wheel_inertia or (across, base.wheel_mass / 2 * base.wheel_radius * base.wheel_radius, across)
     base_height = base.wheel_radius - base.axle_height
     com_height = base_height + (body.mass * body_com[2] + n * base.wheel_mass * base.axle_height) / mass
     yaw_inertia = (
@@ -100,16 +103,6 @@ def mechanics(robot: Robot) -> Mechanics:
     for array in (scalars, supports, parts):
         array.setflags(write=False)
     return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
-
-
-def _box_inertia(mass, size):
-    x, y, z = (value * value for value in size)
-    return mass / 12 * (y + z), mass / 12 * (x + z), mass / 12 * (x + y)
-
-
-def _wheel_inertia(mass, radius, width):
-    across = mass / 12 * (3 * radius * radius + width * width)
-    return across, mass / 2 * radius * radius, across
 
 
 def _supports(robot, com, loads):

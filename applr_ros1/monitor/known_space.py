@@ -91,9 +91,8 @@ def _update(points, count, forgotten, ranges, beams, sensor, limits):
     radius, _, now = limits
     surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
     count -= surplus  # the oldest stand in front
-    for k in range(surplus):
-        forgotten[lost] = points[k, :2]
-        lost += 1
+    forgotten[lost : lost + surplus] = points[:surplus, :2]
+    lost += surplus
     for k in range(count):
         points[k] = points[k + surplus]
     last_x, last_y = np.inf, np.inf

@@ -5,7 +5,7 @@ Joins what happens per scan with what happens per command. Episode (training/env
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Tuple
 
 import numpy as np
@@ -53,7 +53,7 @@ class Verdict:
     command: Tuple[float, float]
     action: str = PASS
     scale: float = 1.0
-    reason: str = field(default="")
+    reason: str = ""
 
     @property
     def held(self) -> bool:
@@ -264,17 +264,11 @@ class CollisionMonitor:
         if scale >= 1.0 and most >= 1.0:
             return Verdict((v, w))
         if scale >= 1.0:
-            return Verdict(
-                (v, w),
-                SLOW,
-                most,
-                f"slowed to what can be stopped within {min(STOP_WITHIN_M, settings.memory_radius):g} m",
-            )
+            reason = f"slowed to what can be stopped within {min(STOP_WITHIN_M, settings.memory_radius):g} m"
+            return Verdict((v, w), SLOW, most, reason)
         if scale <= 0.0:
-            reason = (
-                "an obstacle is within the stopping distance" if free else "braking: an obstacle is too near to stop"
-            )
-            return Verdict((0.0, 0.0), STOP, 0.0, reason)
+            near = "an obstacle is within the stopping distance", "braking: an obstacle is too near to stop"
+            return Verdict((0.0, 0.0), STOP, 0.0, near[0] if free else near[1])
         reason = "slowed for an obstacle, or space not seen, within the stopping distance"
         return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
 
@@ -292,9 +286,8 @@ class CollisionMonitor:
 
     def _freezing(self, stamp, pose, twist):
         """Return what is wrong where the poses stand, whatever their stamps, while the velocity says otherwise."""
-        stands = (
-            abs(twist[0]) < HELD_M_S and abs(twist[1]) < HELD_RAD_S
-        )  # what is stated of a base at rest is seldom just 0
+        # the stated velocity of a base at rest is seldom just 0
+        stands = abs(twist[0]) < HELD_M_S and abs(twist[1]) < HELD_RAD_S
         if pose != self._pose[1] or stamp < self._pose[0] or stands:
             self._pose = stamp, pose
         since = stamp - self._pose[0]

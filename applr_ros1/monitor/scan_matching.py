@@ -30,9 +30,7 @@ BETTER_WEIGHT = 0.05  # by so much the mean weight of a match that does not begi
 LONGEST_S = 0.5  # [s]: over more between two scans nothing goes on as before
 ENOUGH_POINTS = 20  # points that must have found a line ...
 FITTING_WEIGHT = 0.5  # ... and the mean weight that they must have then
-ELSEWHERE_SHARE = (
-    0.15  # share of a scan's points that the other, which does not fit, must see through, either way round
-)
+ELSEWHERE_SHARE = 0.15  # share of a scan's points that the other, which does not fit, must see through, both ways
 
 
 class ScanMatcher:
@@ -94,9 +92,14 @@ class ScanMatcher:
             self.correction = compose(pose, inverse(scan.sensor_pose))
         newest = ranges, beams, pose
         self._measured = measured
-        if nearest is None or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART_M_RAD)):
+        apart = (math.inf, 0.0) if nearest is None else _difference(self._references[nearest][2], pose)
+        if any(value > limit for value, limit in zip(apart, APART_M_RAD)):
             self._references = [*self._references[1 - REFERENCES_KEPT :], newest]
-        self._remember(scan.stamp, newest)
+        self._speed = (0.0, 0.0, 0.0)
+        if self._last is not None and 0.0 < scan.stamp - self._last[0] <= LONGEST_S:
+            since = scan.stamp - self._last[0]
+            self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
+        self._last = scan.stamp, pose, newest
         return found is not None
 
     def _is_elsewhere(self, measured, newest):
@@ -113,14 +116,6 @@ class ScanMatcher:
             return [pose]
         gone_on = compose(self._last[1], tuple(speed * (stamp - self._last[0]) for speed in self._speed))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
-
-    def _remember(self, stamp, newest):
-        pose = newest[2]
-        since = stamp - self._last[0] if self._last is not None else 0.0
-        self._speed = (0.0, 0.0, 0.0)
-        if 0.0 < since <= LONGEST_S:
-            self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
-        self._last = stamp, pose, newest
 
     def _lay_over(self, earlier, ranges, beams, guesses):
         """Return the pose at which a scan fits onto an earlier one, or None."""
@@ -148,9 +143,6 @@ class ScanMatcher:
         if self._places[0] is not self._references[-1]:  # one that goes makes room for the newest
             self._places = self._references[-1], np.array([place for _, _, place in self._references])
         return _nearest(self._places[1], pose)
-
-    def _apart(self, reference, pose):
-        return _difference(self._references[reference][2], pose)
 
 
 def _difference(a, b):
@@ -238,8 +230,9 @@ def _seen_through(old, old_beams, old_pose, new, beams, pose):
     for i in range(old.shape[0]):
         if math.isnan(old[i]):
             continue
-        x, y = _point(old, old_beams, old_pose, i)
-        dx, dy = x - pose[0], y - pose[1]
+        angle = old_pose[2] + old_beams[0] + i * old_beams[1]
+        dx = old_pose[0] + old[i] * math.cos(angle) - pose[0]
+        dy = old_pose[1] + old[i] * math.sin(angle) - pose[1]
         place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
         j = int(place + 0.5)
         if 0 < j < new.shape[0] - 1:
@@ -319,12 +312,6 @@ def beam_at(angle_min, increment, bearing):
     elif not 0.0 <= turn < 2.0 * math.pi:
         turn %= 2.0 * math.pi
     return turn / abs(increment)
-
-
-@kernel
-def _point(ranges, beams, pose, i):
-    angle = pose[2] + beams[0] + i * beams[1]
-    return pose[0] + ranges[i] * math.cos(angle), pose[1] + ranges[i] * math.sin(angle)
 
 
 @kernel

@@ -84,7 +84,7 @@ class ScannerCheck:
         return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
 
     def _freezing(self, ranges, pose):
-        if self._image is None or not _is_equal(ranges, self._image):
+        if self._image is None or not _is_same(ranges, self._image):
             self._image, self._equal, self._since = ranges.copy(), 0, tuple(pose)
             self.repeats = False
             return ""
@@ -136,14 +136,9 @@ def _look(ranges, range_min, range_max, full_turn):
     return blind, hits, widest
 
 
-@kernel
-def _is_equal(a, b):
+def _is_same(a, b):
     """Return whether two images are the same; NaN equals NaN."""
-    same = a.shape[0] == b.shape[0]
-    for i in range(a.shape[0] if same else 0):
-        if a[i] != b[i] and not (math.isnan(a[i]) and math.isnan(b[i])):
-            return False
-    return same
+    return len(a) == len(b) and bool(np.all((a == b) | (np.isnan(a) & np.isnan(b))))
 
 
 @kernel

@@ -25,9 +25,8 @@ SWING_RAD = 0.15
 AS_MEASURED = -1.0  # for `share`: the base turns as it was measured to
 DEEPER_M = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
 HALVINGS = 5  # of the interval in which the largest safe factor is searched
-BEYOND_M = (
-    1.5 * CELL_M
-)  # [m]: a cell that the body has touched counts as seen all over; more must be seen than it needs
+# [m]: a cell that the body has touched counts as seen all over, so that more must be seen than it needs
+BEYOND_M = 1.5 * CELL_M
 EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # for `seen`: all space is known
 
 
@@ -113,11 +112,6 @@ def braking_time(speed, deceleration):
 
 
 @kernel
-def _towards(value, target, change):
-    return min(max(target, value - change), value + change)
-
-
-@kernel
 def on_arc(v, command_v, command_w, turned):
     """Return the turn rate that keeps a base, faster than commanded at v, on the command's arc; command_v not 0.
 
@@ -164,7 +158,8 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
             since -= CHECK_STEP_S
         elif left > 0.0:
             # the base gains speed at once, the worst case; it loses speed no faster than it can brake
-            v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * CHECK_STEP_S)
+            change = brake[0] * CHECK_STEP_S
+            v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else min(max(want_v, v - change), v + change)
             if share != AS_MEASURED:
                 falls = want_v * v > 0.0 and abs(v) > abs(want_v)
                 w = share * (on_arc(v, want_v, want_w, turned) if falls else want_w)
