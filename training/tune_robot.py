@@ -29,10 +29,10 @@ from training.env.settings import CHALLENGE
 from training.evaluation.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
 from training.evaluation.table import Trials
 from training.evaluation.verdict import SET, verdict
-from training.tuning import open_floor, parameter_file
-from training.tuning.best_set import LINES_S, drives_of, find, say, warm_starts
+from training.tuning import open_floor
+from training.tuning.best_set import LINES_S, best_set, drives_of, say, warm_starts
 from training.tuning.clock import Clock
-from training.tuning.judge import changes, driven_unseen
+from training.tuning.found_set import changes, driven_unseen, write_set
 from worlds.loading import FORMS
 
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
@@ -89,14 +89,14 @@ def run(options: TuneOptions) -> int:
     }
     with continuable(), Trials(out / f"search-{sha256(json.dumps(asked))[:8]}", asked) as table:
         clock = Clock(table, f"readings_{options.for_}", 60.0 * options.minutes)
-        theta, worth = find(options, settings, worlds, starts, table, clock)
-        values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in worth}
+        theta, saved = best_set(options, settings, worlds, starts, table, clock)
+        values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in saved}
         if not values:
             say("better: no, no other value of a parameter saves anything")
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
-        parameter_file.write(robot, values, drives / "static.json", drives / "tuned.yaml")
-        changed = changes(robot, values, worth)
+        write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
+        changed = changes(robot, values, saved)
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
         say("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
         written = []

@@ -15,7 +15,7 @@ from applr_ros1.policy.parameter_space import space_of
 from training import evaluate, train
 from training.env.episode import Episode
 from training.evaluation.table import read_trials
-from training.tuning import parameter_file
+from training.tuning import found_set
 
 CRATE = """\
 base:
@@ -124,7 +124,7 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
 def test_trained_and_driven(crate, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
-    parameter_file.write(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
+    found_set.write_set(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
     training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8"]
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0

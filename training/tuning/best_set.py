@@ -27,17 +27,7 @@ from training.evaluation.score import AIMS, Baseline
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result
 from training.tuning.clock import Clock
-from training.tuning.search import (
-    Block,
-    Drive,
-    Saved,
-    blocks_of,
-    finalists,
-    last_race,
-    plan_sets,
-    search,
-    without_idle,
-)
+from training.tuning.search import Block, Evaluate, blocks_of, plan_sets, prune_parameters, race, search
 from training.workers.pool import Pool
 from worlds import World
 
@@ -50,6 +40,7 @@ COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
 COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
 LIMIT_OPTIMAL_TIMES = 10.0  # optimal times after which a drive of the search has failed
+FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
 PUT_BACK_BLOCKS = 6  # largest number of blocks of drives in which a parameter is put back
 LINES_S = 10.0, 15.0  # time until the first line about long work, and between further ones [s]
 DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
@@ -68,15 +59,15 @@ def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSe
     )
 
 
-def find(
+def best_set(
     options: TuneOptions,
     settings: TrialSettings,
     worlds: Sequence[Tuple[str, str, World]],
     first: np.ndarray,
     table: Trials,
     clock: Clock,
-) -> Tuple[np.ndarray, Dict[str, Saved]]:
-    """Find the best parameter set (n,) in some worlds, and the time that each changed parameter saves [s].
+) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
+    """Return the best parameter set (n,) in some worlds, and what each changed parameter saves (prune_parameters).
 
     Args:
         options: Options of the command.
@@ -106,7 +97,7 @@ def find(
             results = drive(pool, runner, table, [trials])
         return [[results[trial] for trial in of_set] for of_set in plan]
 
-    def rounds() -> Iterator[Drive]:
+    def rounds() -> Iterator[Evaluate]:
         """Yield what drives each generation."""
         while (spent := clock.spent()) < SEARCH_SHARE or not driven:
             driven.append(COARSE if spent < COARSE_SHARE else FINE)
@@ -117,13 +108,15 @@ def find(
         every = blocks_of(len(worlds), seed)
         (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
         cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
-        begun = last_race(coarse, whole.pick(first), every[:2], cost, seed)
+        begun = race(partial(coarse, seed=seed), whole.pick(first), every[:2], cost)
         tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
         starts = [one.theta for one in begun]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
             means.append(mean)
             tell(f"generation {len(means)}, {driven[-1]}: {winner}")
-        best = last_race(fine, finalists(space, starts, means), clock.until(RACE_SHARE, every), cost, seed)[0]
+        finalists = map(tuple, [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]])
+        sets = np.array(list(dict.fromkeys(finalists)))
+        best = race(partial(fine, seed=seed), sets, clock.until(RACE_SHARE, every), cost)[0]
         tell(f"best of the last race: {best}")
         if not any(result.success for result in best.results):
             demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
@@ -136,8 +129,8 @@ def find(
             say(f"putting back at the robot's own value, one by one: {len(turns)} parameters are left")
             return clock.until(turns.pop(0), some)
 
-        theta, worth = without_idle(space, fine, theta, next_turn, cost, seed + 1)
-        return whole.fill(theta), worth
+        theta, saved = prune_parameters(space, partial(fine, seed=seed + 1), theta, next_turn, cost)
+        return whole.fill(theta), saved
 
 
 def warm_starts(robot: Robot) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -118,7 +118,8 @@ class Floor(Episode):
 
 def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     """Return whether the robot drives on open floor, and a line for each course, a remark, or what to change."""
-    floor, lines, failed = Floor(robot), [], {}  # type: Floor, List[str], Dict[str, str]
+    floor, lines = Floor(robot), []
+    failed: Dict[str, str] = {}
     for world in courses(robot):
         why = floor.drive(world)
         lines.append(f"{world.name}: {why or f'{floor.seconds:.0f} s'}")
@@ -154,7 +155,8 @@ def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
         wanted.append(([(robot.local_planner, name)], value))
     wanted.append(([("", "planner_frequency")], 1.0))
     for places, value in wanted:
-        now, made = branch(tree, places[0][0])[places[0][1]], {}  # type: float, Dict[str, Any]
+        now = branch(tree, places[0][0])[places[0][1]]
+        made: Dict[str, Any] = {}
         for server, name in places:
             branch(made, server, create=True)[name] = type(now)(value)
         if value != now:

@@ -22,7 +22,7 @@ from training.evaluation.loaded import move_base_parameters
 from training.evaluation.score import AIMS, Baseline
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result
-from training.tuning import best_set, parameter_file
+from training.tuning import best_set, found_set
 from training.tuning import clock as clocks
 
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
@@ -299,7 +299,7 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     space = space_of(robot)
     theta = space.clip(0.7 * space.low + 0.3 * space.high)
     values = {name: value for name, value in space.as_dict(theta).items() if name not in ("sim_time", "vx_samples")}
-    parameter_file.write(robot, values, folder / "static.json", folder / "tuned.yaml")
+    found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
     wanted = space.from_dict(values)
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
     if name == "jackal":  # its planner would take the padding for its own outline, too

@@ -1,4 +1,4 @@
-"""What a tuned set is worth in courses that its search did not use, and what each of its parameters saves."""
+"""The found set: as files, what each of its parameters saves, and its drives in courses that the search did not use."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Sequence
 
 import numpy as np
+import yaml
 
+from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import TRAJECTORY
 from training.env.settings import CHALLENGE
 from training.evaluation.evaluation import EvaluationOptions, evaluate
+from training.evaluation.loaded import move_base_parameters
 from training.evaluation.score import AIMS, Baseline
 from training.evaluation.trial import BASELINE, Trial
 from training.evaluation.verdict import SET, paired_trials
 from training.tuning.clock import Clock
-from training.tuning.search import Saved
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +29,21 @@ if TYPE_CHECKING:
     from training.tune_robot import TuneOptions
 
 VERDICT_COURSES = 12  # least number of courses of each verdict
+HEAD = """# Parameters of move_base for {robot}, to be loaded after its own files:
+#   <rosparam file="{file}" command="load" ns="move_base"/>
+# Its distance biases count {unit}.
+"""
+UNITS = {
+    TRAJECTORY: "cells, as the C++ planner does unless it was unlucky at its start\n# (docs/howto/cpp_move_base.md)",
+    "DWAPlannerROS": "metres, as the C++ planner does",
+}
+
+
+def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
+    """Write {name: value} of a set as JSON for this package's methods, and as YAML for any move_base."""
+    head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
+    write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
+    write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
 def driven_unseen(
@@ -57,7 +75,7 @@ def driven_unseen(
     return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
 
 
-def changes(robot: Robot, values: Mapping[str, float], worth: Mapping[str, Saved]) -> pd.DataFrame:
+def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a table of the changed parameters: both values, what each saves per course [s], and what it is.
 
     A parameter saves what is lost when it alone is reverted to the robot's own value: the mean over courses with its
@@ -70,8 +88,7 @@ def changes(robot: Robot, values: Mapping[str, float], worth: Mapping[str, Saved
     for name, value in values.items():
         target = space.targets[name][0]
         declared = next(p for p in known[target.server].parameters if p.name in target.names)
-        mean, median = worth[name]
         both = (f"{each:.4g} {declared.unit}".rstrip() for each in (own[name], value))
-        rows.append((name, *both, *np.round([*mean, median], 1), declared.doc))
+        rows.append((name, *both, *np.round(saved[name], 1), declared.doc))
     columns = ["parameter", "own", "tuned", "saves [s]", "from", "to", "in the median", "what it is"]
     return pd.DataFrame(rows, columns=columns)
