@@ -9,17 +9,46 @@ describes the method.
 from __future__ import annotations
 
 import sys
-from typing import List
+import time
+from pathlib import Path
+from typing import Any, Dict, List
+
+import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from training.common.command_line import parsed
+from applr_ros1.common.files import write_json
+from applr_ros1.policy import actor
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from training.common.command_line import Seed, parsed
+from training.common.folders import make_folder
+from training.common.options import argument, option
+from training.common.provenance import without_folders
 
 with extra(__name__):
-    from training.bags.bag import bags_in
+    from training.bags.bag import BagOptions, bags_in
+    from training.baselines.appld import classifier, segmentation
     from training.baselines.appld.demonstration import read_demonstration
-    from training.baselines.appld.learn import AppldOptions, learn
+    from training.baselines.appld.fit import Stretch, fit, stretches
+
+
+class AppldOptions(BagOptions):
+    """Demonstration to learn from, and how."""
+
+    # fmt: off
+    bags: List[str] = argument(
+        "Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands.")
+    out: str = option(...,
+        "File to write (.safetensors). The log is written beside it.")
+    contexts: int = option(4,
+        "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.", ge=0, le=10**6)
+    penalty: float = option(3.0, "Cost of a changepoint; a larger one gives fewer segments.", ge=0, le=1e6)
+    evaluations: int = option(150,
+        "Number of parameter sets that the search of each context tries.", ge=1, le=10**9)
+    seed: Seed
+    # fmt: on
 
 
 def main(arguments=None) -> int:
@@ -28,16 +57,51 @@ def main(arguments=None) -> int:
 
 
 def run(arguments: List[str]) -> None:
-    """Learns from the bags that the arguments name and writes the file and its log."""
+    """Learn from the bags that the arguments name, and write the file and its log (OUT_log.json)."""
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
     if not options.out.endswith(".safetensors"):
         raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
-    try:
-        demonstrations = [read_demonstration(bag, options.topics(), options.robot) for bag in bags_in(options.bags)]
-        log = learn(demonstrations, options, arguments)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; nothing was written") from None
-    print(f"{options.out}: {len(log['contexts'])} contexts in {log['seconds']:.0f} s")
+    began, topics, robot = time.monotonic(), options.topics(), options.robot
+    demonstrations = [read_demonstration(bag, topics, robot) for bag in bags_in(options.bags)]
+    found = segmentation.find(demonstrations, options.contexts, options.penalty)
+    own: List[List[Stretch]] = [[] for _ in found.names]
+    for index, d in enumerate(demonstrations):
+        spans = [s for s in found.segments if s.demonstration == index]
+        for s, stretch in zip(spans, stretches(d, spans)):
+            own[s.context].append(stretch)
+            print(f"{d.name} {d.time[s.first]:5.1f} to {d.time[s.last - 1]:5.1f} s: context {found.names[s.context]}")
+
+    space, layout = space_of(robot), layout_of(robot)
+    sets: Dict[str, np.ndarray] = {}
+    contexts: List[Dict[str, Any]] = []
+    for name, mean, part in zip(found.names, found.means, own):
+        best = fit(part, options.evaluations, options.seed + len(contexts))
+        sets[name], parameters = space.pick(best.theta), space.as_dict(best.theta)
+        print(
+            f"context {name}: loss {best.loss:.4f} (theta_0: {best.loss_theta0:.4f}), rms {best.rms_v_w[0]:.2f} m/s "
+            f"{best.rms_v_w[1]:.2f} rad/s, {best.replays} replays of {best.instants} instants: "
+            f"{ {name: round(value, 3) for name, value in parameters.items()} }"
+        )
+        features = dict(zip(segmentation.FEATURES, mean.round(3).tolist()))
+        row = {"name": name, "features": features, "parameters": parameters, **vars(best)}
+        del row["theta"]
+        contexts.append(row)
+
+    scans = np.concatenate([demonstrations[s.demonstration].seen[s.first : s.last] for s in found.segments])
+    labels = np.concatenate([np.full(s.last - s.first, s.context) for s in found.segments])
+    weights, quality = classifier.train(classifier.inputs(scans, layout), labels, len(sets), options.seed, layout)
+    print(f"classifier: {quality['accuracy']} of the instants right, {quality['held_out']} of those held out")
+    about = {
+        "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
+        "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
+        "classifier": quality,
+    }
+    make_folder(Path(options.out).parent)
+    actor.save_contexts(options.out, sets, weights, {"training": about}, space, layout)
+    segments = [dict(s._asdict(), context=found.names[s.context]) for s in found.segments]
+    log = {**about, "segments": segments, "contexts": contexts, "seconds": round(time.monotonic() - began, 1)}
+    write_json(f"{options.out[: -len('.safetensors')]}_log.json", log)
+    print(f"{options.out}: {len(contexts)} contexts in {log['seconds']:.0f} s")
 
 
 if __name__ == "__main__":

@@ -72,7 +72,8 @@ def run(options: DatasetOptions) -> None:
     made: List[Trajectory] = []
     periods, all_skipped = set(), Counter[str]()
     for bag in bags:
-        found, skipped = [], Counter[str]()
+        found: List[Trajectory] = []
+        skipped: Counter[str] = Counter()
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)

@@ -105,7 +105,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     """What the planner itself commanded under other parameters is matched again, to the last bit at those."""
     d = demonstration.read_demonstration(bag)
     span = [contexts.Segment(0, 30, 60, 0)]
-    (stretch,) = appld_fit.stretches(d, span, 60)
+    (stretch,) = appld_fit.stretches(d, span)
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     replayed = copy.deepcopy(stretch.planner)
     appld_fit.apply(replayed, theta)
@@ -113,17 +113,18 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     found = appld_fit.fit([stretch], 30, seed=0)
     assert found.loss < 0.5 * found.loss_theta0
-    assert found.evaluations <= 41
+    assert found.replays <= 41
     assert found.theta[0] > 0.7
 
 
-def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path):
+def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(appld_classifier, "STEPS", 60)
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
     ranges[:, 500:] = 0.4  # a wall on one side, always the same
     scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
-    weights, result = appld_classifier.train(scans, labels, 2, steps=60)
+    weights, result = appld_classifier.train(scans, labels, 2)
     assert result["accuracy"] > 0.98
     assert result["held_out"] > 0.98
     path = tmp_path / "contexts.safetensors"
@@ -132,9 +133,11 @@ def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path):
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
 
 
-def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
+def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(appld_fit, "LONGEST", 10)
+    monkeypatch.setattr(appld_classifier, "STEPS", 30)
     out = tmp_path / "mine.safetensors"
-    short = ["--evaluations", "4", "--longest", "10", "--contexts", "2", "--penalty", "0.5", "--steps", "30"]
+    short = ["--evaluations", "4", "--contexts", "2", "--penalty", "0.5"]
     assert appld.main([str(bag), "--out", str(out), *short]) == 0
     log = json.loads((tmp_path / "mine_log.json").read_text())
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")

@@ -14,6 +14,7 @@ from applr_ros1.policy.actor import forward
 from applr_ros1.policy.observation import LAYOUT, Layout
 
 HIDDEN = 64
+STEPS = 500  # number of gradient steps
 SHIFT = 0.157  # rad by which a scan is turned at most: 9 degrees
 NOISE = 0.02  # m
 BLOCK = 40  # instants that are held out together: neighbours in time are nearly the same scan
@@ -27,7 +28,7 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 
 
 def train(
-    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, steps: int = 500, layout: Layout = LAYOUT
+    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
 ) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
     """Return weights for policy/actor.py, and how well they tell contexts. scans: (n, beams); labels: (n,) int.
 
@@ -37,9 +38,9 @@ def train(
     blocks = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = float("nan")
     if blocks.any() and not blocks.all() and contexts > 1:
-        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, steps, layout)
+        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
         held_out = float((_apply(probe, scans[blocks]) == labels[blocks]).mean())
-    weights = _fit(scans, labels, contexts, seed, steps, layout)
+    weights = _fit(scans, labels, contexts, seed, layout)
     return weights, {
         "accuracy": round(float((_apply(weights, scans) == labels).mean()), 4),
         "held_out": None if np.isnan(held_out) else round(held_out, 4),
@@ -47,7 +48,7 @@ def train(
     }
 
 
-def _fit(scans, labels, contexts, seed, steps, layout):
+def _fit(scans, labels, contexts, seed, layout):
     import torch
 
     threads = torch.get_num_threads()
@@ -59,7 +60,7 @@ def _fit(scans, labels, contexts, seed, steps, layout):
     weight = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
     criterion = torch.nn.CrossEntropyLoss(weight=weight, label_smoothing=0.05)
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
-    for _ in range(steps):
+    for _ in range(STEPS):
         rows = rng.integers(0, len(labels), 128)
         loss = criterion(net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows]))
         optimiser.zero_grad()

@@ -7,8 +7,8 @@ commands what the demonstrator commanded. appld.py calls it.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
-from typing import Any, Dict, List, Sequence
+from dataclasses import dataclass
+from typing import List, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
 
 TURN_WEIGHT = 0.25  # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
 PULL = 1e-3  # towards theta_0, in the action's unit squared: decides where nothing else does
+LONGEST = 100  # instants of a segment that are replayed at most
 SETTLE = 5  # instants after a change of parameters that do not count
 
 
@@ -37,16 +38,25 @@ class Stretch:
 
 @dataclass
 class Fit:
-    """A context's result. error: root mean square of the planner's (v, w) about the demonstrated [m/s, rad/s]."""
+    """A context's result, under the names of the log.
+
+    Attributes:
+        theta: (n,) the best parameters.
+        loss: Their mean weighted squared error.
+        loss_theta0: That of the default parameters.
+        rms_v_w: Root mean square of the planner's (v, w) about the demonstrated [m/s, rad/s].
+        rms_v_w_theta0: That of the default parameters.
+        replays: Number of parameter sets that were tried.
+        instants: Number of instants that each of them was replayed in.
+    """
 
     theta: np.ndarray
-    error: List[float]
-    error_theta0: List[float]
     loss: float
     loss_theta0: float
-    evaluations: int
+    rms_v_w: List[float]
+    rms_v_w_theta0: List[float]
+    replays: int
     instants: int
-    log: List[Dict[str, Any]] = field(default_factory=list)
 
 
 def apply(planner: MoveBase, theta, space: Space = SPACE) -> None:
@@ -70,10 +80,10 @@ def clock(i: int) -> float:
     return 1.0 + i * CONTROL_PERIOD
 
 
-def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[Stretch]:
+def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
     """Copies of the planner as it is where each span begins.
 
-    The planner is led along the whole demonstration with theta_0. At most `longest` instants of a span are used.
+    The planner is led along the whole demonstration with theta_0.
     """
     planner, found, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
     apply(planner, space.theta0, space)
@@ -82,7 +92,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[
     first = {s.first: s for s in spans}
     for i in range(len(d.time)):
         if i in first:
-            last = min(first[i].last, i + longest)
+            last = min(first[i].last, i + LONGEST)
             found.append(Stretch(d, i, last, copy.deepcopy(planner)))
         step(planner, d, i)
         if planner.goal is None:  # it gave up, or arrived: the demonstration goes on
@@ -117,9 +127,9 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     theta0 = form.space.theta0
     home = form.action(theta0)
     base, base_error = loss(stretches_, theta0)
-    best = Fit(theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
+    best = Fit(theta0.copy(), base, base, base_error, base_error, 1, sum(s.last - s.first for s in stretches_))
     strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
-    while best.evaluations < evaluations and not strategy.stop():
+    while best.replays < evaluations and not strategy.stop():
         candidates = strategy.ask()
         values = []
         for candidate in candidates:
@@ -127,15 +137,7 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
             value, error = loss(stretches_, theta)
             values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
             if value < best.loss:
-                best.theta, best.loss, best.error = theta, value, error
+                best.theta, best.loss, best.rms_v_w = theta, value, error
         strategy.tell(candidates, values)
-        best.evaluations += len(candidates)
-        best.log.append(
-            {
-                "evaluations": best.evaluations,
-                "best": round(min(values), 5),
-                "median": round(float(np.median(values)), 5),
-                "sigma": round(float(strategy.sigma), 4),
-            }
-        )
+        best.replays += len(candidates)
     return best
