@@ -15,6 +15,7 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, penetration, safe_scale
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import JACKAL
+from sim_bridge.lidar import Lidar
 
 SETTINGS = MonitorSettings.of(JACKAL)
 BRAKES_WELL = replace(SETTINGS, deceleration=4.0, yaw_deceleration=12.0)
@@ -25,17 +26,10 @@ LASER = 0.12
 
 def scan_of(points, pose, stamp=0.0, **changes):
     """What a Jackal's laser at `pose` sees of discs of 5 cm radius at points (n, 2) in the odometry frame."""
-    x = pose[0] + LASER * math.cos(pose[2])
-    y = pose[1] + LASER * math.sin(pose[2])
-    angles = np.linspace(-ANGLE, ANGLE, BEAMS)
-    ranges = np.full(BEAMS, np.inf, np.float32)
-    for px, py in points:
-        distance, bearing = math.hypot(px - x, py - y), math.atan2(py - y, px - x) - pose[2]
-        off = np.abs((angles - bearing + math.pi) % (2 * math.pi) - math.pi)
-        hit = off < math.asin(min(1.0, 0.05 / distance))
-        ranges[hit] = np.minimum(ranges[hit], distance - 0.05)
-    seen = LaserScan(stamp, -ANGLE, 2 * ANGLE / (BEAMS - 1), 0.1, 30.0, ranges, (x, y, pose[2]))
-    return replace(seen, **changes)
+    place = pose[0] + LASER * math.cos(pose[2]), pose[1] + LASER * math.sin(pose[2]), pose[2]
+    discs = [(*point, 0.05) for point in points]
+    ranges = Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*place)
+    return replace(LaserScan(stamp, -ANGLE, 2 * ANGLE / (BEAMS - 1), 0.1, 30.0, ranges, place), **changes)
 
 
 def wall(x, half_width=1.0):

@@ -12,37 +12,19 @@ from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, beam_at, lines
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots import JACKAL
+from sim_bridge.lidar import Lidar
 from tests.support.seeds import seeds
 
-BEAMS, ANGLE = 720, 2.35619
-NO_WALLS, NO_DISCS = np.zeros((0, 4)), np.zeros((0, 3))
+NOTHING = np.zeros((0, 3)), np.zeros((0, 5))
 
 
-def ranges_from(pose, discs, walls, noise):
-    """A scan (BEAMS,) [m] at pose (x, y, yaw) of discs (x, y, radius) and walls (x0, y0, x1, y1)."""
-    angles = pose[2] + np.linspace(-ANGLE, ANGLE, BEAMS)
-    ux, uy = np.cos(angles), np.sin(angles)
-    found = np.full(BEAMS, np.inf)
-    for x, y, radius in discs:
-        along = (x - pose[0]) * ux + (y - pose[1]) * uy
-        aside = (x - pose[0]) * uy - (y - pose[1]) * ux
-        hit = (np.abs(aside) < radius) & (along > 0)
-        found[hit] = np.minimum(found[hit], along[hit] - np.sqrt(radius**2 - aside[hit] ** 2))
-    for x0, y0, x1, y1 in walls:
-        dx, dy = x1 - x0, y1 - y0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = ux * dy - uy * dx
-            distance = ((x0 - pose[0]) * dy - (y0 - pose[1]) * dx) / across
-            share = ((x0 - pose[0]) * uy - (y0 - pose[1]) * ux) / across
-        hit = (distance > 0) & (share >= 0) & (share <= 1)
-        found[hit] = np.minimum(found[hit], distance[hit])
-    return (found + noise).astype(np.float32)
-
-
-def scan(true, odometry, stamp, rng, discs=NO_DISCS, walls=NO_WALLS):
-    """What a robot at pose `true` measures, stated where the odometry believes to be; the laser is in its middle."""
-    ranges = ranges_from(true, discs, walls, rng.normal(0.0, 0.003, BEAMS))
-    return LaserScan(stamp, -ANGLE, 2 * ANGLE / (BEAMS - 1), 0.1, 30.0, ranges, odometry)
+def scan(true, odometry, stamp, rng, discs=NOTHING[0], walls=NOTHING[1]):
+    """What a robot at pose `true` measures of discs and walls (x, y, yaw, length, thickness), stated where the odometry
+    believes to be; the laser is in its middle.
+    """
+    laser = JACKAL.laser
+    ranges = Lidar(laser, discs, walls).scan(*true) + rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
+    return LaserScan(stamp, laser.first_angle, laser.increment, 0.1, 30.0, ranges, odometry)
 
 
 def pillars(rng, count=60):
@@ -94,7 +76,7 @@ def test_a_base_that_slides_on_while_its_wheels_turn_backwards_is_followed(seed)
 
 def test_along_a_bare_corridor_the_odometry_stands():
     rng, matcher = np.random.default_rng(0), ScanMatcher()
-    walls = np.array([[-40.0, 1.0, 40.0, 1.0], [-40.0, -1.0, 40.0, -1.0]])
+    walls = np.array([[0.0, side, 0.0, 80.0, 0.01] for side in (-1.0, 1.0)])
     for step in range(40):
         true = (0.05 * step, 0.02 * math.sin(step), 0.0)
         matcher.see(scan(true, (true[0], 0.0, 0.0), 0.05 * step, rng, walls=walls))
@@ -115,7 +97,11 @@ def test_a_person_who_walks_past_does_not_carry_the_robot_along():
 def test_a_scene_that_has_changed_altogether_is_not_believed():
     """Someone carried the robot, or it is another scan: the pose stays the odometry's, and the next scan fits again."""
     rng, matcher = np.random.default_rng(2), ScanMatcher()
-    pose, first, second = (0.0, 0.0, 0.0), pillars(rng), np.array([[-2.0, -0.5, 2.0, -0.9], [1.5, -2.0, 1.2, 3.0]])
+    pose, first, second = (
+        (0.0, 0.0, 0.0),
+        pillars(rng),
+        np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]]),
+    )
     assert not matcher.see(scan(pose, pose, 0.0, rng, first))
     assert matcher.see(scan(pose, pose, 0.1, rng, first))
     assert not matcher.see(scan(pose, pose, 0.2, rng, walls=second))

@@ -5,14 +5,16 @@ import math
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PLAN
+from sim_bridge.lidar import Lidar
 from tests.support.jackal import JACKAL
 
-BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
-INCREMENT = (ANGLE_MAX - ANGLE_MIN) / (BEAMS - 1)
-RANGE_MIN, RANGE_MAX = 0.1, 30.0
+LASER = robots.JACKAL.laser
+BEAMS, ANGLE_MIN, ANGLE_MAX = LASER.beams, LASER.first_angle, LASER.last_angle
+INCREMENT, RANGE_MIN, RANGE_MAX = LASER.increment, LASER.range_min, LASER.range_max
 LASER_X = 0.12
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
@@ -30,17 +32,7 @@ class ToyRobot:
 
     def ranges(self):
         """(720,) float32, inf where nothing is hit."""
-        sx, sy, yaw = self.sensor_pose()
-        angles = yaw + ANGLE_MIN + INCREMENT * np.arange(BEAMS)
-        c, s = np.cos(angles), np.sin(angles)
-        best = np.full(BEAMS, np.inf)
-        for x, y, radius in self.circles:
-            along = (x - sx) * c + (y - sy) * s
-            across2 = (x - sx) ** 2 + (y - sy) ** 2 - along**2
-            hit = (along > 0) & (across2 <= radius**2)
-            distance = along - np.sqrt(np.maximum(0.0, radius**2 - across2))
-            best = np.where(hit & (distance >= RANGE_MIN), np.minimum(best, distance), best)
-        return best.astype(np.float32)
+        return Lidar(LASER, self.circles, np.zeros((0, 5))).scan(*self.sensor_pose())
 
     def scan(self):
         return LaserScan(self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose())
