@@ -238,9 +238,6 @@ def save(
             one before it, only the others are stored.
         metadata: {str: JSON value}: "period_s" of the paper's form, "training", "result", or whatever else.
         form: What the policy sees and sets; None: the paper's form for the Jackal.
-
-    Raises:
-        ApplrError: The weights are no network of the form, or the file cannot be written.
     """
     form, weights = form or PaperForm(JACKAL), _float32(weights)
     Policy.of(weights, form)

@@ -134,9 +134,9 @@ def _fixed(path: str, robot: Robot) -> FixedParameters:
 def _trained(robot: Robot) -> Method:
     path = shipped(POLICY, robot)
     if not os.path.exists(path):
+        train = f"python -m training.train --recipe jackal --robot {robot.folder}"
         raise ApplrError(
-            "applr: there is no %s: find a set with `./applr tune %s`, then train a policy that begins there with "
-            "`python -m training.train --recipe jackal --robot %s`" % (path, *[robot.folder] * 2)
+            f"applr: there is no {path}: find a set with `./applr tune {robot.folder}`, then run `{train}`"
         )
     return actor.load(path, robot)
 
@@ -178,15 +178,9 @@ FORMS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.
 
 
 def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
-    """Return the method that a specification (FORMS) names, for a robot.
+    """Return the method that a specification (FORMS) names, for a robot. Raises ApplrError of one line.
 
-    Args:
-        spec: The specification.
-        robot: Whose parameters the method sets.
-        user_code: Whether a person's own module or file may be imported for it.
-
-    Raises:
-        ApplrError: Of one line.
+    user_code: Whether a person's own module or file may be imported for it.
     """
     user = USER_METHOD.match(spec)
     if spec in METHODS:
@@ -250,11 +244,7 @@ def parse(text: str) -> List[Tuple[str, str]]:
 
 
 def make_user_method(module: str, name: str) -> Method:
-    """Make the class `name` of a module or of a .py file.
-
-    Raises:
-        ApplrError: The class is no subclass of Method or cannot be made, for whatever reason.
-    """
+    """Make the class `name` of a module or of a .py file. Raises ApplrError if it cannot be made."""
     try:
         method = getattr(load_module(module), name)()
     except Exception as error:
@@ -266,11 +256,7 @@ def make_user_method(module: str, name: str) -> Method:
 
 
 def load_module(module: str) -> ModuleType:
-    """Import a module by its name, the current folder included, or by its file. Both may import what lies beside them.
-
-    Raises:
-        Exception: Whatever the module raises, and ImportError or OSError if it does not exist.
-    """
+    """Import a module by its name, the current folder included, or by its file. It may import what lies beside it."""
     path = os.path.realpath(module) if module.endswith(".py") else ""
     folder = os.path.dirname(path) if path else os.getcwd()
     if folder not in sys.path:

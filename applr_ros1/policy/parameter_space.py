@@ -13,6 +13,7 @@ import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.common import files
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.robots.check import space_errors
@@ -106,21 +107,13 @@ class Space:
         }
 
     def from_dict(self, values, base=None):
-        """The parameters (n,) of {name: value}; missing names are taken from `base` (theta_0).
-
-        Raises:
-            ApplrError: A name is unknown, a value is no number, or one lies outside its range.
-        """
+        """The parameters (n,) of {name: value}, which are checked; missing names are taken from `base` (theta_0)."""
         theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
         for name, value in values.items():
             if name not in self.names:
                 raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise ApplrError(f"parameter {name} is {value!r}: give a number")
             i = self.names.index(name)
-            if not self.low[i] <= value <= self.high[i]:
-                raise ApplrError(f"parameter {name} is {value}: give {self.low[i]:g} to {self.high[i]:g}")
-            theta[i] = value
+            theta[i] = number_within(f"parameter {name}", value, self.low[i], self.high[i])
         return self.clip(theta)
 
     @property
@@ -133,10 +126,7 @@ class Space:
         return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == server]
 
     def requests(self, theta):
-        """One request for each of move_base's servers, {server: {name: value}}, for parameters (n,), clipped.
-
-        Raises ApplrError, before there is any request, for a wrong length or a value that is not finite.
-        """
+        """One request for each of move_base's servers, {server: {name: value}}, for parameters (n,), clipped."""
         return self.requests_for(self.clip(theta))
 
     def requests_for(self, values):
@@ -156,16 +146,10 @@ class Space:
 
         Returns:
             The parameters (n,), of which names left out keep theta_0; and whether the file states
-            `"meter_scoring": false`, as tune's do: its distance biases are meant per cell. Sets that state nothing are
-            sent as they are.
-
-        Raises:
-            ApplrError: It cannot be used.
+            `"meter_scoring": false`, as tune's do: its distance biases are meant per cell.
         """
         stated = files.read_json(path)
-        values = stated.get("parameters", stated) if isinstance(stated, dict) else stated
-        if not isinstance(values, dict):
-            raise ApplrError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
+        values = stated.get("parameters", stated)
         try:
             return self.from_dict(values), stated.get("meter_scoring") is False
         except ApplrError as e:
@@ -212,13 +196,7 @@ def send(requests, move_base):
 
 @lru_cache(maxsize=32)
 def space_of(robot):
-    """The parameter space that a robots.Robot describes.
-
-    Raises:
-        ApplrError: A parameter that move_base does not have, a range that its server does not take, or a kind that
-            differs; one line.
-        ParameterError: The robot's parameter files cannot be used.
-    """
+    """The parameter space that a robots.Robot describes. Raises ApplrError for one that its move_base does not take."""
     tree = robot.all_parameters()
     for line in space_errors(robot, tree):
         raise ApplrError(f"robot {robot.name}: {line}")

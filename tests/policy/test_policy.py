@@ -77,7 +77,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     [
         (lambda: SPACE.to_theta(np.zeros(7)), r"action vector has shape \(7,\): 13 values are needed"),
         (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
-        (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give 0.2 to 2"),
+        (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give a number from 0.2 to 2"),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
         (lambda: DRAWN.form.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
         (lambda: methods.make("fast"), "method 'fast' is not known: give dwa, "),
