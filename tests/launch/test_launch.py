@@ -8,7 +8,7 @@ import re
 import signal
 import subprocess
 import time
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import psutil
@@ -138,61 +138,47 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
 
 
 @pytest.mark.parametrize(
-    ("speed", "gives_up_at", "goal", "status", "reason", "time"),
+    ("speed", "gives_up_at", "goal", "reason", "time"),
     [
-        (0.5, 99.0, "auto", 1, "timed out", 2.0),
-        (0.5, 1.0, "auto", 1, "move_base gave up: no way", 1.0),
-        (8.0, 99.0, "auto", 0, "goal reached", 0.9),
-        (0.5, 1.0, "0.6 0.5 0", 0, "goal reached", 1.0),  # the planner's word, 0.6 m off
-        (0.5, 1.0, "1.2 0.5 0", 1, "move_base gave up: no way", 1.0),  # .86 m off
+        (0.5, 99.0, "auto", "timed out", 2.0),
+        (0.5, 1.0, "auto", "move_base gave up: no way", 1.0),
+        (8.0, 99.0, "auto", "goal reached", 0.9),
+        (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),  # the planner's word, 0.6 m off
+        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m off
     ],
 )
-def test_how_a_demo_ends(speed, gives_up_at, goal, status, reason, time, tmp_path, monkeypatch, capsys):
+def test_how_a_demo_ends(speed, gives_up_at, goal, reason, time):
     """The drive is a robot that goes straight from the course's start to its end at `speed` [m/s]."""
-    told = []
+    values, _, robot, world = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
+    observer = object.__new__(demo_tool.Observer)
+    observer.world, observer._tolerance, observer._frame = world, robot.goal_tolerance, "odom"
+    observer.track, observer.contacts, yaw = [(1.0, *world.course.start, speed, 0.0)], [], world.course.start[2]
 
-    class Told(demo_tool.Observer):
-        def __init__(self, robot, world, values):
-            self.world, (x, y, self.yaw) = world, world.course.start
-            self._frame, self.contacts, self.parameters = "odom", [], []
-            self._tolerance = robot.goal_tolerance
-            self.track, self._client = [(1.0, x, y, self.yaw, speed, 0.0)], self
-            told.append(self)
+    def check():
+        """A tenth of a second later."""
+        now, x, y, *_ = observer.track[-1]
+        at = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw)
+        observer.track.append((now + 0.1, *at, yaw, speed, 0.0))
 
-        def parts(self):
-            return ()
+    def state():
+        ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
+        return ended if observer.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
 
-        def check(self):
-            """A tenth of a second later."""
-            now, x, y, *_ = self.track[-1]
-            way = 0.1 * speed
-            at = (x + way * math.cos(self.yaw), y + way * math.sin(self.yaw))
-            self.track.append((now + 0.1, *at, self.yaw, speed, 0.0))
+    observer._client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
+    assert observer.drive(values["sent"], 2.0, check) == (pytest.approx(time, abs=0.11), reason)
+    assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
+    client.cancel_goal.assert_called_once_with()
 
-        def send_goal(self, goal):
-            assert goal.target_pose.header.frame_id == "odom"
 
-        def cancel_goal(self):
-            self.cancelled = True
+def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
+    def drive(stack, values, robot, world, result):
+        result["reason"] = "timed out"
 
-        def get_state(self):
-            ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
-            return ended if self.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
-
-        def get_goal_status_text(self):
-            return "no way"
-
-    stack = SimpleNamespace(check=lambda: told[0].check())
-    monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext(stack))
-    monkeypatch.setattr(demo_tool, "Observer", Told)
-    words = "world:=generated:0", "limit:=2", f"page:={tmp_path}/drive.html", f"goal:={goal}"
-    monkeypatch.setattr("sys.argv", ["demo.py", *words])
-    assert demo_tool.main() == status
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (result["success"], result["timeout"], result["reason"]) == (not status, reason == "timed out", reason)
-    assert result["time_s"] == pytest.approx(time, abs=0.11)
-    assert told[0].cancelled
-    assert (tmp_path / "drive.html").exists()
+    monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext())
+    monkeypatch.setattr(demo_tool, "_drive", drive)
+    monkeypatch.setattr("sys.argv", ["demo.py", "page:=none"])
+    assert demo_tool.main() == 1
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["reason"] == "timed out"
 
 
 @pytest.mark.fault("23")
