@@ -22,7 +22,7 @@ from training.env import privileged
 from training.env.episode import Episode
 from training.env.outcome import Outcome
 from training.env.reward import failed
-from training.env.settings import DRAWN, PROTOCOLS, TrialSettings, under
+from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
 from training.replay.trajectory import TransitionLayout
 
 INFO = (  # what info says of an Outcome
@@ -91,7 +91,7 @@ class ApplrEnv(gymnasium.Env):
         draw = int(self.np_random.integers(2**31))
         protocol: str = self.settings.protocol
         if protocol == DRAWN:
-            protocol = str(self.np_random.choice(list(PROTOCOLS)))
+            protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
         world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
         outcome = self.episode.reset(world, draw)
         self.form.reset()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Dict, Literal, NamedTuple, Optional
+from typing import Any, Dict, Literal, Optional
 
 from pydantic import ConfigDict
 
@@ -16,27 +16,7 @@ from training.env.episode import TIME_LIMIT, counting_cells
 from training.env.reward import Reward
 from worlds import World, barn
 
-
-class Protocol(NamedTuple):
-    """Rules of a trial. end_on_collision: a collision ends it."""
-
-    end_on_collision: bool
-    sentence: str
-
-
-PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"
-PROTOCOLS = {
-    PAPER: Protocol(
-        False,
-        "The paper's course: from 1 m before the reference path to y = 10 (5.925 m), goal 5 m beyond its "
-        "end; a contact does not end the trial; 100 s.",
-    ),
-    CHALLENGE: Protocol(
-        True,
-        "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
-        "start (11, 0), goal 20 m ahead; other worlds keep their course; a collision ends the trial; 100 s.",
-    ),
-}
+PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"  # protocols
 
 
 def under(protocol: str, world: World) -> World:

@@ -14,7 +14,6 @@ from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.common.provenance import sentences
-from training.env.settings import PROTOCOLS
 from training.evaluation import drives_page, figures
 from training.evaluation.compare import LEVEL
 from training.evaluation.stored import Results
@@ -78,8 +77,8 @@ def _facts(results: Results) -> List[str]:
     more = ", with the collision monitor" * s["monitor"] + ", told where moving obstacles will be" * s["movers"]
     facts = [
         f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} methods × {trials} "
-        f"trials. Simulator: {s['simulator']}, ground {s['ground']}. Planner: {s['planner']}{more}.",
-        f"Protocol {s['protocol']}. {PROTOCOLS[s['protocol']].sentence}",
+        f"trials. Protocol: {s['protocol']}. Simulator: {s['simulator']}, ground {s['ground']}. "
+        f"Planner: {s['planner']}{more}.",
     ]
     if "wall_s" in s:
         wall = tqdm.format_interval(s["wall_s"])

@@ -25,7 +25,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import Episode
 from training.env.outcome import Trace
-from training.env.settings import PROTOCOLS, TrialSettings, under
+from training.env.settings import CHALLENGE, TrialSettings, under
 from training.evaluation.loaded import loadable_space, with_set
 from training.evaluation.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
@@ -147,7 +147,7 @@ class TrialRunner:
             MoveBase(self.settings.planner_parameters(starts), planner=self.settings.planner),
             self.robot,
             period=PERIOD,
-            end_on_collision=PROTOCOLS[self.settings.protocol].end_on_collision,
+            end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
             escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot
         )

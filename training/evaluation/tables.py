@@ -92,11 +92,9 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
 
 
 def welch_p(a: np.ndarray, b: np.ndarray) -> float:
-    """The p-value of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
-    if len(a) < 2 or len(b) < 2:
-        return float("nan")
-    if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:  # a standard deviation need not be 0 then
-        return float(a[0] == b[0])
+    """Return p of Welch's t-test; nan with fewer than two values on a side, or if neither side varies."""
+    if min(len(a), len(b)) < 2 or not (np.ptp(a) or np.ptp(b)):
+        return np.nan
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
         return float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)

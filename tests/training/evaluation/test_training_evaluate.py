@@ -24,9 +24,11 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT
 from training import evaluate
+from training.common.command_line import parsed
 from training.env.episode import TIME_LIMIT
 from training.env.settings import TrialSettings
 from training.evaluation import runner
+from training.evaluation.evaluation import EvaluationOptions
 from training.evaluation.table import Trials, read_trace, read_trials
 from training.evaluation.trial import Result, Trial, plan_trials, seed_of
 
@@ -222,7 +224,8 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 
 def test_ros_arguments_are_ignored():
-    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"]).trials == 3
+    words = ["--trials", "3", "__name:=evaluate", "__log:=/x.log"]
+    assert parsed(EvaluationOptions, "evaluate.py", "", words).trials == 3
 
 
 # -- methods ---------------------------------------------------------------------------------------------------------

@@ -69,9 +69,7 @@ def test_welch_is_scipys_and_edges_are_told():
     a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
     assert tables.welch_p(a, b) == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
     assert math.isnan(tables.welch_p(a[:1], b))
-    assert tables.welch_p(np.ones(3), np.ones(3)) == 1.0
-    assert tables.welch_p(np.ones(3), np.zeros(3)) == 0.0
-    assert tables.welch_p(np.full(2, 5.05), np.full(20, 5.05)) == 1.0  # whose means differ in their last bit
+    assert math.isnan(tables.welch_p(np.full(2, 5.05), np.full(20, 5.05)))  # whose means differ in their last bit
 
 
 def test_holm_by_hand():
