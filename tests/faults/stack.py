@@ -118,10 +118,6 @@ class Stack:
 
         self.until(drives, "motion")
 
-    def longest_gap(self):
-        """The longest time between two of the planner's commands that the relay still has [s]."""
-        return np.diff([t for t, _, _ in self.relay.planned]).max()
-
     def stands_after(self, break_it, within=2.0, locks=False):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time].
 

@@ -155,7 +155,7 @@ with lock:
 
 def test_a_lock_that_the_main_thread_holds_is_waited_for_at_the_end_of_a_node():
     with ros_harness.RosMaster() as master:
-        child = master.python("-c", NODE)
+        child = master.spawn(sys.executable, "-c", NODE)
         child.until("ready")
         os.kill(child.pid, signal.SIGINT)
         assert child.process.wait(HANGS) == 0, child.text

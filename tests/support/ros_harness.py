@@ -116,10 +116,6 @@ class RosMaster:
         """Starts a program beside the master; env: additional environment variables. Returns its Child."""
         return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
 
-    def python(self, *args, **env):
-        """Starts a Python script (or "-m", module) with this interpreter. Returns its Child."""
-        return self.spawn(sys.executable, *args, **env)
-
     def node(self, script, *args, constants=None, **env):
         """Forks a program of `rosrun applr_ros1`, named without ".py", or a module's main(). Returns its Child.
 
@@ -249,7 +245,6 @@ class Kept:
 
     def __init__(self):
         self._since = self._newest = self._delays()
-        self._began = time.monotonic()
 
     @staticmethod
     def _delays():
@@ -265,11 +260,6 @@ class Kept:
         """Return the time [s] since this was made, of the thread that waited most; of one that ended as last seen."""
         self._newest = {**self._newest, **self._delays()}
         return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._newest.items())
-
-    def slowdown(self):
-        """Return how many times as long as on a quiet machine something has taken since this was made, at least 1."""
-        passed = time.monotonic() - self._began
-        return passed / max(0.01 * passed, passed - self.waiting())
 
 
 def wait_for(condition, what):
