@@ -38,15 +38,11 @@ class Replay:
         """Rows in use."""
         return min(self.written, self.capacity)
 
-    def check_size(self, trajectory: Trajectory) -> None:
-        """Raises ApplrError for one that is larger than the ring."""
-        if len(trajectory) + 1 > self.capacity:
-            raise ApplrError(f"{len(trajectory)} transitions do not fit a replay of {self.capacity} rows")
-
     def add(self, trajectory: Trajectory) -> None:
-        """Takes in one episode that has been checked. Raises as check_size()."""
-        self.check_size(trajectory)
+        """Take in one episode. Raises ApplrError for one that is larger than the ring."""
         t = len(trajectory)
+        if t + 1 > self.capacity:
+            raise ApplrError(f"{t} transitions do not fit a replay of {self.capacity} rows")
         rows = (self.written + np.arange(t + 1)) % self.capacity
         self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
         self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, ClassVar, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from applr_ros1.policy.form import Form, Mirror
 class TransitionLayout:
     """Parts of one observation and one action.
 
-    scan    beams, each in [-1, 1], stored as whole numbers of 2/levels (uint8: 255 steps. With the paper's cap of
-            2 m that is 7.8 mm, a sixth of a costmap cell)
+    scan    beams, each in [-1, 1], stored as whole numbers of `step` (uint8; with the paper's cap of 2 m that is
+            7.8 mm, a sixth of a costmap cell)
     rest    further numbers (phi, theta), stored as float32
     action  numbers in [-1, 1], float32
     scans   how many scans the beams are of, one behind the other
@@ -31,7 +31,7 @@ class TransitionLayout:
     odd: Tuple[int, ...] = (0,)
     hidden: int = 0
 
-    LEVELS = 255
+    step: ClassVar[float] = 2.0 / 255  # resolution of a stored beam, in units of the observation
 
     @classmethod
     def of(cls, form: Form) -> TransitionLayout:
@@ -60,18 +60,13 @@ class TransitionLayout:
         """Numbers in an observation."""
         return self.scan + self.rest
 
-    @property
-    def step(self) -> float:
-        """Resolution of a stored beam, in units of the observation."""
-        return 2.0 / self.LEVELS
-
     def to_dict(self) -> Dict[str, Any]:
-        """Its fields as JSON values; from_dict() is the inverse."""
+        """Return its fields as JSON values; from_dict() is the inverse."""
         return dict(vars(self), odd=list(self.odd))
 
     @classmethod
     def from_dict(cls, values: Dict[str, Any]) -> TransitionLayout:
-        """Raises KeyError or TypeError for values that describe none."""
+        """Return the layout of such values."""
         return cls(**dict(values, odd=tuple(values["odd"])))
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:

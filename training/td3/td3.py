@@ -135,30 +135,20 @@ class TD3:
 
     @torch.no_grad()
     def begin_at(self, action: Sequence[float]) -> None:
-        """Makes a fresh policy answer nearly this action, numbers in [-1, 1], to every observation.
-
-        Raises:
-            ApplrError: for another number of numbers than an action has.
-        """
-        if len(action) != self.actions:
-            raise ApplrError(f"the policy is to begin at {len(action)} numbers: give {self.actions}")
+        """Make a fresh policy answer nearly this action, numbers in [-1, 1], to every observation."""
         nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
         for weight, bias in {tuple(actor[-1].parameters()) for actor in (self.actor, self.actor_target, self.policy)}:
             weight.mul_(SMALL_START)
             bias.copy_(torch.atanh(nearly))
 
-    @torch.no_grad()
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Takes over a policy, as actor_weights() names it, which stands still while the critics learn alone.
+        """Take over a policy, as actor_weights() names it, which stands still while the critics learn alone.
 
         Raises:
-            ApplrError: where it has other layers.
+            ApplrError: It has other layers.
         """
         for network in {self.actor, self.actor_target, self.policy}:
-            theirs = {name: tensor.shape for name, tensor in weights.items()}
-            if theirs != {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}:
-                raise ApplrError(f"{what}: its layers have the shapes {theirs}; give the same --net-arch")
-            network.load_state_dict({name: torch.from_numpy(tensor) for name, tensor in weights.items()})
+            _fill(network, {name: torch.from_numpy(tensor) for name, tensor in weights.items()}, what)
         self.policy_starts = CRITICS_ALONE
 
     # -- learning ----------------------------------------------------------------------------------
@@ -240,13 +230,17 @@ class TD3:
         theirs = state["networks"]
         average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
         theirs = {**average, **theirs}  # an average that the state does not have begins here
-        try:
-            self.networks.load_state_dict({k: theirs[k] for k in self.networks.state_dict() if k in theirs})
-        except RuntimeError:
-            raise ApplrError(f"{what}: its networks have other layers; give the same --net-arch") from None
+        _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})
         self.updates, self.policy_starts = state["updates"], state["policy_starts"]
+
+
+def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> None:
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError:
+        raise ApplrError(f"{what}: its networks have other layers; give the same --net-arch") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:

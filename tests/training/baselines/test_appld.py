@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 
 import worlds
 from applr_ros1.policy import actor, methods
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, send
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
 from training import appld
@@ -108,7 +108,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     (stretch,) = appld_fit.stretches(d, span)
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     replayed = copy.deepcopy(stretch.planner)
-    appld_fit.apply(replayed, theta)
+    send(SPACE.requests(theta), replayed)
     d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     found = appld_fit.fit([stretch], 30, seed=0)

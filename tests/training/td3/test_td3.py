@@ -210,7 +210,6 @@ def test_a_policy_can_begin_at_a_set_and_learns_from_there():
     for batch in [_batch(np.random.default_rng(i), 64, 10, 3) for i in range(10)]:
         td3.update(batch)
     assert (action_of(td3, observations) != first).all()
-    refused(lambda: td3.begin_at([0.0, 0.0]), "begin at 2 numbers: give 3")
 
 
 def test_a_policy_that_is_taken_over_stands_still_while_the_critics_learn_alone(monkeypatch):

@@ -15,7 +15,7 @@ import numpy as np
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.form import PaperForm
-from applr_ros1.policy.parameter_space import SPACE, Space, send, space_of
+from applr_ros1.policy.parameter_space import send, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
@@ -59,11 +59,6 @@ class Fit:
     instants: int
 
 
-def apply(planner: MoveBase, theta, space: Space = SPACE) -> None:
-    """Set theta (n,) through the planner's reconfigure servers, as training/env/episode.py does it."""
-    send(space.requests(theta), planner)
-
-
 def step(planner: MoveBase, d: Demonstration, i: int):
     """The planner's command (v [m/s], w [rad/s]) at instant i; (0, 0) if it has none.
 
@@ -86,7 +81,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
     The planner is led along the whole demonstration with theta_0.
     """
     planner, found, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
-    apply(planner, space.theta0, space)
+    send(space.requests(space.theta0), planner)
     step(planner, d, 0)
     planner.set_goal(d.goal, clock(0))
     first = {s.first: s for s in spans}
@@ -103,7 +98,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
 def replay(stretch: Stretch, theta) -> np.ndarray:
     """(k, 2): the planner's (v, w) minus the demonstrator's, in the instants that count."""
     planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
-    apply(planner, theta, space_of(d.robot))
+    send(space_of(d.robot).requests(theta), planner)
     given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
     counts = d.driving[stretch.first : stretch.last].copy()
     counts[: min(SETTLE, len(counts) // 2)] = False

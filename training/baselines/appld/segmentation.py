@@ -42,6 +42,8 @@ class Contexts:
 
 def features(demonstration: Demonstration) -> np.ndarray:
     """(n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot (FEATURES)."""
+    import pandas  # takes longer than all else that --help loads
+
     layout = layout_of(demonstration.robot)
     cap = layout.range_cap  # what is farther away is open
     ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=cap, posinf=cap, neginf=0.0)
@@ -51,9 +53,7 @@ def features(demonstration: Demonstration) -> np.ndarray:
         for bearing, width in ((0.0, 45.0), (-1.311, 75.0), (1.311, 75.0))
     )
     raw = np.column_stack([np.abs(demonstration.command), ahead, np.sort(np.column_stack([right, left]), axis=1)])
-    kernel = np.ones(min(SMOOTHED, len(raw)))
-    weight = np.convolve(np.ones(len(raw)), kernel, mode="same")
-    return np.column_stack([np.convolve(column, kernel, mode="same") / weight for column in raw.T])
+    return pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean().to_numpy()
 
 
 def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.0) -> Contexts:
@@ -64,6 +64,8 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     APPLD paper). Then Ward's clustering of the segments, to at most `most` contexts; 0 leaves every segment a context
     of its own, as in the APPLD paper.
     """
+    import pandas
+
     seen = [features(d) for d in demonstrations]
     every = np.concatenate(seen)
     mean, spread = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-3)
@@ -73,16 +75,10 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     means = np.array([scaled[number][a:b].mean(axis=0) for number, a, b in spans])
     labels = np.arange(len(spans))
     if most and len(spans) > most:
-        labels = scipy.cluster.hierarchy.fcluster(scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust") - 1
-    labels = _in_order(labels)
-    segments = [Segment(*span, int(label)) for span, label in zip(spans, labels)]
-    own = np.array(
-        [
-            np.concatenate([seen[s.demonstration][s.first : s.last] for s in segments if s.context == k]).mean(axis=0)
-            for k in range(labels.max() + 1)
-        ]
-    )
-    return Contexts(segments, _names(own), own)
+        labels = scipy.cluster.hierarchy.fcluster(scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust")
+    labels = pandas.factorize(labels)[0]  # numbered as they come up first
+    own = pandas.DataFrame(every).groupby(np.repeat(labels, [b - a for _, a, b in spans])).mean().to_numpy()
+    return Contexts([Segment(*span, int(label)) for span, label in zip(spans, labels)], _names(own), own)
 
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
@@ -94,12 +90,6 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
         return [len(scaled)]
     price = penalty * scaled.shape[1] * np.log(len(scaled))
     return [int(end) for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)]
-
-
-def _in_order(labels) -> np.ndarray:
-    """Numbered as they come up first."""
-    order = list(dict.fromkeys(labels.tolist()))
-    return np.array([order.index(label) for label in labels.tolist()])
 
 
 def _names(means) -> List[str]:
