@@ -103,9 +103,9 @@ SHAPES: Dict[str, Tuple[Sequence[str], int, Callable[..., Optional[Shape]]]] = {
 
 def pose_of(element: Element, what: str) -> np.ndarray:
     """An element's pose in its frame, whichever that is, (4, 4). `what` names the element in the error."""
-    pose, matrix = element.find("pose"), np.eye(4)
-    if pose is not None and (pose.text or "").strip():
-        values = numbers(" ".join((pose.text.split() + ["0"] * 5)[:6]), 6, "pose, " + what)  # as sdformat fills up
+    pose, matrix, words = element.find("pose"), np.eye(4), (element.findtext("pose") or "").split()
+    if pose is not None and words:
+        values = numbers(" ".join((words + ["0"] * 5)[:6]), 6, "pose, " + what)  # as sdformat fills up
         matrix[:3, 3] = values[:3]
         degrees = pose.get("degrees") in ("true", "1")
         turn = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)  # fixed axes: R = Rz Ry Rx

@@ -15,9 +15,8 @@ MAX_CLUSTERS = 256
 CX, CY, RADIUS, NEAR, FROM, TO, HIDDEN_FROM, HIDDEN_TO, SIGMA, POINTS = range(10)
 COLUMNS = POINTS + 6
 
-GRAZING_RAD = (
-    0.2  # [rad]: a surface seen under less than this angle falls apart (Borges and Aldon, J. Int. Rob. Sys. 2004)
-)
+# [rad]: a surface seen under less than this angle falls apart (Borges and Aldon, J. Int. Rob. Sys. 2004)
+GRAZING_RAD = 0.2
 APART_M = 0.08  # [m] between neighbouring points of a cluster that is always allowed: noise
 GAP_BEAMS = 3  # beams from one point of a cluster to the next at most
 FEWEST_POINTS = 3  # points of a cluster

@@ -47,12 +47,10 @@ class MoverTracker:
         max_speed: of the base [m/s]; a pose that changes much faster starts anew.
         max_yaw_rate: of the base [rad/s].
         period: between two scans [s]. So long takes a laser, whatever its driver says, that measures beam by beam.
-        reach: distance [m] from the laser within which movers are followed.
     """
 
-    def __init__(self, max_speed: float, max_yaw_rate: float, period: float, reach: float = REACH_M):
-        self.max_speed, self.max_yaw_rate = float(max_speed), float(max_yaw_rate)
-        self.period, self.reach = float(period), float(reach)
+    def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
+        self.max_speed, self.max_yaw_rate, self.period = float(max_speed), float(max_yaw_rate), float(period)
         self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
         self._history = np.empty((tracks.SCANS, tracks.MAX_TRACKS, 6))
         self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
@@ -84,36 +82,28 @@ class MoverTracker:
         Returns:
             The movers at the newest scan's stamp, empty where nothing is known to move.
         """
-        x, y, yaw = (float(value) for value in scan.sensor_pose)
-        dt = 0.0
+        x, y, yaw = pose = tuple(float(value) for value in scan.sensor_pose)
+        dt = moved = turned = 0.0
         if self._last is not None:
             dt = scan.stamp - self._last[0]
             if -PAUSE_S < dt <= 0.0:
                 return self._movers()
-            if abs(dt) > PAUSE_S or self._jumps((x, y, yaw), dt):
+            (was_x, was_y, was_yaw) = self._last[1]
+            moved, turned = math.hypot(x - was_x, y - was_y), normalize_angle(yaw - was_yaw)
+            far = moved > FASTER_FACTOR * self.max_speed * dt + SHIFT_M
+            if abs(dt) > PAUSE_S or far or abs(turned) > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD:
                 self.reset()
                 dt = 0.0
         if scan.rotation is not None:
             return self._movers()
         if self._last is not None:
-            rate = normalize_angle(yaw - self._last[1][2]) / dt
-            speed = math.hypot(x - self._last[1][0], y - self._last[1][1]) / dt
             share = 1.0 - math.exp(-dt / SMOOTH_S)
-            self._rates = self._rates[1], abs(rate)
-            self._turning += share * (rate - self._turning)
-            self._speed += share * (speed - self._speed)
-        self._last = scan.stamp, (x, y, yaw)
+            self._rates = self._rates[1], abs(turned / dt)
+            self._turning += share * (turned / dt - self._turning)
+            self._speed += share * (moved / dt - self._speed)
+        self._last = scan.stamp, pose
         self._follow(scan, dt)
         return self._movers()
-
-    def _jumps(self, pose, dt: float) -> bool:
-        assert self._last is not None
-        was = self._last[1]
-        moved, turned = math.hypot(pose[0] - was[0], pose[1] - was[1]), abs(normalize_angle(pose[2] - was[2]))
-        return (
-            moved > FASTER_FACTOR * self.max_speed * dt + SHIFT_M
-            or turned > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD
-        )
 
     def _follow(self, scan: LaserScan, dt: float) -> None:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
@@ -127,7 +117,7 @@ class MoverTracker:
         swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
         fan = np.array((now, *sensor, *limits[:3], n, self._turning, swept))
         table = beam_directions(first, step, n)
-        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST_M, self.reach, self._clusters)
+        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST_M, REACH_M, self._clusters)
         before = self._free.ranges, self._free.fans
         given = self._tracks, self._history, self._clusters, count
         found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)

@@ -116,13 +116,7 @@ def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
 
 
 def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
-    """Write the kind of the drive and the measures of the wheels.
-
-    Args:
-        urdf: The robot.
-        joints: Joints of the driven wheels.
-        description: Gets the section base, and notes.
-    """
+    """Write the section base: the kind of the drive and the measures of the driven wheels."""
     if not joints:
         return
     radii, widths, middles = zip(*(_wheel(urdf, joint) for joint in joints))
@@ -157,15 +151,9 @@ def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
 
 
 def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description) -> None:
-    """Write the bounds of the fixed collision shapes that reach above the axles, else those of the footprint.
+    """Write the section body: bounds of the fixed collision shapes that reach above the axles, else of the footprint.
 
     What lies wholly below the axles is a caster, a skid or the mark of a frame.
-
-    Args:
-        urdf: The robot.
-        joints: Joints of the driven wheels.
-        footprint: Outline (n, 2) [m] of the parameter files; empty if they give none.
-        description: Gets the section body, the hint of its size, and notes.
     """
     base, body, notes = description.values["base"], description.values["body"], description.notes
     axle, driven = base.get("axle_height", inf), {joint.name for joint in joints}
@@ -195,13 +183,9 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
 
 
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
-    """Write the laser's place, and what Gazebo's ray sensor on its link says of the scans.
+    """Write the section laser: its place, and what Gazebo's ray sensor on its link says of the scans.
 
-    Args:
-        urdf: The robot.
-        laser: Link that the user names; "" for none.
-        sensor_frame: Frame that the costmap's source names; "" for none. Without both the only ray sensor counts.
-        description: Gets the section laser, and notes.
+    Without a link `laser`, and a `sensor_frame` of the costmap's source, the only ray sensor counts.
     """
     sensors: Dict[str, List[Any]] = {}
     for holder in urdf.xml.findall("gazebo"):

@@ -89,10 +89,7 @@ class Parameters:
         return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
 
     def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
-        """Return what differs if a laser scan is all that the robot publishes, as the simulated robots do.
-
-        Args:
-            topic: Topic of the scan.
+        """Return what differs if the laser scan on a topic is all that the robot publishes, as simulated robots do.
 
         Returns:
             observation_sources of the layers that wait for other topics as well, nested, and those topics.
@@ -108,14 +105,11 @@ class Parameters:
         return changes, {other for _, other in others}
 
     def without_map(self, odom: str, size: int) -> Dict[str, Any]:
-        """Return what differs on a course without a map: the laser fills an empty costmap in the odometry's frame.
+        """Return what differs on a course without a map: the laser fills an empty costmap in the frame `odom`.
 
         Args:
-            odom: Name of that frame.
+            odom: Name of the odometry's frame.
             size: Width and height of the global costmap [m].
-
-        Returns:
-            Changes of the costmaps and of the planner of paths; {} if the files are for driving without a map.
         """
         changes: Dict[str, Any] = {}
         for costmap in COSTMAPS:
@@ -193,19 +187,12 @@ def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
             )
 
 
-def _is_controller(value: Any) -> bool:
-    """Return whether a section is that of a diff_drive_controller, or has limits as one has."""
-    return isinstance(value, dict) and bool(
-        "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z")
-    )
-
-
 def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
-    """Yield the sections of controllers in nested parameters."""
-    for value in tree.values():
-        if _is_controller(value):
+    """Yield the sections in nested parameters that are those of a diff_drive_controller, or have limits as one has."""
+    for value in filter(lambda value: isinstance(value, dict), tree.values()):
+        if "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z"):
             yield value
-        elif isinstance(value, dict):
+        else:
             yield from _controllers(value)
 
 

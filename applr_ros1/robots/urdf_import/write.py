@@ -88,25 +88,24 @@ def robot_yaml(
             missing.append(f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else ""))
     lines.append(f"world_scale: {flow(world_scale)}")
     lines.append(
-        yaml.safe_dump({"move_base": _rounded(move_base)}, sort_keys=False, default_flow_style=None, width=110)
+        yaml.dump({"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110)
     )
     return "\n".join(lines), missing
 
 
 def flow(value: Any) -> str:
     """Return a value as it stands behind its name in YAML."""
-    return yaml.safe_dump(_rounded(value), default_flow_style=True, width=1000).split("\n...")[0].strip()
+    return yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000).split("\n...")[0].strip()
 
 
-def _rounded(value: Any) -> Any:
-    """Return a value with its real numbers cut to five digits, and those next to zero to 0."""
-    if isinstance(value, dict):
-        return {name: _rounded(below) for name, below in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_rounded(item) for item in value]
-    if isinstance(value, float):
-        return float(f"{value:.5g}") if abs(value) > 1e-8 else 0.0
-    return value
+class _Dumper(yaml.SafeDumper):
+    """YAML without anchors, whose real numbers are cut to five digits, and those next to zero to 0."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+_Dumper.add_representer(float, lambda dump, x: dump.represent_float(float(f"{x:.5g}") if abs(x) > 1e-8 else 0.0))
 
 
 def add_parameters(found: Description, parameters: Parameters) -> None:
