@@ -76,38 +76,29 @@ def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Ca
 
 
 def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
-    """Two-sided Welch tests of the successful trials' times of two methods, in each world that both have driven.
+    """Test the successful trials' times of two methods in each world that both have driven (Welch, two-sided).
 
     Returns:
-        A row per world: "sign", -1 if the first is faster, 1 if the other is; "p", nan where it cannot be tested
-        because a side has fewer than two successes.
+        A row per world: "sign", -1 if the first is faster, 1 if the other is; "p", and "holm", p corrected over the
+        worlds. They are nan if a side has fewer than two successes, or no time differs from another on its side.
     """
+    both = [world for world in trials.world.unique() if world in set(others.world)]
     ours, theirs = (
-        {world: t.time_s[t.success].to_numpy() for world, t in one.groupby("world", sort=False)}
+        one.assign(t=one.time_s.where(one.success)).pivot(index="world", columns="trial", values="t").loc[both]
         for one in (trials, others)
     )
-    both = [(times, theirs[world]) for world, times in ours.items() if world in theirs]
-    signs = [np.sign(a.mean() - b.mean()) if len(a) and len(b) else 0.0 for a, b in both]
-    return pd.DataFrame({"sign": signs, "p": [welch_p(a, b) for a, b in both]}, dtype=float)
-
-
-def welch_p(a: np.ndarray, b: np.ndarray) -> float:
-    """Return p of Welch's t-test; nan with fewer than two values on a side, or if neither side varies."""
-    if min(len(a), len(b)) < 2 or not (np.ptp(a) or np.ptp(b)):
-        return np.nan
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
-        return float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side is small or hardly varies
+        test = scipy.stats.ttest_ind(ours, theirs, axis=1, equal_var=False, nan_policy="omit")
+    varies = [one.max(axis=1) > one.min(axis=1) for one in (ours, theirs)]
+    p = np.where(varies[0] | varies[1], test.pvalue, np.nan)
+    return pd.DataFrame({"sign": np.sign(test.statistic), "p": p, "holm": holm_adjusted(p)}, dtype=float)
 
 
-def significant(tests: pd.DataFrame, corrected: bool = False) -> Tuple[int, int]:
-    """Number of worlds where the first method is significantly faster at .05, and where the other is.
-
-    With `corrected`, Holm's step-down procedure over all tested worlds keeps the chance of any false one below .05.
-    """
-    p = tests.p.to_numpy()
-    significant = (holm_adjusted(p) if corrected else p) < LEVEL
-    return int((significant & (tests.sign == -1)).sum()), int((significant & (tests.sign == 1)).sum())
+def significant(tests: pd.DataFrame, column: str = "p") -> Tuple[int, int]:
+    """Return the number of worlds where the first method is significantly faster at .05, and where the other is."""
+    worlds = tests.sign[tests[column] < LEVEL]
+    return int((worlds == -1).sum()), int((worlds == 1).sum())
 
 
 def holm_adjusted(p: np.ndarray) -> np.ndarray:
@@ -161,7 +152,7 @@ def table_2(results: Results) -> Rows:
     base = results.baseline
     for name, method, trials in results.groups(results.rivals):
         tests = welch(trials, results.of(base, results.of_set(name)))
-        counts = significant(tests) + significant(tests, corrected=True)
+        counts = significant(tests) + significant(tests, "holm")
         shares = [share(n, len(tests)) for n in counts]
         stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
         yield {
@@ -236,10 +227,8 @@ def table_4(results: Results) -> Rows:
 
 @table(
     "Arrivals, contacts, and BARN's metric",
-    "With Wilson's 95 % interval, wider where the trials of a world go alike; contact: touched anything at any time, "
-    "also where the trial went on and arrived.",
-    "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT), OT = reference route / (2 m/s); a trial with a contact scores "
-    "0. It is comparable with the Challenge's numbers only under --protocol barn-challenge.",
+    "With Wilson's 95 % interval, wider where the trials of a world go alike. BARN's metric is comparable with the "
+    "Challenge's numbers only under --protocol barn-challenge.",
 )
 def rates(results: Results) -> Rows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
@@ -255,12 +244,9 @@ def rates(results: Results) -> Rows:
 
 @table(
     "Between any two methods",
-    "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit; "
-    "negative where the method is faster. Interval by bootstrap over worlds. The trials of both have the same "
-    "seeds, and p is of the test of this mean by exchanging the two methods in worlds at random.",
-    "Holm: p corrected for all pairs of the same worlds, so that the chance of any false difference among them is "
-    "at most .05 where p (Holm) < .05 is taken for a difference. Faster in: worlds by Welch's test of the "
-    "successful trials' times at .05, corrected by Holm over the worlds of the row.",
+    "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit. p: "
+    "of the test of this mean by exchanging the two methods in worlds; Holm: corrected for all pairs of these worlds. "
+    "Faster in: worlds by Welch's test as in Table II, corrected by Holm over the worlds of the row.",
 )
 def pairs(results: Results) -> Rows:
     """Every method against every other: paired over worlds, and world by world."""
@@ -271,7 +257,7 @@ def pairs(results: Results) -> Rows:
         adjusted = holm_adjusted(np.array([f.p for f in found.values()]))
         for ((a, b), f), p in zip(found.items(), adjusted):
             tests = welch(results.of(a, worlds), results.of(b, worlds))
-            faster, slower = (share(n, len(tests)) for n in significant(tests, corrected=True))
+            faster, slower = (share(n, len(tests)) for n in significant(tests, "holm"))
             yield {
                 "worlds": name,
                 "method": a,

@@ -67,9 +67,16 @@ def results(folder):
 def test_welch_is_scipys_and_edges_are_told():
     rng = np.random.default_rng(0)
     a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
-    assert tables.welch_p(a, b) == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
-    assert math.isnan(tables.welch_p(a[:1], b))
-    assert math.isnan(tables.welch_p(np.full(2, 5.05), np.full(20, 5.05)))  # whose means differ in their last bit
+    equal = np.full(2, 5.05), np.full(20, 5.05)  # whose means differ in their last bit
+
+    def trials(*times):
+        rows = [(world, n, time, True) for world, of_world in enumerate(times) for n, time in enumerate(of_world)]
+        return pd.DataFrame([*rows, (0, 99, 1.0, False)], columns=["world", "trial", "time_s", "success"])
+
+    tests = tables.welch(trials(a, a[:1], equal[0]), trials(b, b, equal[1], b))
+    assert tests.p[0] == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
+    assert np.isnan(tests.p).tolist() == np.isnan(tests.holm).tolist() == [False, True, True]
+    assert (tables.significant(tests), tables.significant(tests, "holm")) == ((1, 0), (1, 0))
 
 
 def test_holm_by_hand():

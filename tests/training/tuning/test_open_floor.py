@@ -70,34 +70,20 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
 
 
-def test_a_planner_that_stands_before_a_door_alone_is_a_remark_with_what_to_enter(capsys):
+def test_a_planner_that_stands_before_the_door_alone_is_a_remark_with_what_to_enter(capsys):
     """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
     assert check_robot.main(["husky"]) == 0
     *_, door, remark = capsys.readouterr().out.splitlines()
     assert door.startswith("drive through a door of 0.98 m: it turns or stands")
-    wider = float(remark.partition("remark: as the C++ planner would, it can drive through a door of ")[2].split()[0])
-    assert wider in [pytest.approx(0.68 + margin) for margin in (0.8, 1.0, 1.5)]
-    said = remark.partition("to drive through both, ")[2]
-    assert said == "give DWAPlannerROS/occdist_scale 0.005 instead of 0.01"
+    arrive = "all four arrive if you give DWAPlannerROS/occdist_scale 0.005 instead of 0.01"
+    assert remark == f"remark: as the C++ planner would, it does not drive through a door of 0.98 m: {arrive}"
 
 
-def test_a_robot_that_drives_through_no_door_is_set_up_wrong(tmp_path, capsys):
-    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
-    text = (folder / PLANNER).read_text()
-    (folder / PLANNER).write_text(text.replace("occdist_scale: 0.02", "occdist_scale: 5.0"))
-    assert check_robot.main([str(folder)]) == 1
-    *_, door, error = capsys.readouterr().out.splitlines()
-    assert door.startswith("drive through a door of 0.53 m: ")
-    arrive = "all four arrive if you give DWAPlannerROS/occdist_scale 0.05 instead of 5"
-    assert error == f"error: the set-up is wrong: {arrive}"
-
-
-def test_a_monitor_that_stops_it_before_a_door_is_a_wrong_set_up_though_it_passes_a_wider_one(tmp_path, monkeypatch):
+def test_a_monitor_that_stops_it_before_the_door_is_a_wrong_set_up(tmp_path, monkeypatch):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     text = (folder / "robot.yaml").read_text()
     (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
     robot = read(str(folder))
-    assert not Floor(robot).drive(courses(robot, 1.0)[-1])
     monkeypatch.setattr(open_floor, "changes", lambda robot: ())
     drives, (*_, door, error) = open_floor.try_out(robot)
     assert (drives, "door of 0.53 m: the collision monitor holds it" in door) == (False, True), door
