@@ -26,7 +26,7 @@ from training.common.command_line import AnyRobot, Seed, Workers, continuable, e
 from training.common.folders import make_folder
 from training.common.options import Options, argument, option
 from training.env.settings import CHALLENGE
-from training.evaluation.runner import TRIAL_RUNNER, content, content_of_worlds, world_list
+from training.evaluation.runner import content, content_of_worlds, world_list
 from training.evaluation.table import Trials
 from training.evaluation.verdict import SET, verdict
 from training.tuning import open_floor
@@ -57,7 +57,6 @@ class TuneOptions(Options):
     out: str = option("",
         "Folder for all trials and the page, and for what is found for an included robot. Default: tune/ROBOT.")
     seed: Seed
-    runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
     # fmt: on
 
 

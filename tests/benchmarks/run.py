@@ -154,17 +154,18 @@ def _drive(driven, theta, seconds=SECONDS):
 
 def td3_updates():
     """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
+    from training.learner.config import LearnerOptions
     from training.learner.learner import draw_batch
     from training.replay.buffer import Replay
     from training.replay.trajectory import TransitionLayout
-    from training.td3.td3 import TD3, TD3Options
+    from training.td3.td3 import TD3
 
-    layout = TransitionLayout()
+    layout, options = TransitionLayout(), LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
     replay, rng = Replay(layout, 7200), np.random.default_rng(0)
     for number in range(460):
         replay.add(episode(layout, number, 13, terminated=number % 10 > 0, version=0))
-    td3 = TD3(OBSERVATIONS, ACTIONS, TD3Options(net_arch=list(HIDDEN)))
-    return _rate(lambda: td3.update(draw_batch(replay, rng, BATCH, 4, 0.95, td3.device))), "updates/s"
+    td3 = TD3(OBSERVATIONS, ACTIONS, options)
+    return _rate(lambda: td3.update(draw_batch(replay, rng, options, td3.device))), "updates/s"
 
 
 def sb3_td3_updates():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from pkgutil import resolve_name
 from typing import Any, Callable, Dict, Iterable, List, Literal, Optional, Sequence, Tuple
 
 from pydantic import ConfigDict
@@ -16,7 +15,7 @@ from training.common.options import option
 from training.common.provenance import provenance
 from training.env.settings import PAPER, DriveSettings, TrialSettings
 from training.evaluation.drive import drive
-from training.evaluation.runner import TRIAL_RUNNER, content_of_worlds, described, world_list
+from training.evaluation.runner import content_of_worlds, described, run, world_list
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
@@ -48,7 +47,6 @@ class EvaluationOptions(DriveSettings):
     traces: int = option(1,
         "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
     report: bool = option(True, "Write tables and figures of the trials.")
-    runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
     # fmt: on
 
 
@@ -71,7 +69,7 @@ def evaluate(
     names = [world[:2] for world in worlds]
     plan = plan_trials(names, chosen, options.trials, options.seed, options.traces)
     driven_with = {name: getattr(options, name) for name in (*DriveSettings.model_fields, "loaded")}
-    runner = partial(resolve_name(options.runner), TrialSettings(**driven_with))
+    runner = partial(run, TrialSettings(**driven_with))
 
     def show(trial: Trial, result: Result) -> None:
         bar.update()

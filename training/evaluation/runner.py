@@ -31,8 +31,6 @@ from training.evaluation.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
 from worlds import World, WorldError
 
-TRIAL_RUNNER = "training.evaluation.runner:run"  # as the commands' hidden option names it
-
 
 def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Result, bytes]:
     """Drive a trial.

@@ -28,7 +28,7 @@ from training.td3.td3 import TD3, Batch, Weights
 
 
 class Learner:
-    """The networks, the replay buffer, and their checkpoints.
+    """The networks, the replay buffer, and their checkpoints. It goes on from the last checkpoint in its folder.
 
     Args:
         layout: what observations and actions consist of.
@@ -36,6 +36,13 @@ class Learner:
         folder: of the run; checkpoint.json, learner-*.pt and replay-*.safetensors lie in it.
         rows: capacity of the replay buffer.
         start: what it begins with, unless the folder holds a checkpoint.
+        dataset: experience of an offline run, whose gradient steps are not due for transitions.
+
+    Attributes:
+        extra: Values that save() was given with the checkpoint.
+
+    Raises:
+        ApplrError: the folder, or the run of `start`, holds other networks.
     """
 
     def __init__(
@@ -45,25 +52,30 @@ class Learner:
         folder: os.PathLike | str,
         rows: int,
         start: Start = Start(),  # noqa: B008
+        dataset: Optional[Dataset] = None,
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
         device = "cuda" if torch.cuda.is_available() else "cpu"
         self.td3 = TD3(layout.size, layout.action, options, options.seed, device, layout.policy_mirror, layout.hidden)
         self.replay = Replay(layout, rows)
+        for trajectory in dataset.trajectories() if dataset is not None else ():
+            self.replay.add(trajectory)
         self.rng = np.random.default_rng([options.seed, 1])
-        if self.saved(folder) is None:
-            if start.action:
-                self.td3.begin_at(start.action)
-            if start.policy:
-                self.td3.begin_with(begun_policy(start.policy), start.policy)
-            if start.run:
-                self._begin_with(Path(start.run))
         self.lags: Deque[int] = deque(maxlen=100)  # ages in updates of the policies that drove the newest trajectories
         self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # of the newest trajectories
         self.checkpoints = 0
+        self.extra: Dict[str, Any] = {}
         self._kept: List[List[Any]] = []  # files of the replay, and how many rows each has
-        self._saved = 0  # rows of the replay that lie in files
         self._due = 0.0  # gradient steps not yet made for the transitions taken
+        if checkpoint := self.saved(folder):
+            self._restore(checkpoint)
+        elif start.run:
+            self._begin_with(Path(start.run))
+        elif start.policy:
+            self.td3.begin_with(begun_policy(start.policy), start.policy)
+        elif start.action:
+            self.td3.begin_at(start.action)
+        self._saved = self.replay.written  # rows of the replay that lie in files
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
@@ -87,9 +99,8 @@ class Learner:
 
     def update(self) -> None:
         """Make one gradient step on a batch drawn from the replay."""
-        o = self.options
         self._due -= 1.0
-        self.td3.update(draw_batch(self.replay, self.rng, o.batch_size, o.n_step, o.gamma, self.td3.device, o.mirror))
+        self.td3.update(draw_batch(self.replay, self.rng, self.options, self.td3.device))
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
@@ -135,30 +146,17 @@ class Learner:
         path = Path(folder) / "checkpoint.json"
         return read_json(path) if path.exists() else None
 
-    def resume(self, dataset: Optional[Dataset] = None) -> Dict[str, Any]:
-        """Back to the last checkpoint, if there is one. Returns its extra.
-
-        Args:
-            dataset: what an offline run learns from; its gradient steps are not due for transitions.
-        """
-        for trajectory in dataset.trajectories() if dataset is not None else ():
-            self.replay.add(trajectory)
-        self._saved = self.replay.written
-        checkpoint = self.saved(self.folder)
-        if checkpoint is None:
-            return {}
+    def _restore(self, checkpoint: Dict[str, Any]) -> None:
         self._take_networks(self.folder, checkpoint)
         for name, _ in checkpoint["replay"]:
             path = self.folder / name
             self.replay.restore(unpack(read_bytes(path), str(path))[0])
-        self._kept, self._saved = checkpoint["replay"], self.replay.written
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
-        self.checkpoints = checkpoint["number"]
-        return checkpoint["extra"]
+        self._kept, self.checkpoints, self.extra = checkpoint["replay"], checkpoint["number"], checkpoint["extra"]
 
     def _begin_with(self, folder: Path) -> None:
-        """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""
+        """Take over networks and optimisers of another run, and count updates from 0."""
         checkpoint = self.saved(folder)
         assert checkpoint is not None
         if checkpoint["layer_norm"] != self.options.layer_norm:  # the same weights would mean other values
@@ -167,10 +165,7 @@ class Learner:
         self.td3.updates = self.td3.policy_starts = 0
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
-        """Takes over networks and optimisers from a checkpoint that lies in `folder`.
-
-        Raises ApplrError where it is of other networks.
-        """
+        """Take over networks and optimisers from a checkpoint that lies in `folder`."""
         if TransitionLayout.from_dict(checkpoint["layout"]) != self.layout:
             raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
         data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
@@ -184,38 +179,22 @@ def begun_policy(path: str) -> Weights:
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
 
 
-def draw_batch(
-    replay: Replay,
-    rng: np.random.Generator,
-    size: int,
-    n_step: int,
-    gamma: float,
-    device: torch.device = torch.device("cpu"),
-    mirror: bool = False,
-) -> Batch:
-    """A batch for TD3.update, drawn uniformly; all randomness of a gradient step comes from `rng`: rows, then noise.
+def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device) -> Batch:
+    """Return a batch for TD3.update, drawn uniformly, half of it mirrored left for right if the options say so.
 
-    Args:
-        replay: where the transitions are drawn.
-        rng: source of the rows and of the smoothing noise.
-        size: transitions of the batch.
-        n_step: steps of the returns.
-        gamma: discount per decision.
-        device: where the tensors go.
-        mirror: half of the transitions mirrored left for right.
+    All randomness of a gradient step comes from `rng`: rows, then the smoothing noise.
     """
+    size = options.batch_size
     rows = replay.draw(rng, size)
-    reward, discount, after = replay.n_step_return(rows, n_step, gamma)
+    reward, discount, after = replay.n_step_return(rows, options.n_step, options.gamma)
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
-        made = torch.from_numpy(array)  # bytes travel to the device as bytes and become floats there
-        return (made.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else made).to(torch.float32)
+        return torch.from_numpy(array).to(device).to(torch.float32)  # bytes travel as bytes and become floats there
 
     def observation(places: np.ndarray) -> torch.Tensor:
-        scan, rest = replay.observations(places, size // 2 if mirror else 0)
-        beams = tensor(scan).mul_(replay.layout.step).sub_(1.0)
-        return torch.cat((beams, tensor(rest)), 1) if beams.shape[1] else tensor(rest)
+        scan, rest = replay.observations(places, size // 2 if options.mirror else 0)
+        return torch.cat((tensor(scan).mul_(replay.layout.step).sub_(1.0), tensor(rest)), 1)
 
     return Batch(
         observation(rows),

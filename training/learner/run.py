@@ -52,9 +52,9 @@ class TrainingRun:
 
         self.began = time.monotonic()
         self.made = self.prepare(config)
-        self.dataset = dataset_of(config, self.made.layout)
-        self.offline = self.dataset is not None
-        rows = self.dataset.rows if self.dataset else int(1.1 * config.total_timesteps) + 1000
+        dataset = dataset_of(config, self.made.layout)
+        self.offline = dataset is not None
+        rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + 1000
         self.config, start = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
@@ -62,11 +62,10 @@ class TrainingRun:
             raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
         if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-        self.learner = Learner(self.made.layout, config, self.folder, rows, start)
-        self.extra = self.learner.resume(self.dataset)
+        self.learner = Learner(self.made.layout, config, self.folder, rows, start, dataset)
         held_out, setting = self.made.held_out, config.setting()
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed, setting)
-        self._next_episode = self.extra.get("next_episode", 0)
+        self._next_episode = self.learner.extra.get("next_episode", 0)
         self._running: Set[Future] = set()  # episodes whose results are not yet taken
         self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
         self._saved = self._shown = time.monotonic()
@@ -98,7 +97,7 @@ class TrainingRun:
     @property
     def elapsed(self) -> float:
         """Seconds that the run has taken, interruptions not counted."""
-        return float(self.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
+        return float(self.learner.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
 
     @property
     def finished(self) -> bool:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluation.drive import drive
 from training.evaluation.loaded import loadable_space
+from training.evaluation.runner import run
 from training.evaluation.score import AIMS, Baseline
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result
@@ -90,7 +90,7 @@ def best_set(
 
     def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
         """Return each set's results in the worlds of a block; all sets drive the first one at first."""
-        runner = partial(resolve_name(options.runner), settings.model_copy(update={"simulator": simulator}))
+        runner = partial(run, settings.model_copy(update={"simulator": simulator}))
         plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
         trials = [trial for of_world in zip(*plan) for trial in of_world]
         with announced(f"driving {len(sets)} sets in {len(block)} courses, {simulator}", say, *LINES_S):

@@ -61,7 +61,7 @@ def driven_unseen(
     """
     robot = options.robot
     names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
-    how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed", "runner")}
+    how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
     evaluation = EvaluationOptions(**how, robot=robot, worlds=worlds, methods=names, out=str(drives / monitor))
 

@@ -22,7 +22,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support import HANGS, ROOT
+from tests.support import HANGS, ROOT, toy_runner
 from training import evaluate
 from training.common.command_line import parsed
 from training.env.episode import TIME_LIMIT
@@ -37,14 +37,24 @@ HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path
 
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
     given = "--worlds", worlds, "--methods", chosen, "--trials", "4", "--out", out, "--no-report", *more
-    runner = "--runner", "tests.support.toy_runner:drive"
-    return [*map(str, given), *runner]
+    return list(map(str, given))
+
+
+TOY = """
+import sys
+from tests.support.toy_runner import drive
+from training import evaluate
+from training.evaluation import evaluation
+evaluation.run = drive
+sys.exit(evaluate.main())
+"""
 
 
 @pytest.fixture
 def run(monkeypatch):
     """evaluate.py in this process, whose trials take no time; returns its exit status."""
     monkeypatch.setenv("TOY_SECONDS", "0")
+    monkeypatch.setattr("training.evaluation.evaluation.run", toy_runner.drive)
 
     def run(arguments):
         monkeypatch.setattr(sys, "argv", ["evaluate.py", *arguments])
@@ -115,7 +125,7 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
     assert run(command(whole)) == 0
     for signal_ in (signal.SIGINT, signal.SIGKILL):
         process = subprocess.Popen(
-            [sys.executable, "-m", "training.evaluate", *command(killed)],
+            [sys.executable, "-c", TOY, *command(killed)],
             cwd=ROOT,
             env=dict(os.environ, PYTHONPATH=str(ROOT), TOY_SECONDS="0.4"),
             stderr=subprocess.DEVNULL,

@@ -2,17 +2,21 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
 from tests.support import episodes
 from tests.support.seeds import examples
+from training.learner.config import LearnerOptions
 from training.learner.learner import draw_batch
 from training.replay.buffer import Replay
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 SMALL = TransitionLayout(scan=4, rest=2, action=2)
+
+BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
 
 
 def episode(t, number=0, terminated=False):
@@ -83,7 +87,7 @@ def test_batch_is_what_the_rows_say():
     replay = Replay(SMALL, 50)
     trajectory = episode(5, terminated=True)
     replay.add(trajectory)
-    batch = draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9)
+    batch = draw_batch(replay, np.random.default_rng(0), BATCH, torch.device("cpu"))
     observations = SMALL.restore(trajectory.scan, trajectory.rest)
     for i in range(64):
         k = int(np.argmin(np.abs(observations - batch.observation[i].numpy()).sum(1)))
@@ -95,7 +99,8 @@ def test_batch_is_what_the_rows_say():
 def test_mirror_turns_half_of_a_batch_left_for_right():
     replay = Replay(SMALL, 50)
     replay.add(episode(5, terminated=True))
-    plain, mirrored = (draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9, mirror=m) for m in (False, True))
+    both = BATCH, BATCH.model_copy(update={"mirror": True})
+    plain, mirrored = (draw_batch(replay, np.random.default_rng(0), o, torch.device("cpu")) for o in both)
     for name in ("observation", "next_observation"):
         ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
         np.testing.assert_array_equal(ours[32:], theirs[32:])

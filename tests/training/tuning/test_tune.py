@@ -18,6 +18,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
 from training import tune_robot
+from training.evaluation import evaluation
 from training.evaluation.loaded import move_base_parameters
 from training.evaluation.score import AIMS, Baseline
 from training.evaluation.table import Trials
@@ -83,6 +84,8 @@ def few(monkeypatch):
     LOADED.clear()
     PLANNERS.clear()
     MONITORED.clear()
+    for module in (best_set, evaluation):
+        monkeypatch.setattr(module, "run", toy)
     monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
     monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (True, []))
@@ -97,8 +100,9 @@ def jackal(tmp_path, few):
 
 def tune(folder, runner, *more):
     robot_folder._read.cache_clear()  # a command is a process of its own
-    words = [str(folder), "--out", str(folder.parent / "out"), "--minutes", "12", *more]
-    return tune_robot.main([*words, *FEW, "--runner", f"{__name__}:{runner}"])
+    words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
+    best_set.run = evaluation.run = globals()[runner]
+    return tune_robot.main([*words, *FEW])
 
 
 def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
@@ -229,8 +233,7 @@ def test_a_finished_run_searches_on_from_what_it_found(jackal, capsys):
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
-    words = ["jackal", "--out", str(tmp_path), "--minutes", "5", "--runner", f"{__name__}:toy"]
-    assert tune_robot.main([*words, *FEW]) == 0
+    assert tune("jackal", "toy", "--out", str(tmp_path), "--minutes", "5") == 0
     assert (tmp_path / "tuned.yaml").exists()
     assert not (Path(robots.JACKAL.folder) / "tuned.yaml").exists()
 
