@@ -1,4 +1,4 @@
-"""A method: slow where something is near, fast where there is room. run.py evaluates it."""
+"""A method: slow where something is near, fast where there is room. docs/tutorials/own_method.md evaluates one."""
 
 import numpy as np
 

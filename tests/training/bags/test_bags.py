@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReaderError
 from rosbags.rosbag1 import Writer
 
 from applr_ros1 import robots
@@ -438,16 +438,6 @@ def test_the_price_of_nearness_is_that_of_the_smallest_range(tmp_path, scan, low
     (trajectory,), skipped = rebuild(tmp_path / "a.bag", robot, reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
     assert skipped == {}
     np.testing.assert_allclose(trajectory.reward, -0.05 / nearest, rtol=1e-5)
-
-
-def test_the_goal_is_in_the_robots_odometry_frame(tmp_path):
-    robot = replace(robots.JACKAL, frames=robots.JACKAL.frames.model_copy(update={"odom": "wheel_odom"}))
-    with StackWriter(tmp_path / "a.bag", robot=robot) as writer:
-        Drive(writer, seconds=0.0)
-        topics = writer.topics.odometry, writer.topics.move_base + "/current_goal"
-    with AnyReader([tmp_path / "a.bag"]) as reader:
-        found = [(c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages() if c.topic in topics]
-    assert {(topic, message.header.frame_id) for topic, message in found} == {(t, "wheel_odom") for t in topics}
 
 
 class Truthful(RecordingEpisode):
