@@ -50,7 +50,6 @@ class Drive:
         *,
         begin=10.0,
         seconds=9.0,
-        node=True,
         status=SUCCEEDED,
         seed=0,
         without=(),
@@ -60,14 +59,13 @@ class Drive:
         after=lambda drive, t, k: None,
         told=lambda number, seen: seen,
     ):
-        self.writer, self.node, self.goal, self.without = writer, node, goal, without
+        self.writer, self.goal, self.without = writer, goal, without
         self.every, self.heard, self.told = every, scan, told
         self.rng = np.random.default_rng(seed)
         self.observations, self.thetas, self.number = [], [], 0
         self.theta = THETA_0
         steps = int(round(seconds * 50))
-        if "goal" not in without:
-            self.write_goal(begin, (10.0, 0.1, 0.0))
+        writer.goal(begin, (10.0, 0.1, 0.0))
         for k in range(steps + 1):
             self.step(begin + 0.02 * k, k)
             after(self, begin + 0.02 * k, k)
@@ -93,9 +91,6 @@ class Drive:
         if k % self.every == 0:
             self.decide(t)
 
-    def write_goal(self, t, goal):
-        self.writer.goal(t, goal)
-
     def end(self, t):
         pass
 
@@ -111,7 +106,7 @@ class Drive:
         self.observations.append(Context.of(before, seen, SPACE, LAYOUT).observation)
         self.number += 1
         self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
-        if self.node:
+        if "decision" not in self.without:
             sets = map(SPACE.as_dict, (before, self.theta))
             self.writer.decision(t, self.number, self.goal, self.told(self.number, seen), *sets)
         self.thetas.append(self.theta)
@@ -191,51 +186,36 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
         np.testing.assert_allclose(trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("status", "seconds", "finish", "count", "terminated"),
-    [
-        (ABORTED, 9.0, None, 5, True),
-        (PREEMPTED, 9.0, None, 4, False),
-        (PREEMPTED, 9.98, None, 4, False),
-        (None, 9.0, None, 4, False),
-        (PREEMPTED, 9.0, 3.5, 4, True),  # a finish line before the goal, at 0.5 m/s after 7 s
-    ],
-)
-def test_how_a_course_ends(tmp_path, status, seconds, finish, count, terminated):
-    drive = record(tmp_path / "a.bag", status=status, seconds=seconds)
-    (trajectory,), _ = rebuild(tmp_path / "a.bag", **({"finish": finish} if finish else {}))
-    assert trajectory.terminated == terminated
-    assert (trajectory.reward[-1] > 0.0) == (finish is not None)  # at the goal its time costs nothing
-    assert_equal(trajectory, drive, count, ends=terminated)
+class Tells(Drive):
+    """Its node tells what it saw at the end."""
+
+    def end(self, t):
+        self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
+        self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
 
 
 @pytest.mark.parametrize(
-    ("status", "seconds", "count", "terminated", "skipped"),
+    ("kind", "status", "seconds", "finish", "count", "terminated", "skipped"),
     [
-        (SUCCEEDED, 9.0, 5, True, {}),
-        (SUCCEEDED, 8.4, 5, True, {}),
-        (PREEMPTED, 9.8, 5, False, {}),
-        (PREEMPTED, 8.4, 4, False, {"a course was broken off soon after a decision": 1}),
-        (None, 9.8, 5, False, {}),  # the node was switched off
+        (Drive, ABORTED, 9.0, None, 5, True, {}),
+        (Drive, PREEMPTED, 9.0, None, 4, False, {}),
+        (Drive, PREEMPTED, 9.98, None, 4, False, {}),
+        (Drive, None, 9.0, None, 4, False, {}),
+        (Drive, PREEMPTED, 9.0, 3.5, 4, True, {}),  # a finish line before the goal, at 0.5 m/s after 7 s
+        (Tells, SUCCEEDED, 9.0, None, 5, True, {}),
+        (Tells, SUCCEEDED, 8.4, None, 5, True, {}),
+        (Tells, PREEMPTED, 9.8, None, 5, False, {}),
+        (Tells, PREEMPTED, 8.4, None, 4, False, {"a course was broken off soon after a decision": 1}),
+        (Tells, None, 9.8, None, 5, False, {}),  # the node was switched off
     ],
 )
-def test_the_last_decision_of_a_course_leads_to_what_the_node_saw_there(
-    tmp_path, status, seconds, count, terminated, skipped
-):
-    class Told(Drive):
-        def end(self, t):
-            self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
-            self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
-
-    drive = record(tmp_path / "a.bag", Told, status=status, seconds=seconds)
-    (trajectory,), skipped = rebuild(tmp_path / "a.bag")
-    assert (trajectory.terminated, skipped) == (terminated, skipped)
-    assert len(trajectory) == count
-    np.testing.assert_allclose(trajectory.rest, np.array(drive.observations)[: count + 1, 720:], atol=1e-6)
-    np.testing.assert_array_equal(
-        trajectory.scan, TransitionLayout().quantise(np.array(drive.observations)[: count + 1])
-    )
-    assert trajectory.reward[-1] > -1.0 if terminated else trajectory.reward[-1] < 0.0
+def test_how_a_course_ends(tmp_path, kind, status, seconds, finish, count, terminated, skipped):
+    """If the node does not tell what it saw there, the end is seen as its last decision was."""
+    drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
+    (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
+    assert (trajectory.terminated, why) == (terminated, skipped)
+    assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
+    assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # there its time costs nothing
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
@@ -309,7 +289,7 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
         ("status", "no goals on /move_base/status"),
         ("decision", "no decisions"),
     ):
-        record(tmp_path / f"no_{missing}.bag", without=(missing,), node=missing != "decision")
+        record(tmp_path / f"no_{missing}.bag", without=(missing,))
         reasons[f"no_{missing}.bag"] = reason
     assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     dataset = Dataset(tmp_path / "out")
