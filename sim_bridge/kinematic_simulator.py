@@ -136,7 +136,7 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
 
 
 @kernel
-def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, found):
+def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
     """Fill found (_MOST_CONTACTS, 8) with the contacts of the outline at (x, y), heading (c, s); return their number.
 
     parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0
@@ -144,7 +144,7 @@ def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, foun
     """
     n = 0
     reach = reach + _MARGIN_M
-    for i in range(n_circles):
+    for i in range(circles.shape[0]):
         dx, dy = circles[i, 0] - x, circles[i, 1] - y
         far = circles[i, 2] + reach
         if dx * dx + dy * dy >= far * far:
@@ -156,7 +156,7 @@ def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, foun
                 its_u, its_s = c * circles[i, 3] + s * circles[i, 4], c * circles[i, 4] - s * circles[i, 3]
                 found[n] = depth, qx, qy, nx, ny, float(k), its_u, its_s
                 n += 1
-    for i in range(n_boxes):
+    for i in range(boxes.shape[0]):
         dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
         hx, hy = 0.5 * boxes[i, 3], 0.5 * boxes[i, 4]
         px, py = c * dx + s * dy, c * dy - s * dx
@@ -216,6 +216,13 @@ def _press(u, s, w, found, n, rims, scalars):
 
 
 @kernel
+def _near(obstacles, radii, x, y, span):
+    """Return a copy of the obstacles (n, 5) whose circle, of radii (n,) [m], comes within span [m] of (x, y)."""
+    dx, dy, far = obstacles[:, 0] - x, obstacles[:, 1] - y, radii + span
+    return obstacles[dx * dx + dy * dy < far * far]
+
+
+@kernel
 def drive(
     state, rolling, steps, targets, circles, boxes, scalars, supports, parts, table, noise, friction, slip, ground
 ):
@@ -227,21 +234,8 @@ def drive(
     """
     reach = scalars[m.REACH]
     span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
-    close = np.empty((circles.shape[0], 5))
-    n_close = 0
-    for k in range(circles.shape[0]):
-        dx, dy, far = circles[k, 0] - state[X], circles[k, 1] - state[Y], circles[k, 2] + span
-        if dx * dx + dy * dy < far * far:
-            close[n_close] = circles[k]
-            n_close += 1
-    near_boxes = np.empty((boxes.shape[0], 5))
-    n_boxes = 0
-    for k in range(boxes.shape[0]):
-        dx, dy = boxes[k, 0] - state[X], boxes[k, 1] - state[Y]
-        far = 0.5 * hypot(boxes[k, 3], boxes[k, 4]) + span
-        if dx * dx + dy * dy < far * far:
-            near_boxes[n_boxes] = boxes[k]
-            n_boxes += 1
+    circles = _near(circles, circles[:, 2], state[X], state[Y], span)
+    boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), state[X], state[Y], span)
     found, lift, rims = np.empty((_MOST_CONTACTS, 8)), np.ones(supports.shape[0]), np.empty(2)
     x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
     contact, rolled, k_target = False, 0.0, 0
@@ -255,14 +249,13 @@ def drive(
         du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)
         u, s, w = u + du, s + ds, w + dw
         c, sn = cos(yaw), sin(yaw)
-        if n_close > 0 or n_boxes > 0:
-            n = _contacts(x, y, c, sn, parts, reach, close, n_close, near_boxes, n_boxes, found)
-            if n > 0:
-                u, s, w, pressed = _press(u, s, w, found, n, rims, scalars)
-                contact |= pressed
-        for i in range(n_close):
-            close[i, 0] += STEP * close[i, 3]
-            close[i, 1] += STEP * close[i, 4]
+        n = _contacts(x, y, c, sn, parts, reach, circles, boxes, found)
+        if n > 0:
+            u, s, w, pressed = _press(u, s, w, found, n, rims, scalars)
+            contact |= pressed
+        for i in range(circles.shape[0]):
+            circles[i, 0] += STEP * circles[i, 3]
+            circles[i, 1] += STEP * circles[i, 4]
         x += STEP * (c * u - sn * s)
         y += STEP * (sn * u + c * s)
         yaw += STEP * w

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -41,20 +42,20 @@ class Mover:
     waypoints: Tuple[KeyFrame, ...]
     length: float = 0.0
     repeat: bool = True
-    _times: List[float] = field(init=False, repr=False, compare=False)
-    _tangents: List[Point] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        points = [(x, y) for _, x, y in self.waypoints]
         if not self.length:
             object.__setattr__(self, "length", self.waypoints[-1][0])
-        object.__setattr__(self, "_times", [row[0] for row in self.waypoints])
-        object.__setattr__(self, "_tangents", _tangents(points))
+
+    @cached_property
+    def _curve(self) -> Tuple[List[float], List[Point]]:
+        """Times and tangents of the key frames."""
+        return [t for t, _, _ in self.waypoints], _tangents([(x, y) for _, x, y in self.waypoints])
 
     def position(self, t: float) -> Point:
         """Centre at time t >= 0 [s]: (x, y) [m]. Steps as in gazebo::common::Animation::GetKeyFramesAtTime."""
         t = math.fmod(t, self.length) if self.repeat else min(t, self.length)
-        times, points = self._times, self.waypoints
+        (times, tangents), points = self._curve, self.waypoints
         second = bisect_left(times, t)
         if second == len(times):
             return points[-1][1:]
@@ -62,7 +63,6 @@ class Mover:
             return points[second][1:]
         first = second - 1
         u = (t - times[first]) / (times[second] - times[first])
-        tangents = self._tangents
         return (
             _hermite(points[first][1], points[second][1], tangents[first][0], tangents[second][0], u),
             _hermite(points[first][2], points[second][2], tangents[first][1], tangents[second][1], u),
@@ -182,7 +182,7 @@ class World:
     cylinders: np.ndarray
     boxes: np.ndarray
     course: Course
-    movers: Tuple[Mover, ...] = field(default=())
+    movers: Tuple[Mover, ...] = ()
 
 
 def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray:
