@@ -5,7 +5,7 @@ Started as `rosrun applr_ros1 sim_bridge.py`.
 Publishes, under the names in the robot's description, here the Jackal's: /clock (100 Hz); front/scan at the laser's
 rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~collision, ~ground_truth (frame world) at
 the odometry's; ~obstacles (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel (the newest
-command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is).
+command counts).
 Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
 ~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor;
 ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
@@ -24,11 +24,10 @@ from math import isfinite
 from typing import Any
 
 import rospy
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
-from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
@@ -95,7 +94,6 @@ class Bridge:
         robot = self.simulator.robot
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
             rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
-        rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
@@ -171,12 +169,6 @@ class Bridge:
         with self.arrived:
             self.newest, self.driven = (v, w), True
             self.arrived.notify()
-
-    def on_set_pose(self, message: Any) -> None:
-        """Set the odometry's estimate of the pose; the robot stays where it is."""
-        p, q = message.pose.pose.position, message.pose.pose.orientation
-        with self.lock:
-            self.simulator.set_odometry((p.x, p.y, yaw_of(q)))
 
     # -- for Gazebo's services ------------------------------------------------------------------------
     def pause(self) -> None:

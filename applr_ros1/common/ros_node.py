@@ -1,13 +1,8 @@
-"""Begin and end of a ROS node of this package: with one line where there is no master, and without a deadlock.
+"""Begin and end of a ROS node: one line if there is no master, no deadlock, no traceback at a shutdown.
 
-rospy runs a shutdown inside its signal handler, in the middle of whatever the main thread was doing. If that was
-publishing or logging, the lock that the shutdown needs may be taken, and the node would stay until roslaunch kills it.
-init_node() has a thread do it, for which the main thread waits a little: it stands meanwhile, as with rospy, and then
-lets go of its lock.
-
-A shutdown of rospy also closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile. It raises
-ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError. For those
-in callbacks, services and threads, rospy or Python would print a traceback, which init_node() prevents.
+rospy runs a shutdown inside its signal handler. If the main thread was just publishing or logging, it holds the lock
+that the shutdown needs. init_node() therefore has a thread do it. A shutdown also closes the topics before
+rospy.is_shutdown() says so: publish() then raises ROSException or, in the middle of a call, another exception.
 """
 
 from __future__ import annotations

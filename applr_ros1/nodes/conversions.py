@@ -25,7 +25,6 @@ from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level
-WHOLE_SHARE = 0.9  # share of its predecessor's angle that a scan covers at least
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
@@ -76,36 +75,23 @@ def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], sta
 
 
 # -- in --------------------------------------------------------------------------------------------------------
-def check_scan(message, turn: Optional[float], no_return: Optional[float] = None) -> np.ndarray:
+def check_scan(message, no_return: Optional[float] = None) -> np.ndarray:
     """Return the ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
 
-    `turn`: the angle [rad] that its predecessor covered, None for any. Each turn of a scanner may have another number
-    of beams, but one that covers much less than the one before is cut short.
     `no_return`: the range that becomes +inf. NaN, inf and -inf beams are ordinary (REP-117); a scan of nothing but NaN
     is a blind scanner.
     """
-    n = len(message.ranges)
-    if not n:
+    if not len(message.ranges):
         raise MessageError("has 0 beams")
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry[:3])) or math.isnan(geometry[3]) or message.angle_increment == 0.0:
         raise MessageError(
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
         )  # range_max may be infinite, as in laser_geometry
-    covered = angle_covered(message)
-    if turn is not None and covered < WHOLE_SHARE * turn:
-        raise MessageError(
-            f"covers {covered:.3g} rad where it covered {turn:.3g}: check the scanner; it is accepted after two seconds"
-        )
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
     return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
-
-
-def angle_covered(message) -> float:
-    """Return the angle [rad] from the first beam of a sensor_msgs/LaserScan to its last one, whichever way they run."""
-    return abs((len(message.ranges) - 1) * message.angle_increment)
 
 
 def points_of(message) -> np.ndarray:

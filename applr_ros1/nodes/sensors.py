@@ -28,7 +28,6 @@ from .conversions import MessageError, Pose
 from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
 SCANS_KEPT = 20  # scans kept until their transform comes
-TURN_HELD_S = 2.0  # s without a usable scan after which the scanner may have another angle
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 ADJUSTMENT_S = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 
@@ -180,8 +179,7 @@ class Sensors:
 
     def _use(self, topic, message):
         """Return the observation of a message, None while its transform is not there. Raises MessageError."""
-        now = rospy.get_rostime()
-        ahead = (message.header.stamp - now).to_sec()
+        ahead = (message.header.stamp - rospy.get_rostime()).to_sec()
         if ahead > MAX_AGE_S:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
         frame, stamp = message.header.frame_id, message.header.stamp
@@ -196,9 +194,7 @@ class Sensors:
                 origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
         if not topic.is_scan:
             return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
-        turn = topic.turns.get(frame) if now - topic.used_of(message) < rospy.Duration(TURN_HELD_S) else None
-        ranges = conversions.check_scan(message, turn, self._no_return)
-        topic.turns[frame] = conversions.angle_covered(message)
+        ranges = conversions.check_scan(message, self._no_return)
         return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message) -> Pose:
@@ -225,7 +221,6 @@ class _Topic:
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self.turns: Dict[str, float] = {}  # angle [rad] that the last one that was used covered, by frame
         self._used: Dict[str, rospy.Time] = {}  # its stamp
         self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
         self._lock = threading.Lock()  # of what waits

@@ -130,13 +130,14 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
 
 def test_a_server_that_comes_back_gets_what_was_requested_last():
     client = ReconfigureClient()  # not started: nothing is applied
-    client.applied = THETA_0
+    client.reapply()
+    assert not client.busy
     client.request(SPACE.high)
+    client._in_force = client._requested
+    assert not client.busy
     client.reapply()
+    assert client.busy
     assert np.array_equal(client._requested, SPACE.high)
-    client._requested = None
-    client.reapply()
-    assert np.array_equal(client._requested, THETA_0)
 
 
 @pytest.mark.parametrize("said", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])

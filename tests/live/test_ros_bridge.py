@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rospy
 import tf2_ros
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
@@ -51,7 +51,6 @@ class Robot:
             for topic, kind in HEARD.items()
         ]
         self.command = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-        self.set_pose = rospy.Publisher("/set_pose", PoseWithCovarianceStamped, queue_size=1)
         self.process = start("sim_bridge", parameters)
         self.wait(lambda: self.heard["/front/scan"] and self.command.get_num_connections())
 
@@ -101,7 +100,6 @@ class Robot:
         for subscriber in self.subscribers:
             subscriber.unregister()
         self.command.unregister()
-        self.set_pose.unregister()
 
 
 @pytest.fixture(scope="module")
@@ -199,18 +197,6 @@ def test_reset_puts_robot_and_odometry_back_and_clears_the_costmaps(robot):
     clocks = [message.clock for message in robot.heard["/clock"]]
     assert clocks == sorted(clocks)  # ROS time does not go back
     service.shutdown("done")
-
-
-def test_set_pose_sets_what_the_odometry_believes(robot):
-    message = PoseWithCovarianceStamped()
-    message.pose.pose.position.x, message.pose.pose.position.y, message.pose.pose.orientation.w = 1.0, 2.0, 1.0
-    truth = robot.true_place
-    wait_for(robot.set_pose.get_num_connections, "connection")
-    robot.set_pose.publish(message)
-    robot.wait(lambda: robot.place == pytest.approx((1.0, 2.0), abs=0.01))
-    assert robot.true_place == pytest.approx(truth, abs=1e-3)
-    rospy.ServiceProxy("/sim_bridge/reset", Empty)()
-    robot.wait(lambda: robot.place == (0.0, 0.0))
 
 
 def test_contact_is_reported(robot):

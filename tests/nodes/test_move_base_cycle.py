@@ -53,7 +53,7 @@ def test_diagnostics_say_which_critics_refused_the_samples():
     node.move_base.step.return_value = Cycle(controlled=True)
     node.move_base.local_planner.refusals.side_effect = [{}, refused]
     node.watchdog.is_lost.return_value = False
-    node.sensors.ages.return_value, node._refusals = {}, {}
+    node.sensors.ages.return_value, node._refusals, node.loop.missed = {}, {}, 0
     reports = []
     for cycles in (1, 2, 0):
         for _ in range(cycles):  # once there are reasons, they stay until they are reported

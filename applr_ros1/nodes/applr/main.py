@@ -58,8 +58,6 @@ def enable(node, request):
 def set_parameters(node, message):
     """The topic ~set_parameters: a set by hand, by names and values."""
     try:
-        if len(message.names) != len(message.values):
-            raise ApplrError(f"{len(message.names)} names have {len(message.values)} values")
         node.set_by_hand(dict(zip(message.names, message.values)))
     except ApplrError as problem:
         rospy.logerr("applr: no parameter was set by hand: %s", problem)

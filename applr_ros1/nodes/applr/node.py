@@ -262,8 +262,8 @@ class ApplrNode:
         """Leave the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.client.stop()
         client, theta = self.client, self.client.space.clip(self.space.theta0)
-        only = np.array_equal(client.applied, theta) and np.array_equal(client.sent, theta)
-        if client.sent is None or (only and (client.multipliers == 1.0).all()):
+        only = np.array_equal(client.sent, theta) and (client.multipliers == 1.0).all()
+        if client.sent is None or (only and not client.busy):
             return
         self.meter_scoring.forget()  # as the planner was before this node came
         if client.apply(theta, RESTORE_S):  # again if a former call was still to be answered

@@ -127,7 +127,6 @@ class ReconfigureClient:
         on_trouble: Called from there with one line while the servers cannot be found, and with "" when they have been.
 
     Attributes:
-        applied: theta (n,) of the last request that came into force.
         multipliers: (n,) by which parameters are multiplied on their way to the planner (MeterScoring sets them).
     """
 
@@ -141,10 +140,10 @@ class ReconfigureClient:
     ):
         self.namespace, self.space = namespace.rstrip("/"), space
         self._on_restart, self._on_report, self._on_trouble = on_restart, on_report, on_trouble
-        self.applied: Optional[np.ndarray] = None
-        self._requested: Optional[np.ndarray] = None  # theta (n,) that is not in force yet
+        self._requested: Optional[np.ndarray] = None  # theta (n,) of the last request
+        self._in_force: Optional[np.ndarray] = None  # the same object once it is in force
         self._stopped = False
-        self._asking, self._wake = threading.RLock(), threading.Event()
+        self._asking, self._wake = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
         self._servers: Dict[str, Server] = {}  # by their names in the space
         self.multipliers = np.ones(len(space))
@@ -291,15 +290,14 @@ class ReconfigureClient:
 
     def reapply(self) -> None:
         """Apply the present parameters anew: a server came back and has its start-up values."""
-        with self._asking:
-            present = self.applied if self._requested is None else self._requested
-            if present is not None:
-                self.request(present)  # an attempt that is under way may have reached the server before
+        with self._asking:  # a copy: an attempt that is under way may have reached the server before
+            self._requested = None if self._requested is None else self._requested.copy()
+        self._wake.set()
 
     @property
     def busy(self) -> bool:
         """True while a request is not in force."""
-        return self._requested is not None
+        return self._requested is not self._in_force
 
     def stop(self) -> None:
         """End the thread; what is still requested is dropped."""
@@ -324,18 +322,12 @@ class ReconfigureClient:
                     if not trouble or searches >= MOST_SEARCHES:
                         self._on_trouble(trouble)
                     pause = SEARCH_S if trouble else 0.0
-                elif theta is not None:
-                    self._attempt(theta)
-                    pause = RETRY_S
+                elif theta is not None and self.busy:
+                    error, pause = self.apply(theta), RETRY_S
+                    if not error:
+                        self._in_force = theta
+                    self._on_report(error)
             except Exception as e:  # whatever it is, the thread that talks to the planner goes on
                 self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
             self._wake.wait(pause)
             self._wake.clear()
-
-    def _attempt(self, theta: np.ndarray) -> None:
-        error = self.apply(theta)
-        with self._asking:
-            if not error:
-                self.applied = theta
-                self._requested = None if theta is self._requested else self._requested
-        self._on_report(error)

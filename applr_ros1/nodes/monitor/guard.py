@@ -29,7 +29,7 @@ SILENCE_S = 0.35  # time without a heartbeat after which zeros are published [s]
 ZEROS_S = 0.05  # time between two zeros [s]
 FROZEN_S = 5.0  # time without a heartbeat after which the node is ended [s]
 ENDS_S = 3.0  # time that the node has to end when this process is asked to [s]
-LAST_S = 0.2  # time for the last zero to reach the base [s]
+LAST_ZEROS = 10  # number of zeros after the node's end
 
 
 class Heartbeat:
@@ -85,10 +85,12 @@ def _watch(out: rospy.Publisher) -> int:
     if rospy.is_shutdown():
         node.terminate()
         with suppress(subprocess.TimeoutExpired):
-            return node.wait(ENDS_S)
+            node.wait(ENDS_S)
         node.kill()
-    elif heard < math.inf:
+        return 0
+    if heard < math.inf:
         rospy.logerr("collision monitor: its process has ended: the base stands until roslaunch starts it anew")
-        out.publish(Twist())
-        time.sleep(LAST_S)
+        for _ in range(LAST_ZEROS):  # the end closes connections, and a single zero might be lost
+            out.publish(Twist())
+            time.sleep(ZEROS_S)
     return node.wait()

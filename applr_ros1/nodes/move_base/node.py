@@ -81,7 +81,6 @@ class MoveBaseNode:
         self._refusals = {}  # of the first cycle without a legal command since the last report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
-        self._report_missed_from = 0.0  # time.monotonic()
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
@@ -146,7 +145,6 @@ class MoveBaseNode:
         self._show(cycle, pose, stamp)
         if self.watchdog.is_lost(now):  # in a thread: a server's own lock is taken before the loop's
             threading.Thread(target=self._back_to_start_up, daemon=True).start()
-        self._report_missed()
         self._report(stamp)
 
     def _locate(self, stamp):
@@ -230,25 +228,22 @@ class MoveBaseNode:
             self.watchdog.patience,
         )
 
-    def _report_missed(self) -> None:
-        if self.loop.missed and time.monotonic() > self._report_missed_from:
-            self._report_missed_from = time.monotonic() + 5.0  # until then they add up
-            rospy.logwarn(
-                f"control loop missed its rate of {self.move_base.frequency:g} Hz: {self.loop.missed} cycles left out",
-            )
-            self.loop.missed = 0
-
     def _report(self, stamp) -> None:
-        if time.monotonic() > self._report_from:
-            self._report_from = time.monotonic() + 1.0
-            name, refused = rospy.get_name().lstrip("/"), self._refusals
-            blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
-            for what, level, text, values in (
-                ("age of what commands are made from", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
-                ("samples that critics refused", *blocked, refused),
-            ):
-                self._diagnostics.publish(conversions.diagnostics(f"{name}: {what}", level, text, values, stamp))
-            self._refusals = {}
+        """Report once a second: cycles left out, ages, and which critics refused the samples."""
+        if time.monotonic() <= self._report_from:
+            return
+        self._report_from = time.monotonic() + 1.0
+        if self.loop.missed:
+            rate = self.move_base.frequency
+            rospy.logwarn(f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles left out")
+            self.loop.missed = 0
+        name, refused, self._refusals = rospy.get_name().lstrip("/"), self._refusals, {}
+        blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
+        for what, level, text, values in (
+            ("age of what commands are made from", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
+            ("samples that critics refused", *blocked, refused),
+        ):
+            self._diagnostics.publish(conversions.diagnostics(f"{name}: {what}", level, text, values, stamp))
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work):

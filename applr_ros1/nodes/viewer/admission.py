@@ -50,10 +50,7 @@ def guarded(token: str) -> Iterator[None]:
 
     def serve_guarded(*where: Any, process_request: Any, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
-            try:
-                reason = refusal(request.path, request.headers, token)
-            except LookupError:  # of websockets
-                reason = "a header is there twice"
+            reason = refusal(request.path, request.headers, token)
             if reason:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
             request.path = request.path.replace("/" + token, "", 1) or "/"

@@ -17,7 +17,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import compose, transform_point
-from applr_ros1.nodes.conversions import MessageError, check_scan, pose_of
+from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.robots import Robot
 
 from .listening import Listener
@@ -123,10 +123,7 @@ class Scene:
         message, mounted = self._listener.placed(self._robot.topics.scan, LaserScan)
         if message is None:
             return
-        try:
-            ranges = check_scan(message, None)
-        except MessageError:
-            return
+        ranges = np.asarray(message.ranges)
         hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
         angles = message.angle_min + hits * message.angle_increment
         flat = np.column_stack([ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)])
