@@ -21,12 +21,12 @@ from worlds import Course, Mover, World
 
 
 class FakeMoveBase:
-    """Drives straight ahead at v, and after `end` cycles says `result`."""
+    """Drives commands (v, w) of a second each, the last one for ever, and after `end` cycles says `result`."""
 
     goal = None
 
-    def __init__(self, v=1.0, end=None, result=None, w=0.0, variant="ours"):
-        self.v, self.w, self.end, self.result = v, w, end, result
+    def __init__(self, *commands, end=None, result=None, variant="ours"):
+        self.commands, self.end, self.result = commands, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
         self.parameters, self.goal_tolerance, self.variant = {"applr": {"movers": False}}, 0.25, variant
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
@@ -55,7 +55,8 @@ class FakeMoveBase:
         self.steps.append((now, pose, twist))
         self.scans.append(scan)
         over = self.end is not None and len(self.steps) > self.end
-        command = (0.0 if over else self.v, self.w) if self.goals else None
+        command = self.commands[min((len(self.steps) - 2) // 20, len(self.commands) - 1)]
+        command = (0.0 if over else command[0], command[1]) if self.goals else None
         result = self.result if over and len(self.steps) == self.end + 1 else None
         return SimpleNamespace(command=command, result=result, new_plan=len(self.steps) % 10 == 1)
 
@@ -69,7 +70,10 @@ def straight(obstacle=None):
 
 
 def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", **options):
-    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v, end, result, variant=variant)
+    simulator, planner = (
+        sim_bridge.make("kinematic", slip=0.0),
+        FakeMoveBase((v, 0.0), end=end, result=result, variant=variant),
+    )
     episode = Episode(simulator, planner, period=2.0, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
@@ -164,63 +168,46 @@ def test_how_a_trial_ends(options, fails, ends):
     assert "end_on_collision" not in options or last.time_s < 4
 
 
-@pytest.mark.parametrize(
-    ("planner_ends", "off", "arrives"),
-    [(True, 0.4, True), (False, 0.4, False), (True, 0.9, False)],
-    ids=["the planner's word", "a circle of its own", "odometry is lost"],
-)
-def test_where_a_course_has_no_finish_the_planner_calls_it_done_by_odometry(planner_ends, off, arrives):
-    """The robot drives over its goal, 4 m ahead, at 0.5 m/s; true place and odometry are so far [m] apart sideways."""
-    course = replace(straight().course, goal=(1.0, 6.0, math.pi / 2), finish_y=None, goal_tolerance=0.25)
-    world = replace(straight(), course=replace(course, planner_ends=planner_ends))
-    episode = trial(v=0.5, limit=6, world=world)
-    to_odom = episode.simulator.to_odom
-    episode.simulator.to_odom = lambda pose: to_odom((pose[0] - off, *pose[1:]))
-    episode.reset(replace(world, course=replace(world.course, goal=(1.0 + off, 6.0, math.pi / 2))), 0)
-    last = drive(episode)[-1]
-    assert (last.success, last.reason) == ((True, "finished") if arrives else (False, "time limit"))
-    if arrives:
-        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), "as soon as it is within its tolerance"
+REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
 
 
 @pytest.mark.parametrize(
-    ("left", "result", "reason"),
+    ("planner_ends", "off", "left", "result", "reason"),
     [
-        (0.6, ("succeeded", "Goal reached."), "finished"),
-        (0.9, ("succeeded", "Goal reached."), "planner succeeded: Goal reached."),
-        (0.6, ("aborted", "why"), "planner aborted: why"),
+        (True, 0.4, 0.0, None, "finished"),
+        (False, 0.4, 0.0, None, "time limit"),  # a circle of its own
+        (True, 0.9, 0.0, None, "time limit"),  # odometry is lost
+        (True, 0.0, 0.6, REACHED, "finished"),
+        (True, 0.0, 0.9, REACHED, "planner succeeded: Goal reached."),
+        (True, 0.0, 0.6, GIVES_UP, "planner aborted: why"),
     ],
 )
-def test_where_a_course_has_no_finish_the_planners_word_counts_beside_the_goal_too(left, result, reason):
-    """Its plan may end beside the goal: so many metres before it here, of which .25 are its tolerance."""
-    course = replace(straight().course, goal=(1.0, 6.0, math.pi / 2), finish_y=None, goal_tolerance=0.25)
-    world = replace(straight(), course=replace(course, planner_ends=True))
-    last = drive(trial(v=0.5, limit=6, world=world, end=round((4.0 - left) / 0.5 / 0.05), result=result))[-1]
+def test_where_a_course_has_no_finish_the_planner_calls_it_done(planner_ends, off, left, result, reason):
+    """By odometry, which is `off` [m] sideways of the true place; or by its word, `left` [m] before the goal.
+
+    The robot drives over its goal, 4 m ahead, at 0.5 m/s. .25 m are the planner's tolerance.
+    """
+    goal, more = (1.0, 6.0, math.pi / 2), {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
+    world = replace(straight(), course=replace(straight().course, goal=goal, **more))
+    end = round((4.0 - left) / 0.5 / 0.05) if result else None
+    episode = trial(v=0.5, limit=6, world=world, end=end, result=result)
+    to_odom = episode.simulator.to_odom
+    episode.simulator.to_odom = lambda pose: to_odom((pose[0] - off, *pose[1:]))
+    episode.reset(replace(world, course=replace(world.course, goal=(1.0 + off, *goal[1:]))), 0)
+    last = drive(episode)[-1]
     assert (last.success, last.reason) == (reason == "finished", reason)
+    if last.success and off:
+        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), "as soon as it is within its tolerance"
 
 
 def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
     robot = robots.load("turtlebot3_burger")
-    planner = FakeMoveBase(0.1)
+    planner = FakeMoveBase((0.1, 0.0))
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
     episode.reset(straight(), 0)
     episode.decide(episode.space.theta0)
     seen = [scan is not None for scan in planner.scans]
     assert seen == [k % 4 == 0 for k in range(41)]
-
-
-class Scripted(FakeMoveBase):
-    """Drives commands (v, w) of a second each."""
-
-    def __init__(self, commands):
-        super().__init__()
-        self.commands = commands
-
-    def step(self, now, pose, twist, scan):
-        cycle = super().step(now, pose, twist, scan)
-        if cycle.command:
-            cycle.command = self.commands[min((len(self.steps) - 2) // 20, len(self.commands) - 1)]
-        return cycle
 
 
 FIELDS = ("phi", "progress", "progress_y", "last_scan_min", "decision_min", "contact", "collided", "seconds")
@@ -238,7 +225,7 @@ def test_what_every_decision_of_a_drive_says():
     course = straight().course
     course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
     world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
-    planner = Scripted([(1.0, 0.0), (1.5, 0.0), (-0.8, 0.0), (-0.3, 0.8)])
+    planner = FakeMoveBase((1.0, 0.0), (1.5, 0.0), (-0.8, 0.0), (-0.3, 0.8))
     episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=1.0)
     episode.reset(world, 0)
     for row in GOLDEN:
@@ -439,7 +426,7 @@ def test_a_course_begins_with_no_scan_of_the_one_before():
 def test_a_policy_is_told_where_a_mover_is_from_a_robot_that_turns():
     """It begins at (1, 2) in the world, which is the odometry's origin, and looks back to the left in the end."""
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
-    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(v=0.0, w=0.6)
+    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase((0.0, 0.6))
     planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
     episode, form = Episode(simulator, planner, period=0.5), DimensionlessForm(robots.JACKAL, 0.5)
     episode.layout = form.layout
