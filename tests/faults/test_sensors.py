@@ -71,18 +71,6 @@ def test_odd_beams_are_ordinary(stack):
     assert all(math.isfinite(value) for value in stack.decisions[-1]["theta"].values())
 
 
-@pytest.mark.fault("11a")
-def test_another_scanner_is_taken(stack, measured):
-    """It comes up late, with another number of beams than the one before: a complete scan counts by itself."""
-    stack.under_way()
-    since = stack.relay.now
-    stack.relay.bend["scan"] = beams(lambda ranges: ranges[:400])
-    stack.drives_again()
-    measured("drives after", stack.relay.now - since, "s")
-    stack.relay.mend()
-    stack.drives_again()  # the right one is another one, too
-
-
 @pytest.mark.fault("12a")
 def test_a_transform_far_ahead(stack, measured):
     """One message stamped half a minute ahead does not hold the robot up for half a minute."""
