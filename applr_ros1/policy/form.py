@@ -38,11 +38,6 @@ class Mirror(NamedTuple):
         return cls(order, sign)
 
 
-def mirrored(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """Return the network that answers an observation as the given one answers its mirror image."""
-    return dict(weights, **{"0.weight": (weights["0.weight"] * mirror.sign)[..., mirror.order]})
-
-
 def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
     """Return networks side by side, each followed by the one that answers as it does with left and right exchanged.
 
@@ -51,7 +46,7 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
         mirror: What exchanging left and right does to their input.
     """
     several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
-    images = mirrored(several, mirror)
+    images = dict(several, **{"0.weight": (several["0.weight"] * mirror.sign)[..., mirror.order]})
     return {name: np.stack([t, images[name]], axis=1).reshape(-1, *t.shape[1:]) for name, t in several.items()}
 
 
