@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import replace
 from functools import lru_cache
-from typing import Iterable, Set, Tuple
+from typing import Iterable, Tuple
 
 from pydantic import ValidationError
 
@@ -18,7 +17,6 @@ from applr_ros1.robots.robot import FILE, Robot, RobotFile
 
 _HERE = os.path.dirname(os.path.abspath(__file__))
 NAMES = tuple(sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE))))
-_reported: Set[str] = set()  # remarks that this process has printed
 
 
 class RobotError(ApplrError):
@@ -31,13 +29,12 @@ class RobotError(ApplrError):
         super().__init__(f"{folder}: {self.lines[0]}{listed}")
 
 
-def load(name_or_folder: str, with_map: bool = False, report: bool = False) -> Robot:
+def load(name_or_folder: str, with_map: bool = False) -> Robot:
     """Return the description of an included robot by name, or of the robot in a folder, which is checked.
 
     Args:
         name_or_folder: A name without a slash that is included means the included robot, for which nothing is checked.
         with_map: Whether its files for a map are checked, instead of those without.
-        report: Whether remarks about it are printed on stderr, once in a process.
 
     Raises:
         RobotError: It has errors: a line for each.
@@ -49,10 +46,6 @@ def load(name_or_folder: str, with_map: bool = False, report: bool = False) -> R
     errors = check.check(robot, with_map)
     if errors:
         raise RobotError(robot.folder, errors)
-    for line in check.remarks(robot, with_map) if report else ():
-        if line not in _reported:
-            print(f"remark: {robot.name}: {line}", file=sys.stderr)
-            _reported.add(line)
     return robot
 
 

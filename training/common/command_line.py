@@ -21,15 +21,10 @@ def robot_name(robot: Robot) -> str:
     return robot.name if included else robot.folder
 
 
-def _loaded(report: bool) -> BeforeValidator:
-    """Return a validator that loads a robot by its name or folder."""
-    return BeforeValidator(lambda given: given if isinstance(given, Robot) else load(given, report=report))
-
-
 # Options of several commands. A command gives a default where none is here, and a help text where it means more.
 # fmt: off
-QuietRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), _loaded(False)]
-AnyRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), _loaded(True), Field("jackal", description=
+Loaded = BeforeValidator(lambda given: given if isinstance(given, Robot) else load(given))
+AnyRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), Loaded, Field("jackal", description=
     f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
     "(docs/tutorials/your_robot.md).")]
 SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(description="Simulator to drive in.")]
@@ -44,11 +39,7 @@ Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser that raises ApplrError instead of ending the program, and takes no abbreviations."""
-
-    def __init__(self, prog: str, description: str, epilog: str = ""):
-        form = argparse.RawDescriptionHelpFormatter
-        super().__init__(prog, None, description, epilog, formatter_class=form, allow_abbrev=False)
+    """An ArgumentParser that raises ApplrError instead of ending the program."""
 
     def error(self, message: str) -> NoReturn:
         """Raise ApplrError with argparse's message."""
@@ -56,7 +47,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def given(
-    model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None, epilog: str = ""
+    model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None
 ) -> Dict[str, Any]:
     """Return the options that a command line gives, unchecked, without ROS's remapping arguments.
 
@@ -65,12 +56,12 @@ def given(
         program: Name of the command.
         about: Help text before the options.
         arguments: Arguments without the program's name; None means those of this process.
-        epilog: Help text behind the options.
 
     Raises:
         ApplrError: An option is unknown, or lacks its value.
     """
-    parser = Parser(program, about or "", epilog)
+    form = argparse.RawDescriptionHelpFormatter
+    parser = Parser(program, description=about, formatter_class=form, allow_abbrev=False)
     add_options(parser, model)
     return vars(parser.parse_args(without_remappings(arguments)))
 

@@ -9,8 +9,8 @@ from pydantic import ConfigDict
 
 from applr_ros1.policy.dimensionless import FORMS
 from applr_ros1.policy.form import Form
-from applr_ros1.robots import JACKAL, Robot
-from training.common.command_line import AnyRobot, QuietRobot, SimulatorName
+from applr_ros1.robots import Robot
+from training.common.command_line import AnyRobot, SimulatorName
 from training.common.options import Options, option
 from training.env.episode import TIME_LIMIT, counting_cells
 from training.env.reward import Reward
@@ -67,7 +67,6 @@ class TrialSettings(DriveSettings):
         time_limit: Time after which a trial ends and counts as failed [s].
     """
 
-    robot: QuietRobot = JACKAL
     observation: Literal["paper", "dimensionless"] = "paper"
     base: Dict[str, float] = {}
     period: Optional[float] = None

@@ -37,8 +37,9 @@ PAPER_STEPS = 5_000_000
 # options that a resumed run keeps
 FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm"
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
-simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it."""
-EPILOG = """Defaults are the paper's; where the paper is silent, those of its authors' code.
+simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
+
+Defaults are the paper's; where the paper is silent, those of its authors' code.
 docs/explanation/learning_problem.md describes the learning problem and each deviation."""
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
@@ -294,7 +295,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     Raises:
         ApplrError: with one line.
     """
-    given = command_line.given(TrainConfig, "train.py", ABOUT, arguments, EPILOG)
+    given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
     if not given.get("resume"):
         config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
         if "gradient_steps" in config.model_fields_set and not config.dataset:  # else it drove for days

@@ -67,7 +67,7 @@ class TrainingRun:
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed, setting)
         self._next_episode = self.learner.extra.get("next_episode", 0)
         self._running: Set[Future] = set()  # episodes whose results are not yet taken
-        self._published, self._policy = -1, b""  # gradient steps and weights of the policy that drives episodes
+        self._published, self._policy = 0, b""  # gradient steps and weights of the policy that drives episodes
         self._saved = self._shown = time.monotonic()
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
@@ -142,16 +142,15 @@ class TrainingRun:
         while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
             if self.offline or self.finished:
                 return
-            self._publish()
-            self._running.add(self.pool.submit(self.made.collect, self._episode(), self._policy))
-
-    def _episode(self) -> Collect:
-        """The next training episode."""
-        config, number, transitions = self.config, self._next_episode, self.learner.transitions
-        self._next_episode += 1
-        random = transitions < config.learning_starts and not config.init_from
-        world = draw_world(config.seed, number, self.made.worlds)
-        return Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+            config, number, transitions = self.config, self._next_episode, self.learner.transitions
+            updates, interval = self.learner.td3.updates, BROADCAST_INTERVAL if config.actors else 1
+            if not self._policy or updates >= self._published + interval:
+                self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
+            random = transitions < config.learning_starts and not config.init_from
+            world = draw_world(config.seed, number, self.made.worlds)
+            episode = Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+            self._running.add(self.pool.submit(self.made.collect, episode, self._policy))
+            self._next_episode += 1
 
     def _collect(self, timeout: float) -> None:
         """Takes in the results that are there, after at most `timeout` seconds, and learns from them."""
@@ -177,13 +176,6 @@ class TrainingRun:
         while self.learner.updates_due and not self.stopping:
             self.learner.update()
             self._submit()
-
-    def _publish(self) -> None:
-        """Take the present policy for the episodes that begin now, if theirs is old."""
-        updates = self.learner.td3.updates
-        interval = BROADCAST_INTERVAL if self.config.actors else 1
-        if self._published < 0 or updates >= self._published + interval:
-            self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:

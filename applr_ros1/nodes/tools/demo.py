@@ -85,7 +85,7 @@ def prepare(words):
         values["page"] = os.path.abspath(values["page"])
         if not (values["page"].endswith(".html") and os.access(os.path.dirname(values["page"]), os.W_OK)):
             raise ApplrError(f"page is {values['page']}: give a .html file in a folder that can be written")
-    robot = load(values["robot"], report=True)
+    robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
