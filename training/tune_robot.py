@@ -35,8 +35,8 @@ from training.tuning.clock import Clock
 from training.tuning.found_set import changes, driven_unseen, write_set
 from worlds.loading import FORMS
 
-WORLDS, UNSEEN = "generated:learn", "fresh:40000-40099"  # of a search without --worlds, and of all verdicts
-JUDGED = ("tuned.yaml", "without", 0.93), ("static.json", "with", 1.0)  # file, its monitor, until which share
+WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # of a search without --worlds, and of all verdicts
+JUDGED = ("tuned.yaml", "without"), ("static.json", "with")  # file, and its monitor
 
 
 class TuneOptions(Options):
@@ -49,7 +49,8 @@ class TuneOptions(Options):
     worlds: str = option(WORLDS,
         f"Courses to search in: {FORMS}; several are separated by commas. {UNSEEN} are for the verdict.")
     minutes: float = option(15.0,
-        "Time [min] from the first drive of the search to the verdicts.", gt=0, le=10_000)
+        "About how long it takes [min]; the two verdicts, of 30 courses each, are driven to their end.",
+        gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
         "What counts beside arriving without a contact: fast, the time; careful, the distance from obstacles; smooth, "
         "little jerk and turning; both without taking longer.")
@@ -99,8 +100,8 @@ def run(options: TuneOptions) -> int:
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
         say("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
         written = []
-        for file, monitor, share in JUDGED:
-            method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor, clock, share))
+        for file, monitor in JUDGED:
+            method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor))
             lines.insert(0, f"{file}, {monitor} the collision monitor:")
             shown = report.write(drives / monitor, above=lines)
             if method == SET:

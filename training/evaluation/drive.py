@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Iterable, Sequence, Tuple
+from typing import Callable, Dict, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from training.evaluation.table import Trials
@@ -16,7 +16,7 @@ def drive(
     pool: Pool,
     run: Run,
     table: Trials,
-    blocks: Iterable[Sequence[Trial]],
+    trials: Sequence[Trial],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
 ) -> Dict[Trial, Result]:
     """Return the results of trials, of which those are driven that the table does not hold; equal ones once.
@@ -25,19 +25,16 @@ def drive(
         pool: of workers.
         run: drives a trial there.
         table: where trials are kept, so that what was stopped comes to where it was and to the same result.
-        blocks: trials; the next block is asked for when the last one is done, so that time or results may end the plan.
+        trials: to be driven.
         show: called with each trial that was driven, after it was kept.
 
     Raises:
         ApplrError: a trial failed by an error.
     """
-    results: Dict[Trial, Result] = {}
-    for block in blocks:
-        missing = [trial for trial in dict.fromkeys(block) if table.find(trial) is None]
-        for trial, future in pool.unordered(run, missing):
-            try:
-                show(trial, table.add(trial, *future.result()))
-            except CallFailed as error:
-                raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
-        results.update((trial, kept) for trial in block if (kept := table.find(trial)))
-    return results
+    missing = [trial for trial in dict.fromkeys(trials) if table.find(trial) is None]
+    for trial, future in pool.unordered(run, missing):
+        try:
+            show(trial, table.add(trial, *future.result()))
+        except CallFailed as error:
+            raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
+    return {trial: kept for trial in trials if (kept := table.find(trial))}

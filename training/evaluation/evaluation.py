@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Literal, Optional, Sequence, Tuple
+from typing import Any, Dict, Literal, Sequence, Tuple
 
 from pydantic import ConfigDict
 from tqdm import tqdm
@@ -50,15 +50,8 @@ class EvaluationOptions(DriveSettings):
     # fmt: on
 
 
-def evaluate(
-    options: EvaluationOptions,
-    blocks: Optional[Callable[[List[Trial]], Iterable[Sequence[Trial]]]] = None,
-) -> Dict[Trial, Result]:
+def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
     """Drive trials of the plan that the folder options.out does not hold, and return the results of all of them.
-
-    Args:
-        options: what to drive, and how.
-        blocks: those of the plan, each asked for when the last one is done; None: one, the whole plan.
 
     Raises:
         ApplrError: with one line; what was driven so far is kept.
@@ -79,11 +72,10 @@ def evaluate(
     with Trials(options.out, settings(options, worlds, chosen)) as table:
         done = sum(table.find(trial) is not None for trial in plan)
         workers = min(options.workers, len(plan) - done)
-        total = None if blocks else len(plan)
-        bar = tqdm(total=total, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
+        bar = tqdm(total=len(plan), initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:
             with bar, Pool(workers, options.ray_address) as pool:
-                return drive(pool, runner, table, blocks(plan) if blocks else [plan], show)
+                return drive(pool, runner, table, plan, show)
         finally:
             if done < len(plan):
                 seconds = time.monotonic() - began

@@ -90,7 +90,7 @@ class PeriodicEvaluation:
         plan = plan_trials(self.worlds, [method], 1, CHOOSING + self.seed, 0)
         kept = {**self._judged, "seed": self.seed}
         with Trials(self.folder / f"evaluation-{sha256(json.dumps(kept).encode())[:8]}", kept) as table:
-            results = drive(pool, partial(run, weights=weights), table, [plan], show)
+            results = drive(pool, partial(run, weights=weights), table, plan, show)
         found = {**summary(list(results.values())), "round": number, **state, **self._judged}
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
         found["best"] = number != THETA0 and found["score"] < min(rivals, default=float("inf"))

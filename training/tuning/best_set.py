@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from training.tune_robot import TuneOptions
 
 # share of the time until which the search drives in the kinematic simulator, then in pybullet, the best sets race, and
-# parameters are put back; the rest is the verdicts'
+# parameters are put back; the rest is left to the verdicts
 COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
 COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
@@ -94,7 +94,7 @@ def best_set(
         plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
         trials = [trial for of_world in zip(*plan) for trial in of_world]
         with announced(f"driving {len(sets)} sets in {len(block)} courses, {simulator}", say, *LINES_S):
-            results = drive(pool, runner, table, [trials])
+            results = drive(pool, runner, table, trials)
         return [[results[trial] for trial in of_set] for of_set in plan]
 
     def rounds() -> Iterator[Evaluate]:

@@ -37,9 +37,9 @@ class Clock:
             self._table.note(**{self._name: self._readings})
         return now / self._seconds
 
-    def until(self, share: float, blocks: Iterable[T], fewest: int = 1) -> Iterator[T]:
-        """Yield blocks until this share of the time is spent, but at least the fewest."""
+    def until(self, share: float, blocks: Iterable[T]) -> Iterator[T]:
+        """Yield blocks until this share of the time is spent, but at least one."""
         for number, block in enumerate(blocks):
-            if number >= fewest and self.spent() >= share:
+            if number and self.spent() >= share:
                 return
             yield block

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Mapping, Sequence
 
 import numpy as np
 import yaml
@@ -19,16 +19,14 @@ from training.env.settings import CHALLENGE
 from training.evaluation.evaluation import EvaluationOptions, evaluate
 from training.evaluation.loaded import move_base_parameters
 from training.evaluation.score import AIMS, Baseline
-from training.evaluation.trial import BASELINE, Trial
+from training.evaluation.trial import BASELINE
 from training.evaluation.verdict import SET, paired_trials
-from training.tuning.clock import Clock
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from training.tune_robot import TuneOptions
 
-VERDICT_COURSES = 12  # least number of courses of each verdict
 HEAD = """# Parameters of move_base for {robot}, to be loaded after its own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
 # Its distance biases count {unit}.
@@ -46,9 +44,7 @@ def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: P
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
-def driven_unseen(
-    options: TuneOptions, worlds: str, drives: Path, monitor: str, clock: Clock, share: float
-) -> pd.DataFrame:
+def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> pd.DataFrame:
     """Drive the robot's own parameters and the tuned set in some worlds; return the paired trials of both.
 
     Args:
@@ -56,21 +52,12 @@ def driven_unseen(
         worlds: Worlds that the search did not use.
         drives: Folder with static.json, the tuned set.
         monitor: "with" or "without" the collision monitor; also the name of the trials' folder in `drives`.
-        clock: Clock of the search.
-        share: Share of the time at which the drives end.
     """
     robot = options.robot
-    names, workers = f"{BASELINE},{drives / 'static.json'}", max(1, options.workers)
-    how: Dict[str, Any] = {name: getattr(options, name) for name in ("workers", "seed")}
+    how: Dict[str, Any] = {name: getattr(options, name) for name in ("robot", "workers", "seed")}
     how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
-    evaluation = EvaluationOptions(**how, robot=robot, worlds=worlds, methods=names, out=str(drives / monitor))
-
-    def blocks(plan: List[Trial]) -> Iterator[Sequence[Trial]]:
-        """Yield as many courses with both as there are workers, until the time is over."""
-        parts = [plan[first : first + 2 * workers] for first in range(0, len(plan), 2 * workers)]
-        return clock.until(share, parts, fewest=-(-VERDICT_COURSES // workers))
-
-    results = evaluate(evaluation, blocks)
+    names = f"{BASELINE},{drives / 'static.json'}"
+    results = evaluate(EvaluationOptions(**how, worlds=worlds, methods=names, out=str(drives / monitor)))
     baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
     return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
 

@@ -148,9 +148,9 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_
     now = [7.0]
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
-    def begun(clock, fewest=1):
+    def begun(clock):
         found = []
-        for block in clock.until(0.5, range(10), fewest):
+        for block in clock.until(0.5, range(10)):
             found.append(block)
             now[0] += 20.0
         return found
@@ -158,13 +158,13 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_
     table = Trials(tmp_path, {})
     clock = clocks.Clock(table, "readings", 100.0)
     assert begun(clock) == [0, 1, 2]
-    assert begun(clock, fewest=2) == [0, 1]
+    assert begun(clock) == [0]
     now[0] = 1000.0
     again = clocks.Clock(table, "readings", 100.0)
     assert list(again.until(0.5, range(10))) == [0, 1, 2]
-    assert list(again.until(0.5, range(10), fewest=2)) == [0, 1]
+    assert list(again.until(0.5, range(10))) == [0]
     now[0] += 3.0
-    assert again.spent() == pytest.approx(1.03)
+    assert again.spent() == pytest.approx(0.83)
 
 
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
