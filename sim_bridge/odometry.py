@@ -29,13 +29,6 @@ class Odometry:
         self._error = 0.0  # of the heading [rad]; none at the start
         self._behind, self._rate = 0.0, 0.0  # of the filter: behind the wheels [m], its yaw rate [rad/s]
         self._turned = 0.0  # frame odom against the world
-        self._noise, self._next = rng.standard_normal(256).tolist(), 0
-
-    def _normal(self):
-        if self._next == 256:
-            self._noise, self._next = self.rng.standard_normal(256).tolist(), 0
-        self._next += 1
-        return self._noise[self._next - 1]
 
     def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
         """Make this the pose from now on."""
@@ -49,11 +42,9 @@ class Odometry:
 
         yaw, yaw_rate and acceleration are the true ones now [rad, rad/s, m/s^2].
         """
-        errors = self.errors
+        errors, normal = self.errors, self.rng.standard_normal
         keep = exp(-duration / errors.heading_time)
-        self._error = keep * self._error + (
-            self.scale * errors.heading_drift * sqrt(1.0 - keep * keep) * self._normal()
-        )
+        self._error = keep * self._error + self.scale * errors.heading_drift * sqrt(1.0 - keep * keep) * normal()
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
         turn = normalize_angle_modulo(yaw - old)
@@ -66,8 +57,8 @@ class Odometry:
             seen_rate = self._rate = keep * self._rate + (1.0 - keep) * yaw_rate
         middle = old + 0.5 * turn
         self._heading = normalize_angle_modulo(old + turn)
-        seen = self._heading + self.scale * errors.heading_noise * self._normal()
+        seen = self._heading + self.scale * errors.heading_noise * normal()
         self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), normalize_angle_modulo(seen))
-        noise = self.scale * errors.gyro_noise * self._normal()
-        self.twist = (wheel_speed + self.scale * errors.speed_noise * self._normal(), seen_rate + noise)
-        self.imu = (acceleration + self.scale * errors.accelerometer_noise * self._normal(), yaw_rate + noise)
+        noise = self.scale * errors.gyro_noise * normal()
+        self.twist = (wheel_speed + self.scale * errors.speed_noise * normal(), seen_rate + noise)
+        self.imu = (acceleration + self.scale * errors.accelerometer_noise * normal(), yaw_rate + noise)

@@ -56,9 +56,8 @@ class ScannerCheck:
         if not hits:
             self._forget_image()
             count = self._expected(scan, beams)[1]
-            return (
-                f"the scanner sees nothing where it saw {count} obstacle points before" if count >= ENOUGH_HITS else ""
-            )
+            sentence = f"the scanner sees nothing where it saw {count} obstacle points before"
+            return sentence if count >= ENOUGH_HITS else ""
         wide = widest * abs(beams[1]) >= SECTOR_RAD
         if wide or self._doubts:  # wide sectors that return nothing all at once: nothing that stands there goes so fast
             expected = self._expected(scan, beams)[0] if wide else self._doubted
@@ -94,10 +93,8 @@ class ScannerCheck:
         self.repeats = moved > REPEATED_M_RAD or turned > REPEATED_M_RAD
         if self._equal < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
             return ""
-        return (
-            f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {moved:.2f} m and "
-            f"{turned:.2f} rad"
-        )
+        motion = f"{moved:.2f} m and {turned:.2f} rad"
+        return f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {motion}"
 
 
 def geometry_fault(scan):

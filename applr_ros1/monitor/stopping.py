@@ -127,13 +127,11 @@ def _is_free_every_way(rows, planes, margin, twist, command, scale, times, brake
 
     As commanded at once, faster, still as measured, or none: a base that brakes may leave the arc outwards.
     """
-    gain, straight = turns[1], command[1] == 0.0
-    return (
-        _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, 1.0, turns)
-        and (gain == 1.0 or _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, gain, turns))
-        and _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, AS_MEASURED, turns)
-        and (straight or _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, 0.0, turns))
-    )
+    for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):
+        repeats = (k == 1 and share == 1.0) or (k == 3 and command[1] == 0.0)
+        if not (repeats or _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, share, turns)):
+            return False
+    return True
 
 
 @kernel

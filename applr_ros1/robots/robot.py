@@ -292,9 +292,8 @@ class ParameterFile(Section):
 
     def loaded(self, folder: str) -> Dict[str, Any]:
         """Return the nested parameters of the file in a folder. ApplrError if it cannot be read."""
-        tree = read_parameters(os.path.join(folder, self.file))
-        for part in reversed(list(filter(None, self.namespace.split("/")))):
-            tree = {part: tree}
+        tree: Dict[str, Any] = {}
+        branch(tree, self.namespace, create=True).update(read_parameters(os.path.join(folder, self.file)))
         return tree
 
 
