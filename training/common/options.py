@@ -22,7 +22,7 @@ def option(default: Any, help: str, **bounds: Any) -> Any:
 
     Args:
         default: Its default; None or "" is not shown in the help text, ... means that the option must be given.
-        help: Its help text, whole sentences that stand by themselves; "" hides the option.
+        help: Its help text, whole sentences that stand by themselves.
         bounds: Arguments of pydantic.Field: ge, gt, le, lt, min_length, max_length, ...
     """
     return Field(default, description=help, **bounds)
@@ -58,19 +58,20 @@ def add_options(parser: argparse.ArgumentParser, model: Type[Options]) -> None:
 
 
 def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> None:
-    several, default = get_origin(field.annotation) is list, None if field.is_required() else field.default
+    several = "+" if get_origin(field.annotation) is list else None
     if field.json_schema_extra == PLACE:
-        section.add_argument(name, nargs="+" if several else None, help=field.description)
+        section.add_argument(name, nargs=several, help=field.description)
         return
-    shown = " ".join(map(str, default or ())) if several else str(default)
-    more: Dict[str, Any] = {"metavar": name.upper(), "nargs": "+" if several else None}
+    more: Dict[str, Any] = {"metavar": name.upper(), "nargs": several}
     if field.annotation is bool:
         more = {"action": argparse.BooleanOptionalAction}
     elif get_origin(field.annotation) is Literal:
         more = {"choices": get_args(field.annotation)}
-    text = (field.description or "") + (f" Default: {shown}." if default not in (None, "") else "")
-    more["help"] = text.replace("%", "%%") if field.description else argparse.SUPPRESS
-    section.add_argument(dashed(name), dest=name, default=argparse.SUPPRESS, required=field.is_required(), **more)
+    default = "" if field.is_required() else field.default
+    shown = " ".join(map(str, default)) if isinstance(default, list) else default
+    text = f"{field.description} Default: {shown}." if shown not in (None, "") else str(field.description)
+    more.update(help=text.replace("%", "%%"), default=argparse.SUPPRESS, required=field.is_required())
+    section.add_argument(dashed(name), dest=name, **more)
 
 
 def dashed(name: str) -> str:

@@ -33,6 +33,7 @@ from training.workers.collect import Collect, draw_world
 from training.workers.pool import CallFailed, Pool
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+LONGEST_EPISODE = 2100  # more than the rows of an episode of 100 s with the shortest period, .05 s
 BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
 CHECKPOINT_SECONDS = 120.0  # between two checkpoints
 STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
@@ -54,7 +55,7 @@ class TrainingRun:
         self.made = self.prepare(config)
         dataset = dataset_of(config, self.made.layout)
         self.offline = dataset is not None
-        rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + 1000
+        rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + LONGEST_EPISODE
         self.config, start = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)

@@ -39,10 +39,8 @@ class Replay:
         return min(self.written, self.capacity)
 
     def add(self, trajectory: Trajectory) -> None:
-        """Take in one episode. Raises ApplrError for one that is larger than the ring."""
+        """Take in one episode, which has fewer rows than the ring."""
         t = len(trajectory)
-        if t + 1 > self.capacity:
-            raise ApplrError(f"{t} transitions do not fit a replay of {self.capacity} rows")
         rows = (self.written + np.arange(t + 1)) % self.capacity
         self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
         self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest

@@ -141,7 +141,7 @@ class ChildProcess:
     def __init__(self) -> None:
         self._connection, theirs = multiprocessing.Pipe()
         with theirs:
-            code = f"from training.workers.pool import serve; serve({theirs.fileno()})"
+            code = f"from {__name__} import serve; serve({theirs.fileno()})"
             self.process = subprocess.Popen(
                 [sys.executable, "-c", code],
                 pass_fds=[theirs.fileno()],

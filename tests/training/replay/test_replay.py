@@ -119,11 +119,6 @@ def test_numbers_that_are_not_finite_are_refused(which):
         Trajectory.of(SMALL, *arrays, False)
 
 
-def test_an_episode_larger_than_the_ring_is_refused():
-    with pytest.raises(ApplrError, match="do not fit"):
-        Replay(SMALL, 3).add(episode(4))
-
-
 def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
     monkeypatch.setattr("training.replay.buffer.os.sysconf", lambda name: 4096 if "SIZE" in name else 2**20)  # 4 GiB
     with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
