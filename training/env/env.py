@@ -25,11 +25,6 @@ from training.env.reward import failed
 from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
 from training.replay.trajectory import TransitionLayout
 
-INFO = (  # what info says of an Outcome
-    *("theta", "success", "collided", "timeout", "flipped", "aborted", "time_s", "decisions"),
-    *("path_length_m", "min_clearance_m", "reason"),
-)
-
 
 class ApplrEnv(gymnasium.Env):
     """The learning problem as a Gymnasium environment; a step is one decision period.
@@ -120,7 +115,7 @@ class ApplrEnv(gymnasium.Env):
         self.episode.simulator.close()
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
-        return {"world": self.episode.world.name, **{name: getattr(outcome, name) for name in INFO}}
+        return {"world": self.episode.world.name, **vars(outcome)}
 
 
 def load_worlds(spec):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import replace
+from functools import partial
 from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
@@ -79,6 +80,7 @@ class Episode:
         self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
         self.prediction = Prediction(robot) if move_base.parameters["applr"]["movers"] else None
         self.robot, self.space = robot, space_of(robot)
+        self.nearest = partial(nearest, lowest=robot.laser.range_min)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
         self.end_on_collision, self.escapes = end_on_collision, escapes
@@ -89,19 +91,14 @@ class Episode:
         self.trace = Trace()
 
     def set_period(self, period: float) -> None:
-        """Takes another decision period from the next decision on.
-
-        Args:
-            period: time between two decisions [s], a whole number of control cycles.
+        """Take another decision period [s] from the next decision on, a whole number of control cycles.
 
         Raises:
-            ValueError: for a period that is not such a number, or longer than 10 s.
+            ApplrError: It is not such a number, or longer than 10 s.
         """
-        cycles = round(period / CONTROL_PERIOD) if math.isfinite(period) else 0
+        cycles = round(period / CONTROL_PERIOD)
         if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
-            raise ApplrError(
-                "decision period of %r s: give a multiple of %g s, at most 10 s" % (period, CONTROL_PERIOD)
-            )
+            raise ApplrError(f"decision period of {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s")
         self.period, self.cycles = float(period), cycles
 
     @property
@@ -144,7 +141,7 @@ class Episode:
         self.move_base.set_goal(self.goal, state.time)
         self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # of the coming decision, as its scan is
         self._scanned = self.simulator.scan()
-        near = self._nearest(self._scanned)
+        near = self.nearest(self._scanned)
         self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
         return self.outcome
 
@@ -175,7 +172,7 @@ class Episode:
             now.time_s = self.time_limit
         self._scanned = self._ranges if self._scan_period else self.simulator.scan()
         self._plan = self.move_base.global_plan
-        now.last_scan_min = self._nearest(self._scanned)
+        now.last_scan_min = self.nearest(self._scanned)
         now.decision_min = min(now.decision_min, now.last_scan_min)
         now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
         now.progress, now.progress_y = progress(self.world.course.goal, came_from, state.pose)
@@ -255,7 +252,7 @@ class Episode:
         x, y, _ = before.pose
         v, w = before.twist
         cycle, state = self._cycle()
-        near = self._nearest(self._ranges)
+        near = self.nearest(self._ranges)
         now.decision_min = min(now.decision_min, near)
         self._clearances += min(near, CLEAR * self.robot.body.size[1])
         now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
@@ -293,10 +290,6 @@ class Episode:
         elif cycle.result is not None:
             status, text = cycle.result
             now.aborted, now.reason = True, "planner %s: %s" % (status, text)
-
-    # -- what is seen ------------------------------------------------------------------------------
-    def _nearest(self, ranges: np.ndarray) -> float:
-        return nearest(ranges, self.robot.laser.range_min)
 
 
 def progress(goal, p, q) -> Tuple[float, float]:

@@ -10,7 +10,7 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.policy.actor import forward
+from applr_ros1.policy.actor import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT, Layout
 
 HIDDEN = 64
@@ -36,14 +36,14 @@ def train(
     those blocks. What is seen is also seen in the mirror, turned a little and with noise.
     """
     blocks = np.arange(len(labels)) // BLOCK % 5 == 4
-    held_out = float("nan")
+    held_out = None
     if blocks.any() and not blocks.all() and contexts > 1:
         probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
-        held_out = float((_apply(probe, scans[blocks]) == labels[blocks]).mean())
+        held_out = _accuracy(probe, scans[blocks], labels[blocks])
     weights = _fit(scans, labels, contexts, seed, layout)
     return weights, {
-        "accuracy": round(float((_apply(weights, scans) == labels).mean()), 4),
-        "held_out": None if np.isnan(held_out) else round(held_out, 4),
+        "accuracy": _accuracy(weights, scans, labels),
+        "held_out": held_out,
         "instants": len(labels),
     }
 
@@ -86,6 +86,5 @@ def _varied(scans, rng, layout) -> np.ndarray:
     return np.clip(varied + noise, -1.0, 1.0).astype(np.float32)
 
 
-def _apply(weights, scans) -> np.ndarray:
-    layers = [(weights[f"{i}.weight"], weights[f"{i}.bias"]) for i in range(len(weights) // 2)]
-    return np.argmax(forward(layers, scans), axis=1)
+def _accuracy(weights, scans, labels) -> float:
+    return round(float((np.argmax(forward(layers_of(weights), scans), axis=1) == labels).mean()), 4)
