@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Dict, Mapping, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class Drive:
     poses    (n, 3) [m, m, rad], a row per POSE_PERIOD_S
     speeds   (n,) forward speed [m/s] at each of them
     decided  (d,) times [s] of decisions
-    actions  (d, k) the parameters after each of them, from -1 to 1 within their ranges; None where they are not known
+    actions  (d, k) the parameters after each of them, from -1 to 1 within their ranges
     """
 
     method: int
@@ -44,8 +44,8 @@ class Drive:
     reason: str
     poses: np.ndarray
     speeds: np.ndarray
-    decided: Sequence[float] = ()
-    actions: Optional[np.ndarray] = None
+    decided: Sequence[float]
+    actions: np.ndarray
 
 
 @dataclass
@@ -127,7 +127,7 @@ def _drive(drive: Drive) -> Dict[str, Any]:
         "p": np.diff(np.rint(drive.poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
         "v": _whole(drive.speeds, 100),
     }
-    if drive.actions is not None:
+    if len(drive.actions):
         values.update(at=_whole(drive.decided, 100), a=_whole(drive.actions, 50))
     return values
 

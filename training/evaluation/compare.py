@@ -124,9 +124,3 @@ def wilson(share: float, n: float) -> Tuple[float, float]:
     z = float(scipy.stats.norm.ppf(0.975))
     middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
     return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
-
-
-def mean_time(trials: pd.DataFrame) -> Estimate:
-    """Return the mean time of the successful trials [s]."""
-    by_world = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
-    return over_worlds(by_world.sum(), by_world.count())

@@ -1,6 +1,6 @@
 """drives.html: the drives of all methods side by side, world by world (applr_ros1/drives/page.py).
 
-page.py calls it. What is drawn comes from the traces that evaluate.py kept, thinned to five poses a second.
+What is drawn comes from the traces that evaluate.py kept, thinned to five poses a second.
 """
 
 from __future__ import annotations
@@ -22,30 +22,20 @@ EVERY = 4  # control cycles of a trace between two poses of the page
 MOST_TRIALS = 10  # of a method in a world
 
 
-def write(results: Results, out: Path, title: str) -> str:
-    """Writes the page into the folder `out`.
-
-    Args:
-        results: of the evaluation.
-        out: the folder of the report.
-        title: of the page.
-
-    Returns:
-        The file's name; "" where no trace was kept.
-    """
+def write(results: Results, out: Path, title: str) -> bool:
+    """Write the page into the folder `out`; return whether there is one: traces must have been kept."""
     scenes = []
     for name in results.worlds:
         drives = [d for place, method in enumerate(results.methods) for d in _drives(results, name, method, place)]
         world = results.load(name) if drives else None
         if world is not None:
             scenes.append(Scene(name, world, drives))
-    if not scenes:
-        return ""
-    shade, marked = colors(results), bool(results.settings.get("movers"))
-    methods = {method: shade[method] for method in results.methods}
-    made = page(title, methods, results.space.names, results.robot["body"], scenes, marked, BACK)
-    write_bytes(make_folder(out) / FILE, made)
-    return FILE
+    if scenes:
+        shade, marked = colors(results), bool(results.settings.get("movers"))
+        methods = {method: shade[method] for method in results.methods}
+        made = page(title, methods, results.space.names, results.robot["body"], scenes, marked, BACK)
+        write_bytes(make_folder(out) / FILE, made)
+    return bool(scenes)
 
 
 def _drives(results: Results, world: str, method: str, place: int) -> List[Drive]:
@@ -58,9 +48,7 @@ def _drives(results: Results, world: str, method: str, place: int) -> List[Drive
         last = len(trace["pose"]) - 1
         rows = np.unique(np.append(np.arange(0, last, EVERY), last))
         poses, speeds = trace["pose"][rows], trace["twist"][rows, 0]
-        drive = Drive(place, row.trial, row.time_s, row.success, row.collided, row.reason, poses, speeds)
-        if len(trace["theta"]) and trace["theta"].shape[1] == len(results.space):
-            drive.decided = trace["decided"]
-            drive.actions = np.array([results.space.to_action(theta) for theta in trace["theta"]])
-        found.append(drive)
+        how = row.time_s, row.success, row.collided, row.reason
+        actions = np.array([results.space.to_action(theta) for theta in trace["theta"]])
+        found.append(Drive(place, row.trial, *how, poses, speeds, trace["decided"], actions))
     return found

@@ -83,8 +83,6 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
                 table.note(
                     wall_s=round(table.notes.get("wall_s", 0.0) + seconds, 1),
                     provenance=[*table.notes.get("provenance", []), session],
-                    workers=workers,
-                    trials=options.trials,
                 )
             table.order(plan)
 

@@ -24,18 +24,16 @@ class Clock:
 
     def __init__(self, table: Trials, name: str, seconds: float):
         self._table, self._name, self._seconds = table, name, seconds
-        self._readings = list(table.notes.get(name, []))
-        self._again = iter(list(self._readings))
-        self._began = time.monotonic() - (self._readings[-1] if self._readings else 0.0)
+        self._readings, self._asked = list(table.notes.get(name, [])), 0
+        self._began = time.monotonic() - max(self._readings, default=0.0)
 
     def spent(self) -> float:
         """Return the share of the time that has passed."""
-        now = next(self._again, None)
-        if now is None:
-            now = time.monotonic() - self._began
-            self._readings.append(now)
+        self._asked += 1
+        if self._asked > len(self._readings):
+            self._readings.append(time.monotonic() - self._began)
             self._table.note(**{self._name: self._readings})
-        return now / self._seconds
+        return self._readings[self._asked - 1] / self._seconds
 
     def until(self, share: float, blocks: Iterable[T]) -> Iterator[T]:
         """Yield blocks until this share of the time is spent, but at least one."""
