@@ -12,6 +12,7 @@ import struct
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
+from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist
 from map_msgs.msg import OccupancyGridUpdate
@@ -24,6 +25,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
+GOAL_STATES = {value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()}  # {3: "succeeded"}
 LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251

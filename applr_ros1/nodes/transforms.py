@@ -39,10 +39,6 @@ class Transforms:
             when = "the newest" if stamp.is_zero() else f"{stamp.to_sec():.3f}"
             raise ObservationError(f"transform {target} <- {source} at {when}: {reason(error)}") from None
 
-    def has(self, target: str, source: str, stamp: rospy.Time) -> bool:
-        """Return whether `at` would give the transform now."""
-        return self.buffer.can_transform_core(target.lstrip("/"), source.lstrip("/"), stamp)[0]
-
     def newest(
         self,
         target: str,

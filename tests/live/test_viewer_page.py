@@ -90,10 +90,10 @@ def test_the_robot_goes_to_a_click_and_stops(page):
     def stopped():
         """False if the robot arrived or gave up before the click on the button."""
         page.mouse.click(*AHEAD)
-        reads(page, "drives to a goal")
+        reads(page, "goal active")
         page.get_by_role("button", name="Stop").click()
-        page.get_by_text(re.compile("goal cancelled|arrived|gave up")).last.wait_for()
-        return page.get_by_text("goal cancelled").count()
+        page.get_by_text(re.compile("goal (preempted|succeeded|aborted)")).last.wait_for()
+        return page.get_by_text("goal preempted").count()
 
     wait_for(stopped, "a goal that is cancelled")
 

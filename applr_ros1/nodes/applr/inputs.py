@@ -124,9 +124,11 @@ class RobotInputs:
 
     def _pose(self, frame, stamp, now):
         """Return the robot's (x, y, yaw) in `frame` at a time, or its latest pose if tf does not reach that time."""
-        if self._transforms.has(frame, self._base, stamp):
-            return conversions.pose_of(self._transforms.at(frame, self._base, stamp).transform)
-        return conversions.pose_of(self._transforms.newest(frame, self._base, now, MAX_AGE_S).transform)
+        try:
+            found = self._transforms.at(frame, self._base, stamp)
+        except ObservationError:
+            found = self._transforms.newest(frame, self._base, now, MAX_AGE_S)
+        return conversions.pose_of(found.transform)
 
     def _moving(self, msg, frame, now):
         """Return the tracked movers (k, 4) x, y, vx, vy in `frame` and their stamp; empty if the message is stale."""

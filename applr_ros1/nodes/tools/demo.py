@@ -28,6 +28,7 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
+from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
@@ -165,7 +166,7 @@ class Observer:
             elif seconds >= limit:
                 ended = TIMED_OUT
             elif self._client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-                text = self._client.get_goal_status_text() or send_goal.WORDS.get(self._client.get_state(), "no reason")
+                text = self._client.get_goal_status_text() or GOAL_STATES[self._client.get_state()]
                 ended = f"move_base gave up: {text}"
             if now - printed >= PROGRESS_PERIOD_S:
                 printed += PROGRESS_PERIOD_S

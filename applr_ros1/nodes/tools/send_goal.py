@@ -9,24 +9,14 @@ import time
 
 import actionlib
 import rospy
-from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 import worlds
 from applr_ros1.common import arguments
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
-from applr_ros1.nodes.conversions import pose_stamped
+from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.robots import load
-
-WORDS = {
-    GoalStatus.SUCCEEDED: "reached",
-    GoalStatus.ABORTED: "aborted",
-    GoalStatus.PREEMPTED: "preempted",
-    GoalStatus.REJECTED: "rejected",
-    GoalStatus.RECALLED: "recalled",
-    GoalStatus.LOST: "lost",
-}
 
 
 def course_goal(course):
@@ -66,4 +56,4 @@ def main():
     client.send_goal(message(pose, frame))
     client.wait_for_result()
     if not rospy.is_shutdown():
-        rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())
+        rospy.loginfo("goal %s: %s", GOAL_STATES[client.get_state()], client.get_goal_status_text())

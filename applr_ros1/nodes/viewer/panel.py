@@ -9,6 +9,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from std_msgs.msg import String
 
+from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.planner.parameters.declarations import SERVERS
 from applr_ros1.policy.methods import POLICY, SET, shipped
 from applr_ros1.robots import Robot
@@ -18,8 +19,6 @@ from .pilot import METHODS, Pilot
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # that a robot may lack
-WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", "arrived", "gave up", "goal rejected")
-WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 SILENT_S = 3.0  # after which a topic counts as silent, the clock as standing
 STANDING_M_S = 0.02  # below which the speed is noise
@@ -75,7 +74,7 @@ class Panel:
         """Say what move_base does. goal: its GoalStatus, None without one."""
         if self._listener.age(STATUS) > SILENT_S:
             return "move_base does not answer"
-        return "waits for a goal" if goal is None else WORDS[goal.status]
+        return "waits for a goal" if goal is None else f"goal {GOAL_STATES[goal.status]}"
 
     def monitor(self) -> str:
         """Say what the collision monitor does."""
