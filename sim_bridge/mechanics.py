@@ -35,16 +35,14 @@ TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
 class Mechanics:
     """Numbers and arrays that the simulators need of a robot beside its description.
 
-    mass, yaw_inertia (about the centre of mass), com (x, y) in the base frame; base_height: of the base frame above the
-    ground. scalars (SCALARS,): what the kernels take, in the order above. supports (n, COLUMNS): the driven wheels in
-    the order of geometry.wheel_places, then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER,
-    SHARE friction relative to a wheel's, SHIFT_X and SHIFT_Y how the load moves with the acceleration (along LEVER_X,
-    LEVER_Y), BASE_X, BASE_Y the place from the body's centre of mass. parts (k, 4): rectangles that meet obstacles, the
-    body and then the wheels.
+    mass, com (x, y) in the base frame; base_height: of the base frame above the ground. scalars (SCALARS,): what the
+    kernels take, in the order above. supports (n, COLUMNS): the driven wheels in the order of geometry.wheel_places,
+    then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER, SHARE friction relative to a wheel's,
+    SHIFT_X and SHIFT_Y how the load moves with the acceleration (along LEVER_X, LEVER_Y), BASE_X, BASE_Y the place from
+    the body's centre of mass. parts (k, 4): rectangles that meet obstacles, the body and then the wheels.
     """
 
     mass: float
-    yaw_inertia: float
     com: Tuple[float, float]
     body_com: Tuple[float, float, float]  # in the base frame
     body_inertia: Tuple[float, float, float]
@@ -102,7 +100,7 @@ def mechanics(robot: Robot) -> Mechanics:
     scalars[EDGE_SHIFT] = simulation.edge_shift
     for array in (scalars, supports, parts):
         array.setflags(write=False)
-    return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
+    return Mechanics(mass, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
 
 
 def _supports(robot, com, loads):

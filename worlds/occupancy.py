@@ -15,15 +15,15 @@ from applr_ros1.common.angles import outside_box
 from .world import World
 
 OCCUPIED = 100
+MARGIN_M = 2.0  # free space around obstacles and course [m]
 
 
-def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:
+def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float, float]]:
     """The standing obstacles of a world; those that move are on no map.
 
     Args:
         world: the world.
         resolution: edge of a cell [m].
-        margin: free space around obstacles and course [m].
 
     Returns:
         (cells, origin): (ny, nx) int8, 100 where an obstacle reaches into a cell's inner circle and 0 elsewhere, row 0
@@ -34,8 +34,8 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     reach = np.concatenate([np.repeat(world.cylinders[:, 2:], 2, axis=1), half])
     centres = np.concatenate([world.cylinders[:, :2], boxes[:, :2]])
     course = np.array([world.course.start[:2], world.course.goal[:2]])
-    low = np.vstack([centres - reach, course]).min(axis=0) - margin
-    high = np.vstack([centres + reach, course]).max(axis=0) + margin
+    low = np.vstack([centres - reach, course]).min(axis=0) - MARGIN_M
+    high = np.vstack([centres + reach, course]).max(axis=0) + MARGIN_M
     low = np.floor(low / resolution) * resolution
     nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
     cells = np.zeros((ny, nx), np.int8)

@@ -28,7 +28,6 @@ class Movers(NamedTuple):
     """Movers in the odometry's frame at a scan's stamp; arrays of one length.
 
     id: a mover's number, which it keeps (int64). x, y: centre of the disc [m]. vx, vy: its velocity [m/s]. radius [m].
-    deviation: standard deviation of either component of the velocity [m/s].
     """
 
     id: np.ndarray
@@ -37,7 +36,6 @@ class Movers(NamedTuple):
     vx: np.ndarray
     vy: np.ndarray
     radius: np.ndarray
-    deviation: np.ndarray
 
 
 class MoverTracker:
@@ -129,11 +127,10 @@ class MoverTracker:
 
     def _movers(self) -> Movers:
         rows = self._tracks[self._tracks[:, tracks.MOVES] > 0.0]
-        deviation = np.sqrt(rows[:, tracks.VV])
         back = inverse(self._correction)
         x, y = transform_point(back, rows[:, tracks.TX], rows[:, tracks.TY])
         vx, vy = transform_point((0.0, 0.0, back[2]), rows[:, tracks.VX], rows[:, tracks.VY])
-        return Movers(rows[:, tracks.ID].astype(np.int64), x, y, vx, vy, rows[:, tracks.TR], deviation)
+        return Movers(rows[:, tracks.ID].astype(np.int64), x, y, vx, vy, rows[:, tracks.TR])
 
 
 def warm_up() -> None:

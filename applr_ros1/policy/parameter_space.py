@@ -106,9 +106,9 @@ class Space:
             name: int(value) if whole else float(value) for name, value, whole in zip(self.names, theta, self.integer)
         }
 
-    def from_dict(self, values, base=None):
-        """The parameters (n,) of {name: value}, which are checked; missing names are taken from `base` (theta_0)."""
-        theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
+    def from_dict(self, values):
+        """The parameters (n,) of {name: value}, which are checked; missing names are taken from theta_0."""
+        theta = self.theta0.copy()
         for name, value in values.items():
             if name not in self.names:
                 raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")

@@ -109,11 +109,6 @@ class Body(Section):
     friction: float = real("", 0.01, 3.0, "Coulomb coefficient against obstacles", 0.5)
 
     @property
-    def top(self) -> float:
-        """Its upper side above the base frame [m]."""
-        return self.bottom + self.size[2]
-
-    @property
     def centre_of_mass(self) -> Tuple[float, float, float]:
         """`com`, or the middle of the box."""
         return self.com or (*self.centre, self.bottom + self.size[2] / 2)

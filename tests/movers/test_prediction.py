@@ -31,7 +31,7 @@ class Perfect:
 
     def update(self, scan):
         x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
-        return Movers(np.arange(len(x)), x, y, vx, vy, radius, np.zeros(len(x)))
+        return Movers(np.arange(len(x)), x, y, vx, vy, radius)
 
 
 @pytest.fixture
