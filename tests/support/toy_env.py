@@ -6,12 +6,15 @@ import time
 import gymnasium
 import numpy as np
 
+from training.replay.trajectory import TransitionLayout
+
 
 class Line(gymnasium.Env):
     """x' = x + .3 a, r = -|x'|, 10 steps, then truncated; terminated where |x| > 3 (never, from [-1, 1])."""
 
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+    layout, worlds = TransitionLayout(0, 1, 1), ["line"]
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)

@@ -15,7 +15,7 @@ from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
 from training.learner.run import TrainingRun
-from training.workers.collect import PolicyWeights, collect, environment, layout_of
+from training.workers.collect import PolicyWeights, collect, environment
 
 LINE = "tests.support.toy_env:Line"
 TOY = [
@@ -43,8 +43,8 @@ def toy_run(config, env=LINE):
         @staticmethod
         def prepare(config):
             held_out = [("environment", "")] * (config.eval_worlds != "none")
-            layout = layout_of(environment(env, "{}"))
-            return Preparation(partial(collect, env, "{}"), partial(drive, env), None, held_out, layout)
+            layout = environment(env, "{}").layout
+            return Preparation(partial(collect, env, "{}"), partial(drive, env), held_out, layout)
 
         def write_policy(self, path, weights, metadata):
             write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))

@@ -26,7 +26,6 @@ class Preparation:
 
     collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with a policy's weights in a worker
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # the same of a trial
-    worlds: Optional[int]  # how many there are to train in; None: the environment chooses
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
     layout: TransitionLayout
 
@@ -45,7 +44,6 @@ def prepare(config: TrainConfig) -> Preparation:
     return Preparation(
         partial(collect, NAVIGATION, json.dumps(options)),
         partial(run, env.settings.model_copy(update={**judged, "randomisation": {}})),
-        len(worlds),
         held_out,
         env.layout,
     )

@@ -29,7 +29,7 @@ from training.evaluation.trial import Result, Trial
 from training.learner.config import BASE, PROVENANCE, TrainConfig
 from training.learner.prepare import dataset_of, prepare
 from training.replay.trajectory import Trajectory
-from training.workers.collect import Collect, draw_world
+from training.workers.collect import Collect
 from training.workers.pool import CallFailed, Pool
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
@@ -148,8 +148,7 @@ class TrainingRun:
             if not self._policy or updates >= self._published + interval:
                 self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
             random = transitions < config.learning_starts and not config.init_from
-            world = draw_world(config.seed, number, self.made.worlds)
-            episode = Collect(number, config.seed, config.noise(transitions), random, world, self._published)
+            episode = Collect(number, config.seed, config.noise(transitions), random, self._published)
             self._running.add(self.pool.submit(self.made.collect, episode, self._policy))
             self._next_episode += 1
 

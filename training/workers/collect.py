@@ -10,14 +10,13 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from pkgutil import resolve_name
-from typing import Any, Dict, Optional
+from typing import Any, Dict
 
-import gymnasium
 import numpy as np
 
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import forward, layers_of
-from training.replay.trajectory import Trajectory, TransitionLayout
+from training.replay.trajectory import Trajectory
 
 NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
 TRAINING, WORLDS = 0, 2  # first numbers of the seeds of training episodes, and of the worlds drawn for them
@@ -28,26 +27,25 @@ INFO = ("success", "collided", "time_s")  # entries of the environment's info th
 class Collect:
     """A training episode to be driven. All of its randomness comes from the run's seed and the episode's number.
 
-    sigma is the standard deviation of the noise, random asks for uniform actions instead of the policy's; world is an
-    index, None leaves the choice to the environment. version is the policy's, in gradient steps.
+    sigma is the standard deviation of the noise, random asks for uniform actions instead of the policy's; version is
+    the policy's, in gradient steps.
     """
 
     episode: int
     seed: int
     sigma: float
     random: bool
-    world: Optional[int] = None
     version: int = -1
 
 
-def draw_world(seed: int, episode: int, worlds: Optional[int]) -> Optional[int]:
-    """The index of an episode's world among so many; None where the environment chooses."""
-    return int(np.random.default_rng([WORLDS, seed, 0, episode]).integers(worlds)) if worlds else None
+def draw_world(seed: int, episode: int, worlds: int) -> int:
+    """Return the index of an episode's world among so many."""
+    return int(np.random.default_rng([WORLDS, seed, 0, episode]).integers(worlds))
 
 
 @lru_cache(maxsize=1)
-def environment(env: str, options: str) -> gymnasium.Env:
-    """The environment "module:Class", made once in a process; options: its keyword arguments as JSON."""
+def environment(env: str, options: str) -> Any:
+    """Return the environment "module:Class", made once in a process; options: its keyword arguments as JSON."""
     return resolve_name(env)(**json.loads(options))
 
 
@@ -61,10 +59,10 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory
         weights: the policy's, as PolicyWeights reads them.
     """
     made = environment(env, options)
-    layout, policy = layout_of(made), PolicyWeights(weights)
+    layout, policy = made.layout, PolicyWeights(weights)
     rng = np.random.default_rng([TRAINING, task.seed, *b"actor-0", task.episode])
-    begin = None if task.world is None else {"world": task.world}
-    observation, last = made.reset(seed=int(rng.integers(2**31)), options=begin)
+    world = draw_world(task.seed, task.episode, len(made.worlds))
+    observation, last = made.reset(seed=int(rng.integers(2**31)), options={"world": world})
     observations, actions, rewards = [observation], [], []
     terms: Counter[str] = Counter()  # sums of the reward's terms
     terminated = truncated = False
@@ -82,13 +80,6 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory
     info: Dict[str, Any] = {name: last[name] for name in INFO if name in last}
     info.update({"return": sum(rewards), "length": len(rewards), "terms": dict(terms), "version": task.version})
     return Trajectory.of(layout, observations, actions, rewards, terminated, info)
-
-
-def layout_of(env: gymnasium.Env) -> TransitionLayout:
-    """Return the layout of an environment's observations and actions: its own, or one without a scan."""
-    env = env.unwrapped
-    (observation,), (action,) = env.observation_space.shape, env.action_space.shape  # type: ignore[misc]
-    return getattr(env, "layout", TransitionLayout(0, observation, action))
 
 
 class PolicyWeights:

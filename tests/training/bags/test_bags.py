@@ -34,7 +34,6 @@ from training.learner.config import parse as config_of
 from training.learner.prepare import dataset_of
 from training.replay.dataset import Dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
-from training.workers.collect import layout_of
 
 
 class Drive:
@@ -457,7 +456,7 @@ def driven(path, observation, world, limit=None, **settings):
                 actions.append(env.form.action(env.episode.outcome.theta))
                 moving += len(env.episode.movers())
             layout = TransitionLayout.of(env.form)
-            assert layout == layout_of(env)
+            assert layout == env.layout
             found.append(Trajectory.of(layout, seen, actions, rewards, terminated))
     assert moving or "dynamic" not in world
     return found

@@ -11,7 +11,6 @@ from applr_ros1.robots import JACKAL
 from training.env import privileged
 from training.env.env import ApplrEnv
 from training.env.privileged import JACKAL_WIDTH, ODD, SIZE, STATIONS
-from training.workers.collect import layout_of
 from worlds import Course, Mover, World
 
 WIDTH = JACKAL_WIDTH
@@ -67,7 +66,7 @@ def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
 def test_they_stand_behind_the_observation_and_the_protocol_is_drawn():
     common = {"worlds": "generated:7", "period": 1.0, "observation": "dimensionless", "limit": 1}
     env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
-    layout, plain = layout_of(env), layout_of(ApplrEnv(**common))
+    layout, plain = env.layout, ApplrEnv(**common).layout
     assert (layout.hidden, layout.seen, layout.size) == (SIZE, plain.size, plain.size + SIZE)
     assert np.array_equal(layout.policy_mirror.order, plain.mirror.order)
     assert np.array_equal(layout.policy_mirror.sign, plain.mirror.sign)

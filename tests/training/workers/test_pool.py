@@ -53,7 +53,6 @@ def test_an_episode_depends_on_run_and_number_only_and_noise_has_its_standard_de
         assert 0.9 * sigma <= np.concatenate([t.action for t in trajectories]).std() <= 1.1 * sigma
     assert trajectories[9].info["version"] == 7
     assert {draw_world(3, episode, 40) for episode in range(1000)} == set(range(40))
-    assert draw_world(3, 5, None) is None
 
 
 @pytest.mark.parametrize("workers", [0, 2])
