@@ -1,5 +1,6 @@
 """train.py: runs learn, leave everything behind, and go on after a stop and after SIGKILL."""
 
+import dataclasses
 import functools
 import json
 import os
@@ -20,6 +21,7 @@ from tests.support.episodes import episode
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, networks_of, one_line, toy, toy_run
 from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.table import read_trials
 from training.evaluation.trial import Result
 from training.learner.config import parse
 from training.learner.learner import Learner, LearnerOptions
@@ -267,6 +269,21 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     assert summaries[1]["time_s"] is None
     assert summaries[1]["score"] == 102.5
     assert made(worlds=3).best is None  # nor are rounds of another number of worlds
+
+
+def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
+    run = toy_run(parse(toy(tmp_path / "run", "--actors", "0")))
+    drive = run.made.drive
+
+    def stop(trial, weights):
+        run.stopping = "SIGINT"
+        return drive(trial, weights)
+
+    run.made = dataclasses.replace(run.made, drive=stop)
+    assert run.run() == 130
+    assert run.evaluation.history == []
+    (trials,) = tmp_path.glob("run/evaluation-*/trials.csv")
+    assert len(read_trials(trials)) == 1
 
 
 class TwoTerms(Line):
