@@ -81,7 +81,7 @@ def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):
     rospy.rostime.set_rostime_initialized(True)
     monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
     loop = ControlLoop(cycle, lambda: 200.0, MagicMock(), MagicMock(), failed)
-    running = threading.Thread(target=loop.run)
+    running = threading.Thread(target=loop.run, daemon=True)
     with loop.lock:
         running.start()
         time.sleep(0.1)
