@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Optional
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.dimensionless import ENCODINGS
 from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, option
@@ -65,7 +65,7 @@ def run(options: DatasetOptions) -> None:
         options = options.model_copy(update={"robot": learnt.robot})
     robot, reward, topics = options.robot, Reward.of(learnt), options.topics()
     bags, folder = bags_in(options.bags), Path(options.out)
-    layout = TransitionLayout.of(FORMS[learnt.observation](robot, PERIOD))
+    layout = TransitionLayout.of(ENCODINGS[learnt.observation](robot, PERIOD))
     if (folder / dataset.DATA).exists():
         raise ApplrError(f"{options.out}: holds a dataset already; give another folder")
     listed: List[Dict[str, Any]] = []

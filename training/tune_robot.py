@@ -33,7 +33,7 @@ from training.tuning import open_floor
 from training.tuning.best_set import LINES_S, best_set, drives_of, say, warm_starts
 from training.tuning.clock import Clock
 from training.tuning.found_set import changes, driven_unseen, write_set
-from worlds.loading import FORMS
+from worlds.loading import SPECIFICATIONS
 
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # of a search without --worlds, and of all verdicts
 JUDGED = ("tuned.yaml", "without"), ("static.json", "with")  # file, and its monitor
@@ -47,7 +47,7 @@ class TuneOptions(Options):
     anyway: bool = option(False,
         "Go on where the robot's own parameters do not drive it on open floor.")
     worlds: str = option(WORLDS,
-        f"Courses to search in: {FORMS}; several are separated by commas. {UNSEEN} are for the verdict.")
+        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. {UNSEEN} are for the verdict.")
     minutes: float = option(15.0,
         "About how long it takes [min]; the two verdicts, of 30 courses each, are driven to their end.",
         gt=0, le=10_000)

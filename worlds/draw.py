@@ -11,7 +11,7 @@ import numpy as np
 
 from applr_ros1.common.errors import run_main
 
-from .loading import FORMS, load
+from .loading import SPECIFICATIONS, load
 from .world import World
 
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
@@ -57,7 +57,7 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
 def main() -> int:
     """Exit status 1 and one line where the world cannot be read or the picture not written."""
     parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
-    parser.add_argument("world", help=f"World to draw: {FORMS}.")
+    parser.add_argument("world", help=f"World to draw: {SPECIFICATIONS}.")
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()
 

@@ -17,7 +17,7 @@ import numpy as np
 from . import barn, dynabarn, physical_course, sdf_reader
 from .world import Mover, World, WorldError
 
-FORMS = (
+SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
     "physical_course, a .world file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's "
@@ -68,7 +68,7 @@ def load(spec: str) -> World:
         return sdf_reader.read_world(text)
     if os.path.isdir(text):
         raise WorldError(f"{text} is a folder where one world is needed; give one of its .world files")
-    raise WorldError(f"unknown world {text!r}; give {FORMS}")
+    raise WorldError(f"unknown world {text!r}; give {SPECIFICATIONS}")
 
 
 class Worlds(Sequence):
@@ -114,7 +114,7 @@ def specs(spec: str) -> List[str]:
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
         if not first <= last < recipe.end:
-            raise WorldError(f"no worlds {text!r}; give {FORMS}")
+            raise WorldError(f"no worlds {text!r}; give {SPECIFICATIONS}")
         numbers = range(first, last + 1)
     return [f"{name}:{number}" for number in numbers]
 

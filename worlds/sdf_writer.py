@@ -14,7 +14,7 @@ import numpy as np
 from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
-from .loading import FORMS, load
+from .loading import SPECIFICATIONS, load
 from .sdf_reader import read_world
 from .world import Mover, World, WorldError
 
@@ -92,7 +92,7 @@ def main() -> int:
         description="Writes a world as a Gazebo world file, which reads back as the same world.",
     )
     add = parser.add_argument
-    add("world", help=f"World to write: {FORMS}.")
+    add("world", help=f"World to write: {SPECIFICATIONS}.")
     add("file", help="File to write, such as out.world.")
     add("--course", nargs="+", type=float, metavar="X Y", help="For a .world file: its course, start to goal [m].")
     arguments = parser.parse_args()

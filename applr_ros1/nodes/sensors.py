@@ -124,7 +124,7 @@ class Sensors:
         age = (rospy.get_rostime() - known.stamp).to_sec()
         return f"the newest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
 
-    def forgive(self) -> None:
+    def clear_errors(self) -> None:
         """Nothing is wrong with the sources any more."""
         for topic in self._topics.values():
             topic.trouble = ""

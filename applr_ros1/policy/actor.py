@@ -1,4 +1,4 @@
-"""The policies that a file holds: Policy, a network in one of the forms, and ContextPolicy, APPLD's.
+"""The policies that a file holds: Policy, a network in one of the encodings, and ContextPolicy, APPLD's.
 
 A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. Networks of the same
 sizes can stand side by side in it, along the first axis of each tensor: the answer is the mean of their outputs. `load`
@@ -20,8 +20,8 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
-from applr_ros1.policy.dimensionless import DIMENSIONLESS, FORMS
-from applr_ros1.policy.form import PAPER, Form, Mirror, PaperForm, check_robot, with_mirror_images
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, ENCODINGS
+from applr_ros1.policy.encoding import PAPER, Encoding, Mirror, PaperEncoding, check_robot, with_mirror_images
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
@@ -91,43 +91,50 @@ class Stall:
 class Policy(_FromFile):
     """A deterministic network that drives one robot: ReLU layers, and tanh at the end.
 
-    While the robot stalls, the network's answers have not helped. If the form says so, each decision then draws its
+    While the robot stalls, the network's answers have not helped. If the encoding says so, each decision then draws its
     parameters at random from the course's seed, and the planner backs out of dead ends as far as BACKING_OUT says.
 
     Args:
-        form: What it sees and sets.
+        encoding: What it sees and sets.
         layers: Of the network (layers_of).
         metadata: {str: JSON value} of its file.
     """
 
-    def __init__(self, form: Form, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
-        self.form, self.layers, self.metadata = form, layers, metadata or {}
-        self.period, self.space, self.layout = float(form.period), form.space, form.layout
-        self._stall = Stall(form.robot.world_scale)
+    def __init__(self, encoding: Encoding, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
+        self.encoding, self.layers, self.metadata = encoding, layers, metadata or {}
+        self.period, self.space, self.layout = float(encoding.period), encoding.space, encoding.layout
+        self._stall = Stall(encoding.robot.world_scale)
         self.reset(0)
 
     @classmethod
-    def of(cls, weights: Weights, form: Optional[Form] = None, metadata: Optional[Dict[str, Any]] = None) -> Policy:
+    def of(
+        cls, weights: Weights, encoding: Optional[Encoding] = None, metadata: Optional[Dict[str, Any]] = None
+    ) -> Policy:
         """Make a policy of tensors {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
 
-        form: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the form.
+        encoding: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the encoding.
         """
-        form, metadata = form or PaperForm(JACKAL), metadata or {}
-        layers = _fitting(weights, form.size, form.actions)
+        encoding, metadata = encoding or PaperEncoding(JACKAL), metadata or {}
+        layers = _fitting(weights, encoding.size, encoding.actions)
         if metadata.get("with_mirror_images"):  # which the file leaves out
-            layers = layers_of(with_mirror_images(weights, form.mirror))
-        return cls(form, layers, metadata)
+            layers = layers_of(with_mirror_images(weights, encoding.mirror))
+        return cls(encoding, layers, metadata)
 
     @property
     def environment(self) -> Dict[str, Any]:
         """The arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for what the policy sees and answers."""
-        form = self.form
-        return {"robot": form.robot.folder, "observation": form.name, "period": self.period, "base": form.base}
+        encoding = self.encoding
+        return {
+            "robot": encoding.robot.folder,
+            "observation": encoding.name,
+            "period": self.period,
+            "base": encoding.base,
+        }
 
     def reset(self, seed: int) -> None:
         """Begin a course: there was no decision before."""
-        self.form.period = self.period  # at_period() or the node's ~period may have changed it
-        self.form.reset()
+        self.encoding.period = self.period  # at_period() or the node's ~period may have changed it
+        self.encoding.reset()
         self._stall.reset()
         self._draws = np.random.default_rng([seed, 0x57A1])
 
@@ -139,12 +146,12 @@ class Policy(_FromFile):
         """Return the parameters (n,) for a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
-        action = self.action(self.form.observe(context))
-        if self.form.redraws_stalled and self._stall.look(context.time, *context.pose[:2]):
+        action = self.action(self.encoding.observe(context))
+        if self.encoding.redraws_stalled and self._stall.look(context.time, *context.pose[:2]):
             self.stalls += 1
-            theta = self.form.theta(self._draws.uniform(-1.0, 1.0, len(action)))
+            theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, len(action)))
             return self.space.clip([BACKING_OUT.get(name, value) for name, value in zip(self.space.names, theta)])
-        return self.form.theta(action)
+        return self.encoding.theta(action)
 
     def predict(
         self,
@@ -163,7 +170,7 @@ class Policy(_FromFile):
 class ContextPolicy(_FromFile):
     """APPLD's policy: contexts with a parameter set each, and a classifier that tells the context from the scan.
 
-    contexts  {name: theta (k,)} of what the paper's form chooses in `space`; clipped to the ranges
+    contexts  {name: theta (k,)} of what the paper's encoding chooses in `space`; clipped to the ranges
     weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the paper's
               observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
     layout    how it sees a scan; another one has another number of inputs
@@ -200,7 +207,7 @@ def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, 
 
     Args:
         path: The file.
-        robot: Which robot it is to drive; one in the paper's form, or with contexts, has to be for it.
+        robot: Which robot it is to drive; one in the paper's encoding, or with contexts, has to be for it.
 
     Raises:
         ApplrError: It is absent, or made for another robot or parameter space.
@@ -216,8 +223,8 @@ def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, 
         if written == CONTEXTS_FORMAT:
             found = ContextPolicy.of(weights, metadata, robot)
         else:
-            form = FORMS[DIMENSIONLESS if "observation" in metadata else PAPER]
-            found = Policy.of(weights, form.of(metadata, robot), metadata)
+            encoding = ENCODINGS[DIMENSIONLESS if "observation" in metadata else PAPER]
+            found = Policy.of(weights, encoding.of(metadata, robot), metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
     found.metadata, found.path = metadata, path
@@ -228,7 +235,7 @@ def save(
     path: Union[str, os.PathLike],
     weights: Weights,
     metadata: Optional[Mapping[str, Any]] = None,
-    form: Optional[Form] = None,
+    encoding: Optional[Encoding] = None,
 ) -> None:
     """Write a policy's file, whole or not at all (a temporary file beside it, then renamed).
 
@@ -236,12 +243,12 @@ def save(
         path: The file.
         weights: As Policy.of takes them. Of networks side by side of which every second one is the mirror image of the
             one before it, only the others are stored.
-        metadata: {str: JSON value}: "period_s" of the paper's form, "training", "result", or whatever else.
-        form: What the policy sees and sets; None: the paper's form for the Jackal.
+        metadata: {str: JSON value}: "period_s" of the paper's encoding, "training", "result", or whatever else.
+        encoding: What the policy sees and sets; None: the paper's encoding for the Jackal.
     """
-    form, weights = form or PaperForm(JACKAL), _float32(weights)
-    Policy.of(weights, form)
-    _write(path, weights, FORMAT, {**(metadata or {}), **form.stated()}, form.mirror)
+    encoding, weights = encoding or PaperEncoding(JACKAL), _float32(weights)
+    Policy.of(weights, encoding)
+    _write(path, weights, FORMAT, {**(metadata or {}), **encoding.stated()}, encoding.mirror)
 
 
 def save_contexts(

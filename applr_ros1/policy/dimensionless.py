@@ -1,9 +1,9 @@
-"""The dimensionless form of the learning problem: numbers that mean the same on every robot.
+"""The dimensionless encoding of the learning problem: numbers that mean the same on every robot.
 
 Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
 in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another by
 training/tuning.
-The paper's own form is in form.py.
+The paper's own encoding is in encoding.py.
 
 Only the parameters of OUTPUTS are chosen, as far as the robot's parameter space has them and within its ranges; the
 others keep the values with which the policy was trained, or their default values.
@@ -21,7 +21,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.policy.decision import Context, period_of
-from applr_ros1.policy.form import PAPER, Form, PaperForm
+from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding
 from applr_ros1.policy.layout import TURN_RAD, Layout
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
 from applr_ros1.robots import Robot
@@ -29,7 +29,7 @@ from applr_ros1.robots.check import WIDTH as JACKAL_WIDTH
 from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
 
 DIMENSIONLESS = "dimensionless"
-VERSION = "dimensionless-2"  # of this form, in the files of policies
+VERSION = "dimensionless-2"  # of this encoding, in the files of policies
 JACKAL_SPEED = 2.0  # what its base allows [m/s]
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
@@ -41,8 +41,8 @@ SIZE = BEFORE_MOVERS + 4 * MOVERS  # of an observation
 SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))  # of movers
 
 
-class DimensionlessForm(Form):
-    """Observations and actions of one robot in the dimensionless form.
+class DimensionlessEncoding(Encoding):
+    """Observations and actions of one robot in the dimensionless encoding.
 
     An observation has SIZE numbers in [-1, 1]: the scan now and at the decision before; direction of two points of the
     global plan and of the goal, distance of the goal; speed, turn rate and their changes since the last decision, the
@@ -50,7 +50,7 @@ class DimensionlessForm(Form):
     MOVERS moving obstacles in the robot's frame, far ahead and standing where there are fewer.
 
     Args:
-        robot, base: As of a Form.
+        robot, base: As of an Encoding.
         period: Decision period [s], to which the way driven since the last decision is related.
 
     Attributes:
@@ -99,8 +99,8 @@ class DimensionlessForm(Form):
         return {"observation": VERSION, "period_s": self.period, "base": self.base}
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessForm:
-        """Make the form of a file, for any robot."""
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessEncoding:
+        """Make the encoding of a file, for any robot."""
         if stated["observation"] != VERSION:
             raise ApplrError(f"its observation is {stated['observation']}, {VERSION} is needed")
         return cls(robot, period_of(stated), stated["base"])
@@ -229,4 +229,4 @@ def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float,
     )
 
 
-FORMS: Dict[str, Type[Form]] = {PAPER: PaperForm, DIMENSIONLESS: DimensionlessForm}  # by their names
+ENCODINGS: Dict[str, Type[Encoding]] = {PAPER: PaperEncoding, DIMENSIONLESS: DimensionlessEncoding}  # by their names

@@ -174,11 +174,11 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
 }
 FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}  # by their endings
-FORMS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.py:Class" % ", ".join(METHODS)
+SPECIFICATIONS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.py:Class" % ", ".join(METHODS)
 
 
 def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
-    """Return the method that a specification (FORMS) names, for a robot. Raises ApplrError of one line.
+    """Return the method that a specification (SPECIFICATIONS) names, for a robot. Raises ApplrError of one line.
 
     user_code: Whether a person's own module or file may be imported for it.
     """
@@ -209,7 +209,7 @@ def for_robot(method: Method, robot: Robot) -> Method:
 def _reader(spec: str) -> Callable[[str, Robot], Method]:
     ending = os.path.splitext(spec)[1]
     if ending not in FILES:
-        raise ApplrError("method %r is not known: give %s" % (spec, FORMS))
+        raise ApplrError("method %r is not known: give %s" % (spec, SPECIFICATIONS))
     return FILES[ending]
 
 

@@ -15,7 +15,7 @@ from applr_ros1.policy.parameter_space import SPACE
 MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
 RANGE_CAP_M = 2.0  # at the Jackal's scale; the paper caps the scan there
 LOOKAHEAD_M = 1.0  # at the Jackal's scale
-FARTHEST_M = 4.0  # at the Jackal's scale; no form looks farther along the plan
+FARTHEST_M = 4.0  # at the Jackal's scale; no encoding looks farther along the plan
 WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
 
 

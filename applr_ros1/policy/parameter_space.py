@@ -32,7 +32,7 @@ class Space:
         theta0: (n,) the robot's own values, with which its move_base starts.
         targets: Which servers' values each parameter sets; the first one is where it is read back.
         robot: Name of the robot that it belongs to.
-        fixed: Those that policies in the paper's form do not choose.
+        fixed: Those that policies in the paper's encoding do not choose.
     """
 
     names: Tuple[str, ...]
@@ -49,7 +49,7 @@ class Space:
 
     @cached_property
     def chosen(self):
-        """The Space of those parameters that policies in the paper's form choose: of the Jackal the paper's eight."""
+        """The Space of the parameters that policies in the paper's encoding choose: eight for the Jackal."""
         at, names = self._chosen_at, tuple(name for name in self.names if name not in self.fixed)
         targets = {name: self.targets.get(name, ()) for name in names}
         rows = (self.low[at], self.high[at], self.integer[at], self.theta0[at])

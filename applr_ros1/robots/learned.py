@@ -24,12 +24,15 @@ DECLARED = {**SERVERS, LAYERS: INFLATION, BOTH_COSTMAPS: SERVERS[COSTMAPS[0]]}
 class Learned(NamedTuple):
     """A parameter that is learnt.
 
-    place: The local planner, layers, costmaps or move_base that have it. low, high: Its range in a robot's space, in
-    the unit of its kind: shares of what the base allows for speed and turn, widths of the robot for length. policy: Its
-    number among the outputs of a policy in the dimensionless form; 0 where searches alone set it. log: True where that
-    output is logarithmic. output: The output's range, if it is another one, in the form's units. also: A second name in
-    the same place that follows, with the opposite sign after "-". start: What move_base starts with where the files
-    leave it out, if that may lie outside of the range.
+    Attributes:
+        place: Local planner, layers, costmaps or move_base that have the parameter.
+        low, high: Range in a robot's space, in the unit of its kind: share of what the base allows for a speed or turn,
+            widths of the robot for a length.
+        policy: Number of the output of a policy in the dimensionless encoding; 0 if only searches set the parameter.
+        log: Whether that output is logarithmic.
+        output: Range of the output in units of the encoding, if it differs from low and high.
+        also: Second name in the same place that follows, with the opposite sign after "-".
+        start: Value that move_base starts with if the files leave it out and it may lie outside of the range.
     """
 
     place: str
@@ -76,7 +79,7 @@ LEARNED = (  # in the order in which a space has them
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )
 _rows = sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy)
-# outputs of a policy in the dimensionless form, in their order, by the parameter's name; and that by all of its names
+# Outputs of a policy in the dimensionless encoding, in their order, by the parameter's name; then by all of its names.
 OUTPUTS = {row.name: row for row in _rows if row is next(first for first in _rows if first.policy == row.policy)}
 NAMES = {
     known: name

@@ -248,7 +248,7 @@ class Setting(Section):
 class SpaceParameter(Section):
     """One parameter that a policy or a search sets, within its range. The first setting is where it is read back.
 
-    name: in the file, its key. paper: whether policies in the paper's form see and set it, too.
+    name: in the file, its key. paper: whether policies in the paper's encoding see and set it, too.
     """
 
     name: ParameterName

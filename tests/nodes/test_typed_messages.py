@@ -15,7 +15,7 @@ from applr_ros1 import robots
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
 from applr_ros1.policy.decision import Context, Seen
-from applr_ros1.policy.dimensionless import FAR_POINT, FORMS, DimensionlessForm
+from applr_ros1.policy.dimensionless import ENCODINGS, FAR_POINT, DimensionlessEncoding
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from training.bags.bag import read
@@ -38,7 +38,7 @@ def published(monkeypatch):
 
 
 def snapshot(number):
-    """Numbers of which none is like another, as a node heard them; its plan goes on where no form looks."""
+    """Numbers of which none is like another, as a node heard them; its plan goes on where no encoding looks."""
     rng = np.random.default_rng(number)
     stamps = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
     scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
@@ -92,9 +92,9 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
         np.testing.assert_array_equal(seen.scan[0], said.scan[0])
         np.testing.assert_array_equal(seen.movers, said.movers)
         assert len(seen.plan) < 200 < len(said.plan)
-        for kind in FORMS.values():
-            form = kind(robots.JACKAL, 1.0)
-            observed = [form.observe(Context.of(THETA_0, it, SPACE, form.layout)) for it in (seen, said)]
+        for kind in ENCODINGS.values():
+            encoding = kind(robots.JACKAL, 1.0)
+            observed = [encoding.observe(Context.of(THETA_0, it, SPACE, encoding.layout)) for it in (seen, said)]
             np.testing.assert_array_equal(*observed)
 
 
@@ -111,7 +111,7 @@ def test_a_decision_is_small_and_names_what_it_was_made_from(published):
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_no_form_looks_beyond_the_plan_of_a_decision(name):
     robot = robots.load(name)
-    width = DimensionlessForm(robot, 1.0).width
+    width = DimensionlessEncoding(robot, 1.0).width
     farthest = max(layout_of(robot).lookahead, FAR_POINT * width)
     assert 1.3 * farthest < FARTHEST_M * robot.world_scale
 

@@ -1,4 +1,4 @@
-"""The dimensionless form: one set of numbers for every robot, mirrored as the robot is, and its parameters."""
+"""The dimensionless encoding: one set of numbers for every robot, mirrored as the robot is, and its parameters."""
 
 from dataclasses import replace
 
@@ -9,15 +9,15 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, Stall, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
-from applr_ros1.policy.form import with_mirror_images
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
+from applr_ros1.policy.encoding import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
 from applr_ros1.robots.robot import Setting, SpaceParameter
-from tests.policy import golden_form
+from tests.policy import golden_encoding
 from tests.support.refusals import refused
 
-MIRROR = DimensionlessForm(JACKAL, 1.0).mirror
+MIRROR = DimensionlessEncoding(JACKAL, 1.0).mirror
 JACKAL_CHOSEN = [p.name for p in JACKAL.space if p.paper]
 ROBOTS = [load(name) for name in NAMES]
 WIDE = [replace(robot, space=default_space(robot.base, robot.body, robot.parameters())) for robot in ROBOTS]
@@ -25,15 +25,15 @@ WIDE = [replace(robot, space=default_space(robot.base, robot.body, robot.paramet
 
 def context(robot, rng, side=1.0):
     """A scene; side -1: its mirror image."""
-    form = DimensionlessForm(robot, 1.0)
-    ranges = rng.uniform(0.1, 6.0, form.layout.beams).astype(np.float32)[:: int(side)]
+    encoding = DimensionlessEncoding(robot, 1.0)
+    ranges = rng.uniform(0.1, 6.0, encoding.layout.beams).astype(np.float32)[:: int(side)]
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
     plan = np.column_stack([np.linspace(x, x + 5.0, 60), np.linspace(y, 2.0, 60)]) * (1.0, side)
     goal = (plan[-1, 0], plan[-1, 1], 0.0)
     moving = (0.4 * robot.base.max_speed, side * turn)
     pose = (x, side * y, side * yaw)
     movers = rng.uniform(-4.0, 4.0, (rng.integers(1, 6), 4)) * (1.0, side, 1.0, side)
-    return Context(ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, movers, form.space)
+    return Context(ranges, side * phi, encoding.space.theta0, 0.0, pose, moving, goal, plan, movers, encoding.space)
 
 
 def network(rng):
@@ -47,67 +47,67 @@ def network(rng):
 
 @pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)])
 def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
-    form, rng = DimensionlessForm(robot, 1.0), np.random.default_rng(0)
+    encoding, rng = DimensionlessEncoding(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
-        theta = form.theta(action)
-        assert np.array_equal(theta, form.space.clip(theta))
+        theta = encoding.theta(action)
+        assert np.array_equal(theta, encoding.space.clip(theta))
         if robot in WIDE:  # whose ranges hold all that can be said
             inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
-            back = form.action(theta)[inside]
-            free = (theta > form.space.low + 1e-9) & (theta < form.space.high - 1e-9)
-            kept = [free[form.space.names.index(n)] if n in form.space.names else False for n in OUTPUTS]
+            back = encoding.action(theta)[inside]
+            free = (theta > encoding.space.low + 1e-9) & (theta < encoding.space.high - 1e-9)
+            kept = [free[encoding.space.names.index(n)] if n in encoding.space.names else False for n in OUTPUTS]
             same = np.abs(back - action[inside]) < 1e-6
             assert (same | ~np.array(kept)[inside]).all()
-    refused(lambda: form.theta(np.full(len(OUTPUTS), np.nan)), "finite")
+    refused(lambda: encoding.theta(np.full(len(OUTPUTS), np.nan)), "finite")
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
-    form, image = DimensionlessForm(robot, 1.0), DimensionlessForm(robot, 1.0)
+    encoding, image = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(robot, 1.0)
     for seed in range(3):  # the later ones also hold what changed
-        seen = form.observe(context(robot, np.random.default_rng(seed)))
+        seen = encoding.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
         assert seen.shape == (SIZE,)
         assert np.abs(seen).max() <= 1.0
         np.testing.assert_allclose(seen[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
-    form.reset()
-    first = form.observe(context(robot, np.random.default_rng(5)))
+    encoding.reset()
+    first = encoding.observe(context(robot, np.random.default_rng(5)))
     np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])  # no decision before: twice
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
-    with np.load(golden_form.FILE) as arrays:
+    with np.load(golden_encoding.FILE) as arrays:
         golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
-    for key, found in golden_form.outputs(load(name), golden).items():
+    for key, found in golden_encoding.outputs(load(name), golden).items():
         np.testing.assert_array_equal(found, golden[key], key)
 
 
 def test_the_nearest_movers_are_seen_from_the_robot():
     """It looks along y; one ahead that comes closer, a farther one to the left that goes there, others are farther."""
-    form, rng = DimensionlessForm(JACKAL, 1.0), np.random.default_rng(0)
+    encoding, rng = DimensionlessEncoding(JACKAL, 1.0), np.random.default_rng(0)
     movers = np.array([(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)])
     here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
-    length, fast = 15.0 * form.width, JACKAL.base.max_speed
+    length, fast = 15.0 * encoding.width, JACKAL.base.max_speed
     ahead, left = (2.0 / length, 0.0, -0.5 / fast, 0.0), (0.0, 3.0 / length, 0.0, 1.0 / fast)
     right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, which is as far as one is seen
-    np.testing.assert_allclose(form.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
-    np.testing.assert_array_equal(form.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
+    np.testing.assert_allclose(encoding.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
+    np.testing.assert_array_equal(encoding.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
 
 
 def test_a_scene_of_twice_the_size_looks_alike():
-    form = DimensionlessForm(JACKAL, 1.0)
+    encoding = DimensionlessEncoding(JACKAL, 1.0)
     near = context(JACKAL, np.random.default_rng(0))
-    small = form.observe(near)[:240]
-    form.layout = form.layout.__class__(
-        180, form.layout.angle_min, form.layout.angle_max, 2 * form.layout.range_cap, 1.0
+    small = encoding.observe(near)[:240]
+    encoding.layout = encoding.layout.__class__(
+        180, encoding.layout.angle_min, encoding.layout.angle_max, 2 * encoding.layout.range_cap, 1.0
     )
-    large = form._scan(2.0 * near.ranges)
+    large = encoding._scan(2.0 * near.ranges)
     np.testing.assert_allclose(small, large, atol=1e-6)
 
 
 def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
-    method = Policy.of(network(np.random.default_rng(0)), DimensionlessForm(JACKAL, 1.0))
+    method = Policy.of(network(np.random.default_rng(0)), DimensionlessEncoding(JACKAL, 1.0))
     still = context(JACKAL, np.random.default_rng(1))
 
     def at(t, speed):  # slowly ahead, or at 0.5 m/s a metre ahead and back again
@@ -143,7 +143,7 @@ def test_a_larger_robot_stalls_on_a_longer_way():
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
     weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
-    save(path, weights, form=DimensionlessForm(JACKAL, 1.0, base))
+    save(path, weights, encoding=DimensionlessEncoding(JACKAL, 1.0, base))
     method = methods.make(str(path), JACKAL)
     method.reset(0)
     decided = method.space.as_dict(method.theta(context(JACKAL, np.random.default_rng(0))))
@@ -155,15 +155,15 @@ def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
     """DWAPlannerROS drives back at its min_vel_x, TrajectoryPlannerROS ahead at least at its own."""
     settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
-    form = DimensionlessForm(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
-    assert set(form.chosen) == {*JACKAL_CHOSEN, "sim_time"}
-    assert form.theta(np.full(len(OUTPUTS), -1.0))[-1] == 0.1
+    encoding = DimensionlessEncoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
+    assert set(encoding.chosen) == {*JACKAL_CHOSEN, "sim_time"}
+    assert encoding.theta(np.full(len(OUTPUTS), -1.0))[-1] == 0.1
 
 
 def test_one_file_drives_every_robot(tmp_path):
     rng = np.random.default_rng(0)
     weights, path = network(rng), str(tmp_path / "general.safetensors")
-    save(path, with_mirror_images(weights, MIRROR), form=DimensionlessForm(JACKAL, 1.0))
+    save(path, with_mirror_images(weights, MIRROR), encoding=DimensionlessEncoding(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
     assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored

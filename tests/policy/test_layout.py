@@ -5,7 +5,7 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.policy.actor import load, save
-from applr_ros1.policy.form import PaperForm
+from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.layout import ANGLE_TOLERANCE_RAD, Layout, ObservationError
 from applr_ros1.policy.methods import make
 from tests.support.refusals import refused
@@ -85,7 +85,7 @@ def test_a_scan_that_does_not_cover_the_layout_is_refused_with_what_is_missing(c
 def test_an_actor_brings_its_own_layout(tmp_path):
     layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
     weights = {"0.weight": rng.normal(size=(8, 69)).astype(np.float32), "0.bias": np.zeros(8, np.float32)}
-    save(tmp_path / "a.safetensors", weights, form=PaperForm(robots.JACKAL, layout=layout))
+    save(tmp_path / "a.safetensors", weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))
     assert load(tmp_path / "a.safetensors").layout == layout
     assert make(str(tmp_path / "a.safetensors")).layout == layout
     assert make("dwa").layout == JACKAL

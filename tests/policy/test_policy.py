@@ -18,7 +18,7 @@ from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, load, save
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.form import Mirror, with_mirror_images
+from applr_ros1.policy.encoding import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused
@@ -79,7 +79,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
         (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give a number from 0.2 to 2"),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
-        (lambda: DRAWN.form.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
+        (lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
         (lambda: methods.make("fast"), "method 'fast' is not known: give dwa, "),
         (lambda: methods.make("/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
         (
@@ -175,7 +175,7 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
         x = torch.relu(x) if i < 3 else torch.tanh(x)
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
-    theta = actor.form.theta(actor.action(obs[0]))
+    theta = actor.encoding.theta(actor.action(obs[0]))
     np.testing.assert_array_equal(theta[:8], SPACE.to_theta([*actor.action(obs[0]), *[0] * (len(SPACE) - 8)])[:8])
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
@@ -316,5 +316,5 @@ def test_a_loaded_policy_predicts_what_its_method_decides(name):
     method = methods.make(file, robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())
-    np.testing.assert_allclose(environment.unwrapped.form.theta(action), decided, rtol=1e-6)
+    np.testing.assert_allclose(environment.unwrapped.encoding.theta(action), decided, rtol=1e-6)
     assert environment.unwrapped.episode.period == method.period

@@ -1,8 +1,8 @@
 """Transitions (s, theta, r, s', terminated, truncated) from the decisions in a Bag, goal by goal.
 
-bags_to_dataset.py calls it. A decision of the applr node holds what it was made from, which is observed in any form as
-the node and the learning environment observe it, and what was chosen; the action's status, the odometry and the scans
-of the bag say what came of it.
+bags_to_dataset.py calls it. A decision of the applr node holds its inputs, which any encoding observes as the node and
+the learning environment do, and the parameters that were chosen. The outcome follows from the status of the action, the
+odometry and the scans.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.dimensionless import FORMS
-from applr_ros1.policy.form import PAPER, Form
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
 from training.bags.bag import Bag, BagError, Decision
@@ -83,7 +83,7 @@ def transitions(
     Args:
         bag: What was recorded.
         robot: Who drove.
-        observation: Name of the form in which the transitions are.
+        observation: Name of the encoding in which the transitions are.
         reward: Of each transition.
         finish: Metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
             goal lies beyond the finish line); None: only move_base's own result counts.
@@ -91,22 +91,22 @@ def transitions(
     Raises:
         BagError: The bag lacks what is needed.
     """
-    form = FORMS[observation](robot, decision_period(bag))
-    _check(bag, form)
+    encoding = ENCODINGS[observation](robot, decision_period(bag))
+    _check(bag, encoding)
     trajectories: List[Trajectory] = []
     skipped: Counter[str] = Counter()
     for goal in goals(bag):
         try:
             _check_motion(bag, goal)
-            samples = _samples(bag, form, goal, finish)
+            samples = _samples(bag, encoding, goal, finish)
         except Skipped as reason:
             skipped[str(reason)] += 1
             continue
-        trajectories += [_trajectory(form, run, reward) for run in _usable(bag, form, samples, skipped)]
+        trajectories += [_trajectory(encoding, run, reward) for run in _usable(bag, encoding, samples, skipped)]
     return trajectories, skipped
 
 
-def _check(bag: Bag, form: Form) -> None:
+def _check(bag: Bag, encoding: Encoding) -> None:
     """Raise BagError where a bag lacks what transitions are made of."""
     topics = bag.topics
     if not bag.decisions:
@@ -121,7 +121,7 @@ def _check(bag: Bag, form: Form) -> None:
     if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
         raise BagError("recorded on another clock than its messages'; set use_sim_time where you record")
     theirs = list(bag.decisions[0].before)
-    if set(theirs) != set(form.space.names):
+    if set(theirs) != set(encoding.space.names):
         raise BagError(f"its decisions set {', '.join(theirs)}; give the --robot that has these parameters")
 
 
@@ -169,7 +169,7 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
 
 
 # -- samples -----------------------------------------------------------------------------------------------------------
-def _samples(bag: Bag, form: Form, goal: Goal, finish: Optional[float]) -> List[Sample]:
+def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[Sample]:
     """Return the decisions, and where the course ended or was broken off.
 
     The node tells what it saw there, a moment later. Where it does not, the end of a course that was reached or given
@@ -192,16 +192,16 @@ def _samples(bag: Bag, form: Form, goal: Goal, finish: Optional[float]) -> List[
     if len(moments) < 2:
         raise Skipped("shorter than one decision")
     samples: List[Sample] = []
-    form.reset()
+    encoding.reset()
     for number, (decision, place, is_end) in enumerate(moments):
-        had, has = (_theta(form, values) for values in (decision.before, decision.after or decision.before))
-        seen = form.observe(Context.of(had, decision.seen, form.space, form.layout))
+        had, has = (_theta(encoding, values) for values in (decision.before, decision.after or decision.before))
+        seen = encoding.observe(Context.of(had, decision.seen, encoding.space, encoding.layout))
         outcome = Outcome(had, decisions=number, time_s=(decision.stamp - moments[0][0].stamp) / SECOND)
         samples.append(Sample(decision, place, is_end, has, seen, outcome))
         if number:
-            _label(bag, form.robot, *samples[-2:])
+            _label(bag, encoding.robot, *samples[-2:])
         if is_end:
-            form.reset()
+            encoding.reset()
     if is_end and goal.ended:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
     return samples
@@ -231,9 +231,9 @@ def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.nd
     return stamps[rows], np.column_stack(transform_point(change, *bag.odometry.pose[rows, :2].T))
 
 
-def _theta(form: Form, values: Dict[str, float]) -> np.ndarray:
+def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
     """Return theta (k,) of the {name: value} of a decision."""
-    return np.array([values[name] for name in form.space.names])
+    return np.array([values[name] for name in encoding.space.names])
 
 
 def _label(bag: Bag, robot: Robot, before: Sample, after: Sample) -> None:
@@ -248,13 +248,13 @@ def _label(bag: Bag, robot: Robot, before: Sample, after: Sample) -> None:
     outcome.contact = any(before.at < at <= after.at for at in bag.collisions)
 
 
-def _unusable(bag: Bag, form: Form, before: Sample, after: Sample) -> str:
+def _unusable(bag: Bag, encoding: Encoding, before: Sample, after: Sample) -> str:
     """Return why a transition cannot be used; "" when it can."""
     seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
-    early = seconds < 0.5 * form.period and not after.outcome.over
+    early = seconds < 0.5 * encoding.period and not after.outcome.over
     if early and after.is_end:
         return "a course was broken off soon after a decision"
-    if early or seconds > 1.5 * form.period:
+    if early or seconds > 1.5 * encoding.period:
         return "a decision's period is not that of the others"
     stamps = stamps[(stamps >= before.at - MAX_AGE_S * SECOND) & (stamps <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
@@ -265,11 +265,11 @@ def _unusable(bag: Bag, form: Form, before: Sample, after: Sample) -> str:
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def _usable(bag: Bag, form: Form, samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
+def _usable(bag: Bag, encoding: Encoding, samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
     """Yield runs of samples with usable transitions between them; the others are counted in `skipped`."""
     run = samples[:1]
     for before, after in zip(samples, samples[1:]):
-        trouble = "" if before.is_end else _unusable(bag, form, before, after)
+        trouble = "" if before.is_end else _unusable(bag, encoding, before, after)
         if trouble:
             skipped[trouble] += 1
         if trouble or before.is_end:
@@ -281,13 +281,13 @@ def _usable(bag: Bag, form: Form, samples: List[Sample], skipped: Counter[str]) 
         yield run
 
 
-def _trajectory(form: Form, run: List[Sample], reward: Reward) -> Trajectory:
+def _trajectory(encoding: Encoding, run: List[Sample], reward: Reward) -> Trajectory:
     """Return the transitions between the samples of a run."""
     actions, rewards, outcome = [], [], run[0].outcome
     for before, after in zip(run, run[1:]):
-        actions.append(form.action(before.theta))
+        actions.append(encoding.action(before.theta))
         outcome = after.outcome
-        limit = max(round(TIME_LIMIT / form.period), outcome.decisions)
-        rewards.append(reward(outcome, limit, form.period, form.scale, form.pace)[0])
+        limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
+        rewards.append(reward(outcome, limit, encoding.period, encoding.scale, encoding.pace)[0])
     observations, terminated = [sample.observation for sample in run], outcome.success or failed(outcome)
-    return Trajectory.of(TransitionLayout.of(form), observations, actions, rewards, terminated)
+    return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)

@@ -68,15 +68,15 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall,
             monitor=self.settings.monitor,
         )
-        self.form = form = self.settings.form()
-        self.space, self.episode.layout = form.space, form.layout
-        self.layout = TransitionLayout.of(form)
+        self.encoding = encoding = self.settings.encoding()
+        self.space, self.episode.layout = encoding.space, encoding.layout
+        self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
-            rest, odd = self.layout.rest, form.odd + tuple(self.layout.rest + place for place in privileged.ODD)
+            rest, odd = self.layout.rest, encoding.odd + tuple(self.layout.rest + place for place in privileged.ODD)
             more = privileged.SIZE
             self.layout = dataclasses.replace(self.layout, rest=rest + more, odd=odd, hidden=more)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (form.actions,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """Begin a course in the world of the index options["world"], else in one that is drawn."""
@@ -89,15 +89,15 @@ class ApplrEnv(gymnasium.Env):
             protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
         world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
         outcome = self.episode.reset(world, draw)
-        self.form.reset()
+        self.encoding.reset()
         return self._observation(), self._info(outcome)
 
     def step(self, action):
         """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        outcome = self.episode.decide(self.form.theta(action))
-        reward, terms = self.settings.reward.judge(self.form, self.episode)
+        outcome = self.episode.decide(self.encoding.theta(action))
+        reward, terms = self.settings.reward.judge(self.encoding, self.episode)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
@@ -105,10 +105,10 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), float(reward), terminated, truncated, info
 
     def _observation(self) -> np.ndarray:
-        seen = self.form.observe(self.episode.context())
+        seen = self.encoding.observe(self.episode.context())
         if not self.layout.hidden:
             return seen
-        return np.append(seen, privileged.privileged(self.episode, self.form.scale))
+        return np.append(seen, privileged.privileged(self.episode, self.encoding.scale))
 
     def close(self):
         """Close the simulator."""

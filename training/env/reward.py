@@ -7,7 +7,7 @@ from typing import ClassVar, Dict, Tuple
 from pydantic import ConfigDict
 
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.form import Form
+from applr_ros1.policy.encoding import Encoding
 from training.common.options import Options, option
 from training.env.episode import Episode
 from training.env.outcome import Outcome
@@ -48,8 +48,8 @@ class Reward(RewardOptions):
       at most the observation's 2 m, so R_c <= -.5.
     - c_collision is charged for a decision in which the robot touched something.
 
-    All these seconds are the Jackal's: a robot of another pace (Form.pace) pays for so many of its own as it takes for
-    the same course. For a slow robot a failure would otherwise be cheaper than the way to the goal.
+    All these seconds are the Jackal's. They are scaled by the robot's pace (Encoding.pace), because for a slow robot a
+    failure would otherwise cost less than the way to the goal.
     """
 
     c_f: float = 1.0  # the paper publishes no coefficients; these are ours
@@ -93,10 +93,10 @@ class Reward(RewardOptions):
         }
         return sum(terms.values()), terms
 
-    def judge(self, form: Form, episode: Episode) -> Tuple[float, Dict[str, float]]:
+    def judge(self, encoding: Encoding, episode: Episode) -> Tuple[float, Dict[str, float]]:
         """Return the reward of an episode's newest decision, as __call__ does, in the scale and pace of an encoding."""
         assert episode.outcome is not None
-        return self(episode.outcome, episode.limit, episode.period, form.scale, form.pace)
+        return self(episode.outcome, episode.limit, episode.period, encoding.scale, encoding.pace)
 
 
 def failed(outcome: Outcome) -> bool:

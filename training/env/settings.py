@@ -7,8 +7,8 @@ from typing import Any, Dict, Literal, Optional
 
 from pydantic import ConfigDict
 
-from applr_ros1.policy.dimensionless import FORMS
-from applr_ros1.policy.form import Form
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import Encoding
 from applr_ros1.robots import Robot
 from training.common.command_line import AnyRobot, SimulatorName
 from training.common.options import Options, option
@@ -57,7 +57,7 @@ class TrialSettings(DriveSettings):
     """Settings of trials and training episodes, which identify them as JSON for workers.
 
     Attributes:
-        observation: Encoding of what a learnt policy sees and does, and of the reward (applr_ros1/policy/form.py).
+        observation: Encoding of what a learnt policy sees and does, and of the reward (applr_ros1/policy/encoding.py).
         base: Values of the parameters that an action of the dimensionless encoding does not choose; else the defaults.
         period: Decision period [s]; in trials None means each method's own.
         reward: Coefficients of the reward.
@@ -75,9 +75,9 @@ class TrialSettings(DriveSettings):
     loaded: bool = False
     time_limit: float = TIME_LIMIT
 
-    def form(self) -> Form:
+    def encoding(self) -> Encoding:
         """Return a new encoding for the robot."""
-        return FORMS[self.observation](self.robot, self.period, self.base)
+        return ENCODINGS[self.observation](self.robot, self.period, self.base)
 
     def planner_parameters(self, robot: Robot) -> Dict[str, Any]:
         """Return the planner's parameter tree of a robot's files; its distance biases count per cell."""

@@ -20,7 +20,7 @@ from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds import World
-from worlds.loading import FORMS
+from worlds.loading import SPECIFICATIONS
 
 
 class EvaluationOptions(DriveSettings):
@@ -29,8 +29,8 @@ class EvaluationOptions(DriveSettings):
     model_config = ConfigDict(title=None)
 
     # fmt: off
-    worlds: str = option("generated:test", f"Worlds to drive in: {FORMS}; several are separated by commas.")
-    methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
+    worlds: str = option("generated:test", f"Worlds to drive in: {SPECIFICATIONS}; several are separated by commas.")
+    methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.SPECIFICATIONS}.")
     trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
     simulator: SimulatorName = "pybullet"
     protocol: Literal["paper", "barn-challenge"] = option(PAPER,

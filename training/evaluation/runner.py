@@ -96,7 +96,7 @@ class TrialRunner:
 
     def __init__(self, settings: TrialSettings):
         self.settings, self.robot, self.period = settings, settings.robot, settings.period
-        self.space, self.form = space_of(self.robot), settings.form()
+        self.space, self.encoding = space_of(self.robot), settings.encoding()
         self.loadable = loadable_space(self.robot)
         self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
         self.trace = Trace()
@@ -123,7 +123,7 @@ class TrialRunner:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
-            total += self.settings.reward.judge(self.form, episode)[0]
+            total += self.settings.reward.judge(self.encoding, episode)[0]
         self.trace = episode.trace
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
         found = {**vars(outcome), **more}
@@ -160,7 +160,7 @@ class TrialRunner:
                 raise ValueError("a trial of the policy came without a policy")
             if self.period is None:
                 raise ValueError("the policy that is being learnt has no decision period of its own: state it")
-            return Policy(self.form, policy.layers)
+            return Policy(self.encoding, policy.layers)
         return self._made(task.method_spec)
 
 

@@ -19,15 +19,15 @@ from applr_ros1.common.yaml_files import read_yaml
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
-from applr_ros1.policy.form import PAPER as PAPER_FORM
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import PAPER as PAPER_ENCODING
 from training.common import command_line
 from training.common.command_line import RayAddress, Seed
 from training.common.options import Options, checked, dashed, option
 from training.env.reward import Reward, RewardOptions
 from training.env.settings import CHALLENGE, DRAWN, PAPER, DriveSettings
 from training.td3.options import TD3Options
-from worlds.loading import FORMS
+from worlds.loading import SPECIFICATIONS
 
 RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
 PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
@@ -103,8 +103,8 @@ class TaskOptions(DriveSettings):
 
     # fmt: off
     worlds: str = option("generated:learn",
-        f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
-        "without those of generated:validation.")
+        f"Worlds to train in: {SPECIFICATIONS}; several are separated by commas. generated:learn are the training "
+        "worlds without those of generated:validation.")
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     observation: Literal["paper", "dimensionless"] = option("paper",
@@ -153,9 +153,9 @@ class Start(NamedTuple):
     """Start of a run: one of the first three, or random weights."""
 
     run: str = ""  # folder of another run, whose networks and optimisers are taken over
-    policy: str = ""  # file of a policy in the dimensionless form
+    policy: str = ""  # file of a policy in the dimensionless encoding
     action: Sequence[float] = ()  # the policy's first answer to any observation
-    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless form does not choose
+    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless encoding does not choose
 
 
 class OfflineOptions(Options):
@@ -172,8 +172,8 @@ class OfflineOptions(Options):
         "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
         "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
         "robot's own best single set, dwa for its default parameters or a JSON file, which also gives the parameters "
-        "that a policy in the dimensionless form does not choose; or from the file of a policy in the dimensionless "
-        "form, which stands still while the critics learn alone for 2,000 gradient steps. "
+        "that a policy in the dimensionless encoding does not choose; or from the file of such a policy, which is "
+        "frozen while the critics learn alone for 2,000 gradient steps. "
         "Default: the policy's first output is near the middle of the ranges.")
     # fmt: on
 
@@ -212,7 +212,7 @@ class TrainConfig(
         if not name or self.resume and (out / "checkpoint.json").exists():
             return Start(base=begun)
         if name.endswith(POLICY_FILE):
-            if self.observation == PAPER_FORM:
+            if self.observation == PAPER_ENCODING:
                 raise ApplrError(f"--init-from is {name!r}: a policy needs --observation dimensionless")
             return Start(policy=name)
         if (Path(name) / "checkpoint.json").exists():
@@ -224,9 +224,13 @@ class TrainConfig(
                 f"--init-from is {name!r}: give static, dwa, a JSON file with a parameter set, the file of a policy, "
                 "or the folder of a training run that has saved a checkpoint"
             )
-        form = POLICY_FORMS[self.observation](self.robot, self.decision_period)
-        base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
-        return Start(action=form.action(method.values).tolist(), base=base if self.observation != PAPER_FORM else {})
+        encoding = ENCODINGS[self.observation](self.robot, self.decision_period)
+        base = {
+            name: value for name, value in encoding.space.as_dict(method.values).items() if name not in encoding.chosen
+        }
+        return Start(
+            action=encoding.action(method.values).tolist(), base=base if self.observation != PAPER_ENCODING else {}
+        )
 
     def environment(self) -> Dict[str, Any]:
         """Return the arguments of the training's environment (ApplrEnv), as JSON values."""

@@ -173,7 +173,7 @@ class Learner:
 
 
 def begun_policy(path: str) -> Weights:
-    """The network in the file of a policy in the dimensionless form, without its mirror image. Raises ApplrError."""
+    """Return the network of a dimensionless policy's file, without its mirror image. Raises ApplrError."""
     layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, write_json
 from applr_ros1.policy import actor
-from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.dimensionless import ENCODINGS
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import THETA0, PeriodicEvaluation
@@ -230,10 +230,10 @@ class TrainingRun:
         self.write_policy(path, weights, dict(period_s=period, training=training, result=result, default=default))
 
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
-        """The file of a policy in the form that the run learns."""
+        """The file of a policy in the encoding that the run learns."""
         config = self.config
-        form = FORMS[config.observation](config.robot, config.decision_period, config.start.base)
-        actor.save(path, weights, metadata, form)
+        encoding = ENCODINGS[config.observation](config.robot, config.decision_period, config.start.base)
+        actor.save(path, weights, metadata, encoding)
 
     # -- progress ------------------------------------------------------------------------------------------
     def _show_status(self) -> None:

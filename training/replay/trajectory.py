@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Dict, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.form import Form, Mirror
+from applr_ros1.policy.encoding import Encoding, Mirror
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class TransitionLayout:
     step: ClassVar[float] = 2.0 / 255  # resolution of a stored beam, in units of the observation
 
     @classmethod
-    def of(cls, form: Form) -> TransitionLayout:
-        """Return the layout of a form's observations and actions."""
-        return cls(form.scan, form.size - form.scan, form.actions, form.scans, form.odd)
+    def of(cls, encoding: Encoding) -> TransitionLayout:
+        """Return the layout of an encoding's observations and actions."""
+        return cls(encoding.scan, encoding.size - encoding.scan, encoding.actions, encoding.scans, encoding.odd)
 
     @property
     def mirror(self) -> Optional[Mirror]:

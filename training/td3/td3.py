@@ -20,7 +20,7 @@ from torch import nn
 from torch.nn import functional
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.form import Mirror, with_mirror_images
+from applr_ros1.policy.encoding import Mirror, with_mirror_images
 from training.td3.options import TD3Options
 
 ACTOR_LR = 3e-4  # learning rate of the policy

@@ -15,7 +15,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
-from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot, load
 from training.env.episode import TIME_LIMIT
@@ -137,7 +137,7 @@ def warm_starts(robot: Robot) -> np.ndarray:
     """Return parameter sets (k, n) to begin with: the robot's own, the set in its folder, and those of included robots.
 
     Each set is also tried half-way to the robot's own parameters. Sets of other robots are scaled to its size and
-    speed; parameters that the dimensionless form does not know keep their place in the range.
+    speed; parameters that the dimensionless encoding does not know keep their place in the range.
     """
     space, found = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
@@ -146,8 +146,8 @@ def warm_starts(robot: Robot) -> np.ndarray:
             action = space_of(other).to_action(theirs)
             if other is not robot:
                 there = dict(zip(space_of(other).names, action))
-                form, their_form = DimensionlessForm(robot, 1.0), DimensionlessForm(other, 1.0)
-                here = zip(space.names, space.to_action(form.theta(their_form.action(theirs))))
-                action = np.array([at if name in form.chosen else there.get(name, at) for name, at in here])
+                encoding, their_encoding = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(other, 1.0)
+                here = zip(space.names, space.to_action(encoding.theta(their_encoding.action(theirs))))
+                action = np.array([at if name in encoding.chosen else there.get(name, at) for name, at in here])
             found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
     return np.array(found)

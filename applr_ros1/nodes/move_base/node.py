@@ -200,7 +200,7 @@ class MoveBaseNode:
             where = f"no usable scan on {sensors.resolved(topic)} for {after:g} s"
             rospy.logerr_throttle(1.0, f"standing still: {where}: {sensors.newest(topic)}")
         else:
-            sensors.forgive()
+            sensors.clear_errors()
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)

@@ -54,7 +54,7 @@ class Viewer:
         gui = self.server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
         gui.main_panel.dock_right()  # the scene has the rest of the window
-        self.pilot = pilot.Pilot(robot, self.listener, self.say)
+        self.pilot = pilot.MethodSelector(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._ready, self._clock = False, Clock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)

@@ -15,7 +15,7 @@ from applr_ros1.policy.methods import POLICY, SET, shipped
 from applr_ros1.robots import Robot
 
 from .listening import Listener, by_hand, show
-from .pilot import METHODS, Pilot
+from .pilot import METHODS, MethodSelector
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # that a robot may lack
@@ -38,7 +38,7 @@ class Panel:
         sliders: By the parameter's name.
     """
 
-    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: Pilot):
+    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: MethodSelector):
         """gui: viser's, in the context where the panel is to be."""
         self._robot, self._listener, self._pilot = robot, listener, pilot
         there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]

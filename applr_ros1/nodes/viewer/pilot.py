@@ -25,7 +25,7 @@ METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "A
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
 
 
-class Pilot:
+class MethodSelector:
     """The page's side of the applr node; all methods may be called from any thread.
 
     Attributes:

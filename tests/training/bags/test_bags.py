@@ -17,8 +17,8 @@ from rosbags.rosbag1 import Writer
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import Context, Seen
-from applr_ros1.policy.dimensionless import FORMS
-from applr_ros1.policy.form import PaperForm
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
@@ -125,7 +125,7 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
     expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
-    actions = [PaperForm(robots.JACKAL).action(theta) for theta in drive.thetas[:count]]
+    actions = [PaperEncoding(robots.JACKAL).action(theta) for theta in drive.thetas[:count]]
     if ends:
         expected[-1] = np.concatenate([expected[-2, :721], actions[-1]])
     np.testing.assert_array_equal(trajectory.scan, TransitionLayout().quantise(expected))
@@ -396,7 +396,7 @@ def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, ca
         config = config_of(options)
         with pytest.raises(ApplrError, match=line):
             dataset_of(config, TransitionLayout())
-    layout = TransitionLayout.of(FORMS["dimensionless"](robots.JACKAL, 2.0))
+    layout = TransitionLayout.of(ENCODINGS["dimensionless"](robots.JACKAL, 2.0))
     assert dataset_of(config_of([*known, "--no-lowest"]), layout).transitions == 5
 
 
@@ -444,18 +444,18 @@ def driven(path, observation, world, limit=None, **settings):
     with StackWriter(path) as writer:
         same = env.episode.simulator, env.episode.move_base
         env.episode = Truthful(*same, writer, period=1.0, limit=limit)
-        env.episode.layout = env.form.layout
+        env.episode.layout = env.encoding.layout
         rng, found, moving = np.random.default_rng(3), [], 0
         for course in range(2):
             seen, over = [env.reset(seed=course)[0]], False
             actions, rewards = [], []
             while not over:
-                wanted = env.form.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.form.actions)
+                wanted = env.encoding.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.encoding.actions)
                 observed, reward, terminated, truncated, _ = env.step(wanted)
                 seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
-                actions.append(env.form.action(env.episode.outcome.theta))
+                actions.append(env.encoding.action(env.episode.outcome.theta))
                 moving += len(env.episode.movers())
-            layout = TransitionLayout.of(env.form)
+            layout = TransitionLayout.of(env.encoding)
             assert layout == env.layout
             found.append(Trajectory.of(layout, seen, actions, rewards, terminated))
     assert moving or "dynamic" not in world
@@ -474,7 +474,7 @@ def assert_same(found, expected):
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", None), ("dynamic:406", 9)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
-    """Through rosbags-convert and the command, in both forms, with what moves, to the goal and to the time limit."""
+    """Through rosbags-convert and the command: both encodings, moving obstacles, to the goal and to the time limit."""
     expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
     command = Path(sys.executable).with_name("rosbags-convert")
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)

@@ -11,8 +11,8 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.policy.dimensionless import DimensionlessForm
-from applr_ros1.policy.form import PaperForm
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
+from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode, nearest
 from training.env.outcome import Outcome
@@ -116,7 +116,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
-    observation = PaperForm(robots.JACKAL).observe(episode.context())
+    observation = PaperEncoding(robots.JACKAL).observe(episode.context())
     assert (laser, observation.shape) == (pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01), (729,))
     assert observation[720] == pytest.approx(episode.context().phi / math.pi)
 
@@ -314,7 +314,7 @@ def test_times_are_counted_at_the_pace_of_the_robot():
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
     assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # what is left until the limit
-    husky = DimensionlessForm(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
+    husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
     judged = Reward(exact_time=True).judge(husky, episode)
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
@@ -364,9 +364,9 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
     observation, _, _, _, info = env.step(action)
-    theta = PaperForm(robots.JACKAL).theta(action)
+    theta = PaperEncoding(robots.JACKAL).theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(observation[721:], PaperForm(robots.JACKAL).action(theta), atol=1e-6)
+    np.testing.assert_allclose(observation[721:], PaperEncoding(robots.JACKAL).action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
     assert (configuration["max_vel_x"], configuration["vx_samples"]) == (pytest.approx(theta[0]), theta[2])
     assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
@@ -379,7 +379,7 @@ def test_decision_period_changes_the_steps_not_what_a_second_costs():
     for period, limit in ((2.0, 50), (0.5, 200)):
         env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
         env.reset(seed=1)
-        action = env.form.action(env.space.theta0)
+        action = env.encoding.action(env.space.theta0)
         cost, info, over, before = 0.0, {"time_s": 0.0}, False, 0.0
         while not over:
             before = info["time_s"]
@@ -416,9 +416,9 @@ def test_a_course_begins_with_no_scan_of_the_one_before():
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
     seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
-    now, earlier = np.reshape([observation[: env.unwrapped.form.scan] for observation in seen], (2, 2, -1)).swapaxes(
-        0, 1
-    )
+    now, earlier = np.reshape(
+        [observation[: env.unwrapped.encoding.scan] for observation in seen], (2, 2, -1)
+    ).swapaxes(0, 1)
     assert [np.array_equal(*scans) for scans in zip(now, earlier)] == [False, True]
     env.close()
 
@@ -428,18 +428,18 @@ def test_a_policy_is_told_where_a_mover_is_from_a_robot_that_turns():
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
     simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase((0.0, 0.6))
     planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
-    episode, form = Episode(simulator, planner, period=0.5), DimensionlessForm(robots.JACKAL, 0.5)
-    episode.layout = form.layout
+    episode, encoding = Episode(simulator, planner, period=0.5), DimensionlessEncoding(robots.JACKAL, 0.5)
+    episode.layout = encoding.layout
     told = {}
     for movers in ((), (walker,)):
         episode.reset(replace(straight(), movers=movers), 0)
         drive(episode, most=3)
-        told[len(movers)] = form.observe(episode.context())[-12:]
+        told[len(movers)] = encoding.observe(episode.context())[-12:]
     assert told[0].tolist() == [1.0, 0.0, 0.0, 0.0] * 3
     assert told[1][4:].tolist() == [1.0, 0.0, 0.0, 0.0] * 2
     state = simulator.state
     assert state.pose[2] > 2.0
     x, y = transform_point(inverse(state.pose), *walker.position(state.time))
     vx, vy = transform_point((0.0, 0.0, -state.pose[2]), 1.25, 0.0)
-    seen = told[1][:4] * ([15.0 * form.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
+    seen = told[1][:4] * ([15.0 * encoding.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
     np.testing.assert_allclose(seen, [x, y, vx, vy], atol=0.2)

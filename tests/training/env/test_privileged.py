@@ -75,7 +75,7 @@ def test_they_stand_behind_the_observation_and_the_protocol_is_drawn():
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
         assert env.observation_space.contains(observation)
-        assert np.array_equal(observation[-SIZE:], privileged.privileged(env.episode, env.form.scale))
+        assert np.array_equal(observation[-SIZE:], privileged.privileged(env.episode, env.encoding.scale))
         courses.add(env.episode.world.course.start)
     assert len(courses) == 2
     assert (-2.25, 3.0, math.pi / 2) in courses  # the Challenge's

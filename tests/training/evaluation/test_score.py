@@ -10,7 +10,7 @@ import pytest
 import safetensors.numpy
 
 from applr_ros1.policy.actor import save
-from applr_ros1.policy.dimensionless import SIZE, DimensionlessForm
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.learned import OUTPUTS
 from training.env.env import ApplrEnv
@@ -60,7 +60,7 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
-    save(tmp_path / "a.safetensors", weights, form=DimensionlessForm(JACKAL, 0.5))
+    save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
     options = {"observation": "dimensionless", "reward": {"exact_time": True}, "time_limit": 5.0}
     for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):

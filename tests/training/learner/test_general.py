@@ -1,4 +1,4 @@
-"""A run that begins with the file of a policy in the dimensionless form."""
+"""A run that begins with the file of a policy in the dimensionless encoding."""
 
 import numpy as np
 

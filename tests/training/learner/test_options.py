@@ -71,10 +71,10 @@ def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     assert len(parse(["--init-from", "dwa", "--out", str(tmp_path)]).start.action) == 8
     for changing in ("random", "explore"):
         refused(lambda: parse(["--init-from", changing, "--out", str(tmp_path)]).start, "give static, dwa, a JSON")  # noqa: B023
-    form = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
-    assert len(parse(form).start.action) == 12
+    encoding = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
+    assert len(parse(encoding).start.action) == 12
     makers = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
-    assert parse(form).start.base == {"min_in_place_vel_theta": 0.7, **makers}
+    assert parse(encoding).start.base == {"min_in_place_vel_theta": 0.7, **makers}
     given.unlink()
     (tmp_path / "config.json").write_text(json.dumps({"init_from": str(given), "out": str(tmp_path)}))
     one_line(capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read")  # killed before a checkpoint

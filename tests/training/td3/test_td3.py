@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from applr_ros1.policy.form import Mirror
+from applr_ros1.policy.encoding import Mirror
 from tests.support.refusals import refused
 from training.td3.td3 import TD3, Batch, TD3Options
 

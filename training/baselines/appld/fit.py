@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy.form import PaperForm
+from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import send, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
@@ -115,12 +115,12 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
-    """CMA-ES from theta_0 over what the paper's form chooses. evaluations: replays of the context, about."""
+    """CMA-ES from theta_0 over what the paper's encoding chooses. evaluations: replays of the context, about."""
     import cma  # and with it scipy.stats and matplotlib
 
-    form = PaperForm(stretches_[0].demonstration.robot)
-    theta0 = form.space.theta0
-    home = form.action(theta0)
+    encoding = PaperEncoding(stretches_[0].demonstration.robot)
+    theta0 = encoding.space.theta0
+    home = encoding.action(theta0)
     base, base_error = loss(stretches_, theta0)
     best = Fit(theta0.copy(), base, base, base_error, base_error, 1, sum(s.last - s.first for s in stretches_))
     strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
@@ -128,7 +128,7 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
         candidates = strategy.ask()
         values = []
         for candidate in candidates:
-            theta = form.theta(candidate)
+            theta = encoding.theta(candidate)
             value, error = loss(stretches_, theta)
             values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
             if value < best.loss:

@@ -1,9 +1,9 @@
-"""The golden file of the dimensionless form, tests/data/form.npz: what every robot is shown, sets and earns.
+"""The golden file of the dimensionless encoding, tests/data/encoding.npz: what every robot is shown, sets and earns.
 
-    python -m tests.policy.golden_form          writes the file anew, after a deliberate change of the form
+    python -m tests.policy.golden_encoding          writes the file anew, after a deliberate change of the encoding
 
 For each included robot it holds inputs, drawn once: scenes of one course, actions, and how
-decisions went; and what the form makes of them at a decision period of 1 s: observations, parameters of the robot's
+decisions went; and what the encoding makes of them at a decision period of 1 s: observations, parameters of the robot's
 space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to
 the last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
 """
@@ -17,13 +17,13 @@ from typing import Any, Dict
 import numpy as np
 
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.learned import OUTPUTS
 from training.env.outcome import Outcome
 from training.env.reward import Reward
 
-FILE = Path(__file__).resolve().parents[1] / "data" / "form.npz"
+FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"
 PERIOD, SCENES, PLAN = 1.0, 4, 24
 REWARDS = (
     Reward(),
@@ -35,8 +35,8 @@ Arrays = Dict[str, np.ndarray]
 
 def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     """Scenes, actions and outcomes."""
-    form = DimensionlessForm(robot, PERIOD)
-    layout, scale = form.layout, form.scale
+    encoding = DimensionlessEncoding(robot, PERIOD)
+    layout, scale = encoding.layout, encoding.scale
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
     ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
     return {
@@ -55,37 +55,37 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """What the form makes of the inputs; the parameters of one decision are in force at the next."""
-    form = DimensionlessForm(robot, PERIOD)
-    thetas = np.array([form.theta(action) for action in given["actions"]])
-    before = np.vstack([form.space.theta0, thetas[:-1]])
-    form.reset()
-    seen = [form.observe(_context(form, given, i, before[i])) for i in range(SCENES)]
+    """What the encoding makes of the inputs; the parameters of one decision are in force at the next."""
+    encoding = DimensionlessEncoding(robot, PERIOD)
+    thetas = np.array([encoding.theta(action) for action in given["actions"]])
+    before = np.vstack([encoding.space.theta0, thetas[:-1]])
+    encoding.reset()
+    seen = [encoding.observe(_context(encoding, given, i, before[i])) for i in range(SCENES)]
     return {
         "observations": np.array(seen),
         "thetas": thetas.astype(np.float32),
-        "meant": np.array([form.action(theta) for theta in thetas], np.float32),
+        "meant": np.array([encoding.action(theta) for theta in thetas], np.float32),
         "rewards": np.array(
-            [[_reward(form, reward, given, i, thetas[i]) for i in range(SCENES)] for reward in REWARDS], np.float32
+            [[_reward(encoding, reward, given, i, thetas[i]) for i in range(SCENES)] for reward in REWARDS], np.float32
         ),
     }
 
 
-def _context(form: DimensionlessForm, given: Arrays, i: int, theta: np.ndarray) -> Context:
+def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.ndarray) -> Context:
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
     seen = given["plans"][i], given["movers"][i, : 2 * i]  # from none to more than are shown
-    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, form.space)
+    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space)
 
 
-def _reward(form: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
+def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
     """The terms, of a decision 10 s before the limit."""
     told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
     outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **told)
     episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
-    return list(reward.judge(form, episode)[1].values())
+    return list(reward.judge(encoding, episode)[1].values())
 
 
 def main() -> None:

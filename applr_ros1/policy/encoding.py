@@ -1,7 +1,7 @@
-"""The form in which a policy sees a robot and sets its parameters: `Form`, and the paper's.
+"""The encoding in which a policy sees a robot and sets its parameters: `Encoding`, and the paper's.
 
 The other one is in dimensionless.py. The learning environment, the files of policies (actor.py) and the bag reader ask
-a form, and never which one it is.
+an encoding, and never which one it is.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
     return {name: np.stack([t, images[name]], axis=1).reshape(-1, *t.shape[1:]) for name, t in several.items()}
 
 
-class Form:
+class Encoding:
     """Observations and actions of one robot.
 
     Args:
@@ -60,7 +60,7 @@ class Form:
             does not name have their default values.
 
     Attributes:
-        name: What options and files call the form.
+        name: What options and files call the encoding.
         redraws_stalled: Whether a policy's parameters are drawn at random while the robot stalls.
         space: The robot's parameter space.
         layout: How Context.ranges has to see the scan.
@@ -94,12 +94,12 @@ class Form:
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.odd)
 
     def stated(self) -> Dict[str, Any]:
-        """Return what a policy's file states of the form, JSON values; `of` makes the form of it."""
+        """Return what a policy's file states of the encoding, JSON values; `of` makes the encoding of it."""
         raise NotImplementedError
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> Form:
-        """Make the form that a policy's file states, for a robot. Raises ApplrError if it is for another robot."""
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> Encoding:
+        """Make the encoding that a policy's file states, for a robot. Raises ApplrError if it is for another robot."""
         raise NotImplementedError
 
     def reset(self) -> None:
@@ -121,11 +121,11 @@ class Form:
         raise NotImplementedError
 
 
-class PaperForm(Form):
-    """The paper's form: capped scan, angle of the local goal, parameters; an action is these parameters, scaled.
+class PaperEncoding(Encoding):
+    """The paper's encoding: capped scan, angle of the local goal, parameters; an action is these parameters, scaled.
 
     Args:
-        robot, period, base: As of a Form; the last two have no effect.
+        robot, period, base: As of an Encoding; the last two have no effect.
         layout: How it sees a scan; None: as the robot's laser looks.
     """
 
@@ -149,8 +149,8 @@ class PaperForm(Form):
         return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict()}
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperForm:
-        """Make the form of a file for this very robot, whose parameter files may start elsewhere (theta0)."""
+    def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperEncoding:
+        """Make the encoding of a file for this very robot, whose parameter files may start elsewhere (theta0)."""
         space = space_of(robot).chosen
         check_robot(stated, robot)
         for key, value in space.to_dict().items():
