@@ -56,7 +56,7 @@ class Verdict:
     reason: str = ""
 
     @property
-    def held(self) -> bool:
+    def blocked(self) -> bool:
         """Whether next to nothing of a command was let through."""
         v, w = self.command
         return self.action != PASS and abs(v) < HELD_M_S and abs(w) < HELD_RAD_S
@@ -133,7 +133,7 @@ class CollisionMonitor:
         reaction = self.settings.reaction_time
         return min(reaction, BRAKING_S if self._brakes else max(self._beats, default=reaction) + LATE_S)
 
-    def see(self, scan, name=""):
+    def add_scan(self, scan, name=""):
         """Takes a scan (common.scan.LaserScan in the odometry frame) and says what is wrong with it, or "".
 
         name: of the laser; "" for the first. One that is not among more_scans is a further laser from then on.
@@ -147,7 +147,7 @@ class CollisionMonitor:
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
         if not name:
-            self.matcher.see(scan)
+            self.matcher.add_scan(scan)
             if self.matcher.lost:
                 for each in self._lasers.values():
                     each.memory.clear()
@@ -319,6 +319,6 @@ def warm_up(settings: MonitorSettings) -> None:
     monitor = CollisionMonitor(settings)
     ranges = np.full(8, 0.6)
     for stamp in (0.0, 0.1):
-        monitor.see(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
+        monitor.add_scan(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
         ranges = np.where(np.arange(8) < 4, ranges, np.inf)
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

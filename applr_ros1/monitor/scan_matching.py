@@ -60,7 +60,7 @@ class ScanMatcher:
         """Return the pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
         return compose(self.correction, pose)
 
-    def see(self, scan):
+    def add_scan(self, scan):
         """Takes a scan (common.scan.LaserScan in the odometry frame) and corrects the transform.
 
         It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it, and

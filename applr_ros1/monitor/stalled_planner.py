@@ -30,7 +30,7 @@ class StalledPlanner:
         self._escape.report(False)
 
     def report_held(self, held: bool) -> None:
-        """Note if the monitor let next to nothing of what was driven last through (Verdict.held)."""
+        """Note if the monitor let next to nothing of what was driven last through (Verdict.blocked)."""
         self._escape.report(held)
 
     @property

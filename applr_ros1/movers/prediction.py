@@ -47,7 +47,7 @@ class Prediction:
         self.movers = Movers(*(np.empty(0) for _ in Movers._fields))
         self.marks = np.empty((0, 3), np.float32)
 
-    def see(self, scan: LaserScan) -> SensorCloud:
+    def add_scan(self, scan: LaserScan) -> SensorCloud:
         """Take a scan; return what it adds to the costmaps, in its pose's frame; no point where nothing moves, or did.
 
         The points are the marks and, for CLEARED_S, the ends of beams without return, so that there, too, marks go.

@@ -131,7 +131,7 @@ class MoveBase:
         self._machine.cancel()
 
     def report_held(self, held: bool) -> None:
-        """Note if a collision monitor let next to nothing of the last command through (Verdict.held)."""
+        """Note if a collision monitor let next to nothing of the last command through (Verdict.blocked)."""
         self._machine.report_held(held)
 
     def reset(self, now: float, restore: bool = True, seed=None) -> None:

@@ -77,7 +77,7 @@ class Stall:
         self.share = 1.0
         self._past: Deque[Tuple[float, float, float]] = deque()  # time [s], x [m] and y [m] of the latest decisions
 
-    def look(self, time: float, x: float, y: float) -> bool:
+    def update(self, time: float, x: float, y: float) -> bool:
         """Return whether the robot, which is at (x, y) [m] at `time` [s], has stalled."""
         self._past.append((time, x, y))
         while len(self._past) > 1 and self._past[1][0] <= time - STALL_TIME_S + 1e-6:
@@ -147,7 +147,7 @@ class Policy(_FromFile):
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         action = self.action(self.encoding.observe(context))
-        if self.encoding.redraws_stalled and self._stall.look(context.time, *context.pose[:2]):
+        if self.encoding.redraws_stalled and self._stall.update(context.time, *context.pose[:2]):
             self.stalls += 1
             theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, len(action)))
             return self.space.clip([BACKING_OUT.get(name, value) for name, value in zip(self.space.names, theta)])
@@ -248,7 +248,7 @@ def save(
     """
     encoding, weights = encoding or PaperEncoding(JACKAL), _float32(weights)
     Policy.of(weights, encoding)
-    _write(path, weights, FORMAT, {**(metadata or {}), **encoding.stated()}, encoding.mirror)
+    _write(path, weights, FORMAT, {**(metadata or {}), **encoding.to_metadata()}, encoding.mirror)
 
 
 def save_contexts(

@@ -58,7 +58,7 @@ class DimensionlessEncoding(Encoding):
     """
 
     name, redraws_stalled = DIMENSIONLESS, True
-    size, actions, scan, scans, odd = SIZE, len(OUTPUTS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11, *SIDEWAYS)
+    size, actions, scan, scans, mirror_sign = SIZE, len(OUTPUTS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11, *SIDEWAYS)
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
         if period is None:
@@ -94,7 +94,7 @@ class DimensionlessEncoding(Encoding):
         self._described = _description(robot, tree, planner, self.width, resolution)
         self.reset()
 
-    def stated(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Dict[str, Any]:
         """Return version, period and base, the same for every robot."""
         return {"observation": VERSION, "period_s": self.period, "base": self.base}
 

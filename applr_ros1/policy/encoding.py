@@ -30,11 +30,11 @@ class Mirror(NamedTuple):
     sign: np.ndarray
 
     @classmethod
-    def of(cls, beams: int, rest: int, scans: int = 1, odd: Tuple[int, ...] = (0,)) -> Mirror:
-        """Make it for `scans` scans, `beams` numbers together, and `rest` more, of which those at `odd` turn round."""
+    def of(cls, beams: int, rest: int, scans: int = 1, mirror_sign: Tuple[int, ...] = (0,)) -> Mirror:
+        """Make it for `scans` scans, `beams` numbers together, and `rest` more; those at `mirror_sign` change sign."""
         order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
-        sign[[beams + i for i in odd]] = -1.0
+        sign[[beams + i for i in mirror_sign]] = -1.0
         return cls(order, sign)
 
 
@@ -67,7 +67,7 @@ class Encoding:
         chosen: Names of the space's parameters that an action chooses.
         size, actions: How many numbers an observation and an action have, all in [-1, 1].
         scan: How many numbers of an observation, the first ones, are of scans; scans: of how many.
-        odd: Indices behind the scans of the numbers that change their sign with left and right exchanged.
+        mirror_sign: Indices behind the scans of the numbers that change their sign with left and right exchanged.
         scale: How many of the Jackal's widths the robot is wide, by which the reward's lengths are divided.
         pace: How many times as long as the Jackal it takes for a course of its scale at its base's top speed, by which
             the reward's times are divided.
@@ -81,7 +81,7 @@ class Encoding:
     actions: int
     scan: int
     scans = 1
-    odd: Tuple[int, ...] = (0,)
+    mirror_sign: Tuple[int, ...] = (0,)
     scale = pace = 1.0
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
@@ -91,9 +91,9 @@ class Encoding:
     @property
     def mirror(self) -> Mirror:
         """The change of an observation where left and right are exchanged."""
-        return Mirror.of(self.scan, self.size - self.scan, self.scans, self.odd)
+        return Mirror.of(self.scan, self.size - self.scan, self.scans, self.mirror_sign)
 
-    def stated(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Dict[str, Any]:
         """Return what a policy's file states of the encoding, JSON values; `of` makes the encoding of it."""
         raise NotImplementedError
 
@@ -143,7 +143,7 @@ class PaperEncoding(Encoding):
         self.scan, self.actions = self.layout.beams, len(self.chosen)
         self.size = self.scan + 1 + self.actions
 
-    def stated(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Dict[str, Any]:
         """Return robot, space and layout; a policy's file may state the period beside them."""
         space = self.space.chosen
         return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict()}

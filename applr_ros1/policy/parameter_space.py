@@ -161,7 +161,7 @@ class Space:
         return {"names": list(self.names), **columns}
 
     @classmethod
-    def stated(cls, values, robot):
+    def from_metadata(cls, values, robot):
         """The space that a dict from to_dict describes; without targets, for it belongs to no move_base."""
         low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
         integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))

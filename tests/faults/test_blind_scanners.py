@@ -66,7 +66,7 @@ def drive(bend, blind_from, monitor, late=0.0, late_twist=0.0):
             known.append((scan, state.odom_pose, state.odom_twist))
             then, twist_then = (known[max(0, len(known) - 1 - round(age / PERIOD))] for age in (late, late_twist))
             if then[0] is not None:
-                monitor.see(then[0])
+                monitor.add_scan(then[0])
             command = monitor.filter(state.time, then[1], twist_then[2], command, (late, late_twist)).command
         simulator.command(*command)
         state = simulator.advance(PERIOD)

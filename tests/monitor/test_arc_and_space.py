@@ -57,7 +57,7 @@ def test_a_rare_command_is_judged_by_the_time_for_which_it_stays():
     for period in (0.05, 0.2):
         monitor = seen_all_around(wall(1.4))
         for step in range(4):
-            monitor.see(scan_of(wall(1.4), HERE, step * period))
+            monitor.add_scan(scan_of(wall(1.4), HERE, step * period))
             verdict = monitor.filter(step * period, HERE, (0.0, 0.0), (2.0, 0.0))
         assert monitor.silence == pytest.approx(0.1 if period == 0.05 else 0.15)
         reached[period] = verdict.command[0]
@@ -124,7 +124,7 @@ def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(com
     monitor, before = CollisionMonitor(), (0.0, 0.0)
     for step, (v, w, distance) in enumerate(commands):
         now, turning = 0.05 * step, SETTINGS.turn_gain * before[1]
-        monitor.see(scan_of(wall(distance), HERE, now))
+        monitor.add_scan(scan_of(wall(distance), HERE, now))
         verdict = monitor.filter(now, HERE, (before[0], turning), (v, w))
         given_v, given_w = verdict.command
         if verdict.action == STOP:
@@ -151,7 +151,7 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
     edge = [post + radius * np.array([math.cos(a), math.sin(a)]) for a in np.arange(-1.4, 1.41, 0.1)]
     for stamp, yaw in ((0.0, math.pi), (0.1, 0.0)):
         ranges = scan_of(edge, (0.0, 0.0, yaw), stamp).ranges
-        monitor.see(scan_of([], (0.0, 0.0, yaw), stamp, ranges=np.minimum(ranges, np.float32(9.0 + stamp))))
+        monitor.add_scan(scan_of([], (0.0, 0.0, yaw), stamp, ranges=np.minimum(ranges, np.float32(9.0 + stamp))))
     back = (-1.0, 0.0)
     kept = monitor.filter(0.1, HERE, (0.0, 0.0), back)
     assert "obstacle" in kept.reason
@@ -165,7 +165,7 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
         far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # nearer ones hide those before
         ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
         monitor.matcher.clear()  # the made-up ranges are those of no room
-        assert monitor.see(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
+        assert monitor.add_scan(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
     verdict = monitor.filter(stamp, HERE, (0.0, 0.0), back)
@@ -188,7 +188,7 @@ def test_what_the_scanner_passes_by_from_afar_stays_and_is_gone_where_it_looks_f
 @pytest.mark.parametrize(("range_max", "radius"), [(0.2, 8.0), (1.0, 8.0), (30.0, 1.0)])
 def test_space_is_shown_as_far_as_the_scanner_measures_and_the_memory_reaches(range_max, radius):
     monitor = CollisionMonitor(replace(SETTINGS, memory_radius=radius))
-    monitor.see(scan_of(wall(1.6), HERE, range_max=range_max))
+    monitor.add_scan(scan_of(wall(1.6), HERE, range_max=range_max))
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (1.5, 0.0)).action == SLOW
 
 
@@ -256,7 +256,7 @@ def test_a_stated_velocity_that_poses_contradict_does_not_hide_the_wall(stated, 
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         now, x = 0.05 * step, 0.1 * step
-        monitor.see(scan_of(wall(2.2, 2.0), (x, 0.0, 0.0), now))
+        monitor.add_scan(scan_of(wall(2.2, 2.0), (x, 0.0, 0.0), now))
         verdict = monitor.filter(now, (x, 0.0, 0.0), (stated, 0.0), (2.0, 0.0))
     assert verdict.action == action
     assert stated < 0.0 or verdict.command[0] > 1.0, "the commanded speed falls from that of the poses"
@@ -267,7 +267,7 @@ def test_a_base_that_rolls_back_may_be_turned_round_at_once():
     commands = []
     for v in (0.0, -0.33):
         monitor = CollisionMonitor()
-        monitor.see(scan_of(wall(0.7), HERE, 0.0))
+        monitor.add_scan(scan_of(wall(0.7), HERE, 0.0))
         monitor.seen.cells[:] = 1
         commands.append(monitor.filter(0.0, HERE, (v, 0.0), (2.0, 0.0)).command)
     assert commands[1] == commands[0]
@@ -304,6 +304,6 @@ def test_no_number_ends_a_scan(numbers, ranges, field):
         monitor = seen_all_around(wall(3.0))
         with np.errstate(over="ignore"):
             scan = LaserScan(stamp, first, increment, least, most, np.array(ranges, np.float32), (x, 0.0, yaw))
-        assert isinstance(monitor.see(scan), str)
+        assert isinstance(monitor.add_scan(scan), str)
         verdict = monitor.filter(0.05, HERE, (0.0, 0.0), (0.5, 0.5))
         assert all(math.isfinite(value) for value in verdict.command)

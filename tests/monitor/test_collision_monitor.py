@@ -40,22 +40,22 @@ def seen_all_around(points, settings=None):
     """A monitor at (0, 0, 0) whose scanner has looked ahead and, before, back, at the points (n, 2); time is 0."""
     monitor = CollisionMonitor(settings)
     for stamp, yaw in ((-0.1, math.pi), (0.0, 0.0)):
-        monitor.see(scan_of(points, (0.0, 0.0, yaw), stamp))
+        monitor.add_scan(scan_of(points, (0.0, 0.0, yaw), stamp))
     return monitor
 
 
 @pytest.mark.parametrize(
-    ("command", "action", "held"),
+    ("command", "action", "blocked"),
     [((0.04, -0.1), SLOW, True), ((0.0, 0.0), STOP, True), ((0.0, 0.2), SLOW, False), ((-0.06, 0.0), SLOW, False)],
 )
-def test_a_command_of_which_next_to_nothing_passes_is_held(command, action, held):
-    assert Verdict(command, action).held is held
-    assert not Verdict(command).held
+def test_a_command_of_which_next_to_nothing_passes_is_blocked(command, action, blocked):
+    assert Verdict(command, action).blocked is blocked
+    assert not Verdict(command).blocked
 
 
 def test_nothing_near_changes_no_command():
     monitor = CollisionMonitor()
-    assert monitor.see(scan_of([(4.0, 0.0)] * 2, (0, 0, 0))) == ""
+    assert monitor.add_scan(scan_of([(4.0, 0.0)] * 2, (0, 0, 0))) == ""
     assert monitor.filter(0.0, (0, 0, 0), (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
 
 
@@ -106,7 +106,7 @@ def test_drives_up_to_a_wall_and_stands_before_it(speed):
     obstacles = wall(2.0)
     for step in range(400):
         now = 0.05 * step
-        monitor.see(scan_of(obstacles, (x, 0, 0), now))
+        monitor.add_scan(scan_of(obstacles, (x, 0, 0), now))
         verdict = monitor.filter(now, (x, 0, 0), (v, 0.0), (speed, 0.0))
         target = verdict.command[0]
         v = target if target > v else max(target, v - monitor.settings.deceleration * 0.05)
@@ -126,11 +126,11 @@ def test_a_tighter_turn_is_let_through_where_straight_on_is_not():
 def test_backs_out_along_a_long_way_only_as_far_as_what_was_seen_there_allows():
     """What was passed and lay three metres behind still stands there when the robot has backed up to it."""
     monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
-    monitor.see(scan_of(behind, (0, 0, math.pi)))
+    monitor.add_scan(scan_of(behind, (0, 0, math.pi)))
     there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
     for step, x in enumerate(there_and_back):
         pose, now = (float(x), 0.0, 0.0), 0.1 * (step + 1)
-        monitor.see(scan_of([], pose, now, ranges=np.full(BEAMS, 20.0 + now, np.float32)))
+        monitor.add_scan(scan_of([], pose, now, ranges=np.full(BEAMS, 20.0 + now, np.float32)))
         verdict = monitor.filter(now, pose, (0, 0), (-0.5, 0.0))
         assert x < 0.0 or verdict.action == PASS
     assert verdict.action != PASS
@@ -143,7 +143,7 @@ def test_a_long_time_before_edges_does_not_fill_the_memory():
     counts = []
     for step in range(200):
         noisy = clean.ranges + rng.normal(0.0, 0.002, BEAMS).astype(np.float32)
-        monitor.see(scan_of([], pose, 0.05 * step, ranges=noisy))
+        monitor.add_scan(scan_of([], pose, 0.05 * step, ranges=noisy))
         counts.append(len(monitor.memory.points))
     assert counts[-1] < 1.5 * counts[0]
 
@@ -212,12 +212,12 @@ def test_a_robot_in_touch_may_leave_and_not_press():
 def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     monitor, pose, beams = CollisionMonitor(), (0, 0, 0), math.nan
     good = scan_of(wall(5.0, 2.0), pose)
-    monitor.see(good)
+    monitor.add_scan(good)
     assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
-    assert "scanner" in monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, beams, np.float32)))
+    assert "scanner" in monitor.add_scan(scan_of([], pose, 0.1, ranges=np.full(BEAMS, beams, np.float32)))
     assert monitor.filter(0.1, pose, (1.0, 0), (1.0, 0)).action == STOP
     good.stamp = 0.2
-    monitor.see(good)
+    monitor.add_scan(good)
     assert monitor.filter(0.2, pose, (1.0, 0), (1.0, 0)).action == PASS
 
 
@@ -227,11 +227,11 @@ def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
     faults = []
     for step in range(FROZEN_SCANS + 3):
         pose = (0.05 * step, 0, 0)
-        faults.append(monitor.see(scan_of([], pose, 0.05 * step, ranges=image)))
+        faults.append(monitor.add_scan(scan_of([], pose, 0.05 * step, ranges=image)))
     assert faults[0] == ""
     assert "frozen" in faults[-1]
     standing = CollisionMonitor()
-    assert not any(standing.see(scan_of([], (0, 0, 0), 0.05 * k, ranges=image)) for k in range(50))
+    assert not any(standing.add_scan(scan_of([], (0, 0, 0), 0.05 * k, ranges=image)) for k in range(50))
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_a_sector_is_believed_again_once_its_beams_return():
 def test_no_scan_old_scan_and_nonsense_commands_stop():
     monitor, pose = CollisionMonitor(), (0, 0, 0)
     assert monitor.filter(0.0, pose, (0, 0), (1, 0)).action == STOP
-    monitor.see(scan_of([], pose))
+    monitor.add_scan(scan_of([], pose))
     assert monitor.filter(0.4, pose, (0, 0), (1, 0)).action == PASS
     assert "scan is 0.60 s old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
     assert "pose is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.6, 0.0)).reason
@@ -280,7 +280,7 @@ def test_no_scan_old_scan_and_nonsense_commands_stop():
 
 def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():
     monitor, pose, command = CollisionMonitor(), (0, 0, 0), (1e300, 1e300)
-    monitor.see(scan_of(wall(5.0), pose))
+    monitor.add_scan(scan_of(wall(5.0), pose))
     verdict = monitor.filter(0.0, pose, (0, 0), command)
     assert verdict.action == SLOW
     assert [abs(v) <= limit + 1e-9 for v, limit in zip(verdict.command, monitor.fastest)] == [True, True]
@@ -355,8 +355,8 @@ def turned_away_from(behind):
     """A monitor that has seen posts at these places (n, 2) [m] before the robot turned to yaw 0, at time 3.9 s."""
     monitor = CollisionMonitor()
     for step, yaw in enumerate(np.linspace(-math.pi, 0.0, 40)):
-        monitor.see(scan_of(behind, (0.0, 0.0, yaw), 0.1 * step))
-    assert monitor.filter(3.9, (0, 0, 0), (0, 0), (-0.5, 0.0)).held
+        monitor.add_scan(scan_of(behind, (0.0, 0.0, yaw), 0.1 * step))
+    assert monitor.filter(3.9, (0, 0, 0), (0, 0), (-0.5, 0.0)).blocked
     return monitor
 
 
@@ -369,19 +369,19 @@ def test_another_place_begins_the_memory_afresh(odometry_jumps):
     monitor = turned_away_from(before := [*posts(0), *CLOSE_BEHIND])
     place, after = ((1.9, 0.3, 0.5), before) if odometry_jumps else ((0.0, 0.0, 0.0), posts(1))
     scan = scan_of(after, (0.01, 0.0, 0.0), 4.0, sensor_pose=compose(place, (LASER, 0.0, 0.0)))
-    monitor.see(scan)
+    monitor.add_scan(scan)
     only = ObstacleMemory()
     only.update(scan)
     assert len(monitor.memory.points) == len(only.points)
     assert "another place" in monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).reason
-    monitor.see(replace(scan, stamp=4.1))
+    monitor.add_scan(replace(scan, stamp=4.1))
     assert monitor.filter(4.1, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # nor seen free
 
 
 def test_scans_of_two_robots_in_turns_are_a_stop():
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     for step in range(10):
-        monitor.see(scan_of(posts(step % 2), pose, 0.05 * step))
+        monitor.add_scan(scan_of(posts(step % 2), pose, 0.05 * step))
         verdict = monitor.filter(0.05 * step, pose, (0.0, 0.0), (1.0, 0.0))
         assert (verdict.action == STOP) == (step > 0)
 
@@ -394,7 +394,7 @@ def test_a_pose_that_stands_while_the_velocity_says_that_the_base_moves_is_a_sto
     """A base at rest whose encoders say nothing new, though its gyroscope drifts, stays free for however long."""
     monitor = seen_all_around([(9.0, 0.0)])
     for step in range(steps):
-        monitor.see(scan_of([(9.0, 0.0)], (0, 0, 0), 0.05 * step))
+        monitor.add_scan(scan_of([(9.0, 0.0)], (0, 0, 0), 0.05 * step))
         verdict = monitor.filter(0.05 * step, (0.0, 0.0, 0.0), twist, (0.5, 0.1))
     assert verdict.action == action
     assert ("frozen" in verdict.reason) == (action == STOP)
@@ -404,20 +404,20 @@ def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
     """Nothing is measured by nine beams; and more beams than can be remembered are no scan."""
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     few = scan_of([], pose, angle_increment=2 * ANGLE / 8, ranges=np.full(9, np.inf, np.float32))
-    assert monitor.see(few) == ""
+    assert monitor.add_scan(few) == ""
     assert "creeping" in monitor.filter(0.0, pose, (0, 0), (1.0, 0.0)).reason
     many = scan_of([], pose, 0.1, angle_increment=1e-4, ranges=np.full(20000, 3.0, np.float32))
-    assert "20000 beams" in monitor.see(many)
+    assert "20000 beams" in monitor.add_scan(many)
 
 
 def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone():
     """However long it waits; a robot that turns and finds the way behind it free may go."""
     monitor, pose = turned_away_from(obstacles := [*posts(0), *CLOSE_BEHIND]), (0.0, 0.0, 0.0)
     for now in np.arange(4.0, 104.0, 1.0):
-        monitor.see(scan_of(obstacles, pose, now))
-        assert monitor.filter(now, pose, (0, 0), (-0.5, 0.0)).held
+        monitor.add_scan(scan_of(obstacles, pose, now))
+        assert monitor.filter(now, pose, (0, 0), (-0.5, 0.0)).blocked
     for now, yaw in ((104.0, math.pi), (104.1, 0.0)):
-        monitor.see(scan_of(posts(0), (0.0, 0.0, yaw), now))
+        monitor.add_scan(scan_of(posts(0), (0.0, 0.0, yaw), now))
     assert monitor.filter(104.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
 
 
@@ -425,8 +425,8 @@ def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone(
 def test_what_vanishes_ahead_does_not_make_forget_what_is_behind():
     """A door 1 m ahead, most of what is seen, opens from one scan to the next."""
     monitor = turned_away_from(before := [*wall(1.0, 1.5), (3.0, 3.0), (3.0, -3.0), *CLOSE_BEHIND])
-    monitor.see(scan_of([place for place in before if place[0] != 1.0], (0.0, 0.0, 0.0), 4.0))
-    assert monitor.filter(4.0, (0, 0, 0), (0, 0), (-0.5, 0.0)).held
+    monitor.add_scan(scan_of([place for place in before if place[0] != 1.0], (0.0, 0.0, 0.0), 4.0))
+    assert monitor.filter(4.0, (0, 0, 0), (0, 0), (-0.5, 0.0)).blocked
 
 
 @pytest.mark.fault("11e")
@@ -435,7 +435,7 @@ def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen
     verdict = None
     for step in range(30):  # 1.45 m ahead
         pose, now = (0.05 * step, 0.0, 0.0), 0.05 * step
-        monitor.see(scan_of(posts(0), pose, now))
+        monitor.add_scan(scan_of(posts(0), pose, now))
         verdict = verdict or monitor.filter(now, pose, (0, 0), (-0.5, 0.0))
         assert monitor.filter(now, pose, (1.0, 0.0), (1.0, 0.0)).action == PASS
     assert verdict.command == pytest.approx((-0.1, 0.0))
@@ -464,9 +464,9 @@ def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
     for stamp in (0.1, 0.2):
         failed = scan_of(wall(1.4, 2.0), pose, stamp)
         failed.ranges[BEAMS * 3 // 8 : BEAMS * 5 // 8] = value
-        monitor.see(failed)
+        monitor.add_scan(failed)
     assert monitor.filter(0.2, pose, (0, 0), (2.0, 0.0)).action == SLOW
-    monitor.see(scan_of(wall(5.0, 4.0), pose, 0.3))
+    monitor.add_scan(scan_of(wall(5.0, 4.0), pose, 0.3))
     assert monitor.filter(0.3, pose, (0, 0), (1.5, 0.0)).action == PASS
 
 
@@ -477,7 +477,7 @@ def test_a_sector_in_which_something_stood_in_less_than_half_of_it_is_not_believ
     failed = clean.copy()
     failed[BEAMS * 3 // 8 : BEAMS * 5 // 8] = math.inf
     for stamp, ranges in ((0.0, clean), (0.1, failed)):
-        monitor.see(scan_of([], pose, stamp, ranges=ranges))
+        monitor.add_scan(scan_of([], pose, stamp, ranges=ranges))
     assert monitor.filter(0.1, pose, (0, 0), (2.0, 0.0)).action == SLOW
 
 

@@ -36,7 +36,7 @@ def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0
         on_the_way.append((state, scan))
         while on_the_way and on_the_way[0][1].stamp <= now - late + 1e-9:
             known, scan = on_the_way.pop(0)
-            monitor.see(scan)
+            monitor.add_scan(scan)
         if known is not None and now >= due - 1e-9:
             ages = (now - known.time,) * 2
             simulator.command(*monitor.filter(now, known.odom_pose, known.odom_twist, command, ages).command)

@@ -47,7 +47,7 @@ def test_slip_and_wrong_headings_of_a_drive_are_found(seed):
         true = compose(true, (move[0] + slip, move[1], move[2]))
         believed = compose(believed, move)
         stated = (*believed[:2], believed[2] + float(rng.normal(0.0, 0.003)))
-        matcher.see(scan(true, stated, 0.05 * step, rng, discs))
+        matcher.add_scan(scan(true, stated, 0.05 * step, rng, discs))
         x, y, yaw = compose(inverse(true), matcher.corrected(stated))
         assert math.hypot(x, y) < 0.015
         assert abs(yaw) < 0.01
@@ -67,7 +67,7 @@ def test_a_base_that_slides_on_while_its_wheels_turn_backwards_is_followed(seed)
         ahead = max(0.0, ahead - 0.012) if sliding else ahead
         true = compose(true, (ahead, 0.0, 0.0))
         believed = compose(believed, (-0.025 if sliding else ahead, 0.0, 0.0))
-        matcher.see(scan(true, believed, 0.05 * step, rng, discs))
+        matcher.add_scan(scan(true, believed, 0.05 * step, rng, discs))
         x, y, _ = compose(inverse(true), matcher.corrected(believed))
         errors.append(math.hypot(x, y))
     assert max(errors) < 0.02
@@ -79,7 +79,7 @@ def test_along_a_bare_corridor_the_odometry_stands():
     walls = np.array([[0.0, side, 0.0, 80.0, 0.01] for side in (-1.0, 1.0)])
     for step in range(40):
         true = (0.05 * step, 0.02 * math.sin(step), 0.0)
-        matcher.see(scan(true, (true[0], 0.0, 0.0), 0.05 * step, rng, walls=walls))
+        matcher.add_scan(scan(true, (true[0], 0.0, 0.0), 0.05 * step, rng, walls=walls))
         x, y, _ = matcher.corrected((true[0], 0.0, 0.0))
         assert abs(y - true[1]) < 0.01
         assert abs(x - true[0]) < 0.05
@@ -90,7 +90,7 @@ def test_a_person_who_walks_past_does_not_carry_the_robot_along():
     discs, pose = pillars(rng, 20), (0.0, 0.0, 0.0)
     for step in range(60):
         person = np.array([[1.0, -1.5 + 0.05 * step, 0.25]])
-        matcher.see(scan(pose, pose, 0.05 * step, rng, np.vstack((discs, person))))
+        matcher.add_scan(scan(pose, pose, 0.05 * step, rng, np.vstack((discs, person))))
         assert np.hypot(*matcher.corrected(pose)[:2]) < 0.01
 
 
@@ -102,11 +102,11 @@ def test_a_scene_that_has_changed_altogether_is_not_believed():
         pillars(rng),
         np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]]),
     )
-    assert not matcher.see(scan(pose, pose, 0.0, rng, first))
-    assert matcher.see(scan(pose, pose, 0.1, rng, first))
-    assert not matcher.see(scan(pose, pose, 0.2, rng, walls=second))
+    assert not matcher.add_scan(scan(pose, pose, 0.0, rng, first))
+    assert matcher.add_scan(scan(pose, pose, 0.1, rng, first))
+    assert not matcher.add_scan(scan(pose, pose, 0.2, rng, walls=second))
     assert np.allclose(matcher.corrected(pose), pose, atol=0.002)
-    assert matcher.see(scan(pose, pose, 0.3, rng, walls=second))
+    assert matcher.add_scan(scan(pose, pose, 0.3, rng, walls=second))
 
 
 def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels_believe_it_to_be():
@@ -117,10 +117,10 @@ def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels
     brakes_well = replace(MonitorSettings.of(JACKAL), deceleration=4.0, yaw_deceleration=12.0)
     for slide in (0.0, 0.09):
         monitor, pose = CollisionMonitor(brakes_well), (0.0, 0.0, 0.0)
-        monitor.see(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs))
-        monitor.see(scan(pose, pose, 0.1, rng, discs))
-        monitor.see(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs))
-        monitor.see(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs))
+        monitor.add_scan(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs))
+        monitor.add_scan(scan(pose, pose, 0.1, rng, discs))
+        monitor.add_scan(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs))
+        monitor.add_scan(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs))
         verdicts.append(monitor.filter(0.3, (-0.20, 0, 0), (0, 0), (-0.5, 0.0)))
     assert verdicts[0].action == PASS
     assert -0.4 < verdicts[1].command[0] < 0.0

@@ -97,11 +97,11 @@ def test_it_gives_up_after_so_many_motions_until_the_planner_drives_by_itself():
 def test_a_motion_of_the_monitors_own_never_creeps_into_what_no_scan_has_shown():
     """A laser that looks ahead: back is unseen, ahead is free."""
     monitor = CollisionMonitor()
-    monitor.see(scan_of(wall(3.0), HERE))
+    monitor.add_scan(scan_of(wall(3.0), HERE))
     back = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0))
     assert back.command == (-0.1, 0.0)
-    assert not back.held
+    assert not back.blocked
     own = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0), creeps=False)
     assert abs(own.command[0]) < 0.02
-    assert own.held
+    assert own.blocked
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.1, 0.0), creeps=False).action == PASS

@@ -19,14 +19,14 @@ def behind(points, stamp=0.0, **changes):
 
 def seen_both(ahead, back):
     monitor = CollisionMonitor(more_scans=["rear"])
-    assert monitor.see(scan_of(ahead, HERE)) == ""
-    assert monitor.see(behind(back), "rear") == ""
+    assert monitor.add_scan(scan_of(ahead, HERE)) == ""
+    assert monitor.add_scan(behind(back), "rear") == ""
     return monitor
 
 
 def test_it_drives_back_as_far_as_the_second_laser_shows():
     one = CollisionMonitor()
-    one.see(scan_of(wall(3.0), HERE))
+    one.add_scan(scan_of(wall(3.0), HERE))
     assert "creeping" in one.filter(0.0, HERE, (0.0, 0.0), BACK).reason
     free = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
     assert free.filter(0.0, HERE, (0.0, 0.0), BACK).action == PASS
@@ -44,14 +44,14 @@ def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
     def scan(of, stamp, **changes):
         return behind(wall(-3.0), stamp, **changes) if of else scan_of(wall(3.0), HERE, stamp, **changes)
 
-    monitor.see(scan(other, 0.0), other)
+    monitor.add_scan(scan(other, 0.0), other)
     assert "no scan has come yet" in monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).reason
-    monitor.see(scan(name, 0.0), name)
+    monitor.add_scan(scan(name, 0.0), name)
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).action == PASS
-    monitor.see(scan(other, 0.6), other)
+    monitor.add_scan(scan(other, 0.6), other)
     named = "scan on rear" if name else "scan"
     assert f"newest {named} is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
-    monitor.see(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
+    monitor.add_scan(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
     verdict = monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0))
     assert verdict.action == STOP
     assert verdict.reason.startswith("rear: the scanner is blind" if name else "the scanner is blind")
@@ -60,34 +60,34 @@ def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
 def test_what_one_laser_sees_through_stays_where_another_saw_it():
     """A low step ahead is in the plane of the first one alone."""
     monitor = CollisionMonitor(more_scans=["high"])
-    monitor.see(scan_of(wall(1.0), HERE))
+    monitor.add_scan(scan_of(wall(1.0), HERE))
     for stamp in (0.0, 0.1):
-        monitor.see(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
-    monitor.see(scan_of(wall(1.0), HERE, 0.1))
+        monitor.add_scan(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
+    monitor.add_scan(scan_of(wall(1.0), HERE, 0.1))
     assert monitor.filter(0.1, HERE, (0.0, 0.0), (2.0, 0.0)).action != PASS
 
 
 def test_another_place_clears_what_all_lasers_remember():
     monitor = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
     monitor.reset()
-    monitor.see(scan_of(wall(3.0), HERE, 1.0))
-    monitor.see(behind([(-3.0, 0.0), (-3.0, 0.1)], 1.0), "rear")
+    monitor.add_scan(scan_of(wall(3.0), HERE, 1.0))
+    monitor.add_scan(behind([(-3.0, 0.0), (-3.0, 0.1)], 1.0), "rear")
     assert monitor.filter(1.0, HERE, (0.0, 0.0), BACK).action == PASS
 
 
 def test_a_laser_that_comes_along_later_counts_from_then_on():
     """As one that shares the first one's topic, with a frame of its own."""
     monitor = CollisionMonitor()
-    monitor.see(scan_of(wall(3.0), HERE))
-    monitor.see(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
+    monitor.add_scan(scan_of(wall(3.0), HERE))
+    monitor.add_scan(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
     assert "obstacle" in monitor.filter(0.0, HERE, (0.0, 0.0), BACK).reason
-    monitor.see(scan_of(wall(3.0), HERE, 0.6))
+    monitor.add_scan(scan_of(wall(3.0), HERE, 0.6))
     assert "scan on scan of rear is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
 
 
 def test_a_scan_whose_range_has_no_end_is_one():
     monitor = CollisionMonitor()
-    assert monitor.see(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
+    assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (2.0, 0.0)).action == SLOW
-    assert "not finite" in monitor.see(scan_of(wall(1.0), HERE, 0.1, range_min=math.nan))
-    assert "scan's ranges are" in monitor.see(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))
+    assert "not finite" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.1, range_min=math.nan))
+    assert "scan's ranges are" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))

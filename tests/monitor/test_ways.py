@@ -191,7 +191,7 @@ def test_points_are_looked_for_as_far_as_the_body_may_come(changes, command, age
 def test_turning_into_the_unseen_is_as_slow_as_creeping():
     """The corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)
-    monitor.see(scan_of(wall(2.0), HERE))
+    monitor.add_scan(scan_of(wall(2.0), HERE))
     verdict = monitor.filter(0.0, HERE, (0.0, 0.0), (0.0, 1.5))
     assert verdict.action == SLOW
     assert "creeping" in verdict.reason

@@ -46,7 +46,7 @@ def test_marks_lie_on_discs_carried_on_step_by_step_where_the_laser_sees(told):
     prediction, tracker = told
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
-    cloud = prediction.see(replace(robot.scan(), sensor_height=0.4))
+    cloud = prediction.add_scan(replace(robot.scan(), sensor_height=0.4))
     points, times = prediction.marks.astype(float), STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
     off = np.array([np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times])
     assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
@@ -61,7 +61,7 @@ def test_marks_lie_on_discs_carried_on_step_by_step_where_the_laser_sees(told):
     for bearing, distance in zip(bearings, far):
         assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], "before what the laser sees now"
     tracker.rows.append((*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3))  # behind the robot all the time
-    prediction.see(robot.scan())
+    prediction.add_scan(robot.scan())
     assert np.array_equal(prediction.marks[:, :2], points[:, :2].astype(np.float32))
 
 
@@ -70,7 +70,7 @@ def test_nothing_is_marked_that_the_laser_does_not_see(told):
     tracker.rows = [(2.0, 0.0, 0.0, 0.4, 0.3)]
     scan = ToyRobot(circles=WALL).scan()
     for ranges, marked in ((np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)):
-        prediction.see(replace(scan, ranges=np.full(720, ranges, np.float32)))
+        prediction.add_scan(replace(scan, ranges=np.full(720, ranges, np.float32)))
         assert (len(prediction.marks) > 50) == marked, ranges
 
 
@@ -82,7 +82,7 @@ def test_no_disc_is_marked_at_the_robot_itself(name, room, monkeypatch):
     assert prediction.room == pytest.approx(room, abs=0.005)  # as measured, docs/explanation/movers.md
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
     tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # through the robot, and on
-    prediction.see(scan)
+    prediction.add_scan(scan)
     assert len(prediction.marks) > 10
     assert np.hypot(*prediction.marks[:, :2].T).min() >= prediction.room
 
@@ -97,7 +97,7 @@ def test_marks_go_when_they_are_no_longer_said(told, walls):
         robot.circles = np.array([*walls, (1.6, y, 0.25)] if there else walls).reshape(-1, 3)
         tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)] if there else []
         scan = robot.scan()
-        for made, sensed in ((with_marks, {"front/scan": scan, PREDICTED: prediction.see(scan)}), (without, scan)):
+        for made, sensed in ((with_marks, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}), (without, scan)):
             made.step(robot.time, robot.pose, robot.twist, sensed)
         robot.time += 0.05
         lethal.append([(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)])
@@ -110,7 +110,7 @@ def test_marks_go_when_they_are_no_longer_said(told, walls):
         here, there = (made.costmaps[name].cells for made in (with_marks, without))
         assert np.array_equal(here, there) if walls else not here.any(), name
     for seconds, clears in ((2.4, not walls), (2.6, False)):  # the last mover was seen 0.5 s ago
-        points = prediction.see(replace(robot.scan(), stamp=robot.time + seconds)).points
+        points = prediction.add_scan(replace(robot.scan(), stamp=robot.time + seconds)).points
         assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), "where nothing is marked"
         assert (len(points) > 0) == clears
 
@@ -125,7 +125,7 @@ def test_the_last_marks_go_where_nothing_says_more(told):
     lethal = []
     for k in range(40):
         scan = robot.scan()
-        said = {"front/scan": scan, **({PREDICTED: prediction.see(scan)} if k < 5 else {})}
+        said = {"front/scan": scan, **({PREDICTED: prediction.add_scan(scan)} if k < 5 else {})}
         for made, sensed in ((with_marks, said), (without, scan)):
             made.step(robot.time, robot.pose, robot.twist, sensed)
         robot.time += 0.05
@@ -143,7 +143,7 @@ def test_where_nothing_moves_planners_are_equal_bit_for_bit(told):
         step = made.step
 
         def told_of_marks(now, pose, twist, scan, step=step):
-            return step(now, pose, twist, {"front/scan": scan, PREDICTED: prediction.see(scan)})
+            return step(now, pose, twist, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)})
 
         made.step = told_of_marks if movers else step
         run(made, robot, 0.1)

@@ -137,7 +137,7 @@ def test_a_larger_robot_stalls_on_a_longer_way():
     """1.6 m in 8 s are enough for the Jackal, and not for a robot of twice its size."""
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
-        assert [stall.look(float(t), 0.2 * t, 0.0) for t in range(9)][-1] is stalled
+        assert [stall.update(float(t), 0.2 * t, 0.0) for t in range(9)][-1] is stalled
 
 
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):

@@ -72,7 +72,8 @@ class ApplrEnv(gymnasium.Env):
         self.space, self.episode.layout = encoding.space, encoding.layout
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
-            rest, odd = self.layout.rest, encoding.odd + tuple(self.layout.rest + place for place in privileged.ODD)
+            rest = self.layout.rest
+            odd = encoding.mirror_sign + tuple(rest + place for place in privileged.ODD)
             more = privileged.SIZE
             self.layout = dataclasses.replace(self.layout, rest=rest + more, odd=odd, hidden=more)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)

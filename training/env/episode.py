@@ -137,7 +137,7 @@ class Episode:
         state = self.simulator.state
         self.began = state.time
         self.stall.reset()
-        self.stall.look(0.0, *state.pose[:2])
+        self.stall.update(0.0, *state.pose[:2])
         self.move_base.set_goal(self.goal, state.time)
         self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # of the coming decision, as its scan is
         self._scanned = self.simulator.scan()
@@ -162,7 +162,7 @@ class Episode:
         state = self.simulator.state
         now.seconds = state.time - since
         now.time_s = state.time - self.began
-        if self.stall.look(now.time_s, *state.pose[:2]) and self.end_on_stall and not now.over:
+        if self.stall.update(now.time_s, *state.pose[:2]) and self.end_on_stall and not now.over:
             now.reason = "stalled"
         if not now.over and now.decisions >= self.limit:
             now.timeout, now.reason = True, "time limit"
@@ -214,19 +214,19 @@ class Episode:
         scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
         sensed: Optional[Sensed] = scan
         if self.prediction is not None and scan is not None:
-            sensed = {next(iter(self.move_base.sources)): scan, PREDICTED: self.prediction.see(scan)}
+            sensed = {next(iter(self.move_base.sources)): scan, PREDICTED: self.prediction.add_scan(scan)}
         cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, sensed)
         command = cycle.command
         if self.monitor is not None:
             if scan is not None:
-                self.monitor.see(scan)
+                self.monitor.add_scan(scan)
             self._planned = state.time if cycle.new_plan else self._planned
             if command is not None:
                 motion = self._escape(state, command)
                 given = state.time, state.odom_pose, state.odom_twist, motion or command
                 verdict = self.verdict = self.monitor.filter(*given, creeps=motion is None)
                 command = verdict.command
-                (self._stalled or self.move_base).report_held(verdict.held)
+                (self._stalled or self.move_base).report_held(verdict.blocked)
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)

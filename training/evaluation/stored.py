@@ -51,7 +51,7 @@ class Results:
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
         self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
-        self.space = Space.stated(self.robot["space"], self.robot["name"])
+        self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
         self.trials = trials.assign(

@@ -36,7 +36,7 @@ class TransitionLayout:
     @classmethod
     def of(cls, encoding: Encoding) -> TransitionLayout:
         """Return the layout of an encoding's observations and actions."""
-        return cls(encoding.scan, encoding.size - encoding.scan, encoding.actions, encoding.scans, encoding.odd)
+        return cls(encoding.scan, encoding.size - encoding.scan, encoding.actions, encoding.scans, encoding.mirror_sign)
 
     @property
     def mirror(self) -> Optional[Mirror]:

@@ -90,7 +90,7 @@ class Floor(Episode):
         self._critics.update(refusals)
         self._counts.update(cycles=1, turns=cycle.controlled, refused=bool(refusals), plans=cycle.new_plan)
         if self._counts["turns"]:  # what the monitor let through holds until the next command
-            self._held[self.verdict.reason] += self.verdict.held
+            self._held[self.verdict.reason] += self.verdict.blocked
             self._asked += abs(self.verdict.command[0]) * CONTROL_PERIOD
         return cycle, state
 

@@ -123,7 +123,7 @@ class CollisionMonitorNode:
         for topic, scan in self.sensors.observations().items():
             first = scan.frame == self._frames.setdefault(topic, scan.frame)  # lasers may share a topic
             name = "" if topic == self._scan else topic
-            self.monitor.see(scan, name if first else f"{topic} of {scan.frame}")
+            self.monitor.add_scan(scan, name if first else f"{topic} of {scan.frame}")
 
     @property
     def _stalled(self) -> str:
@@ -185,10 +185,10 @@ class CollisionMonitorNode:
             reason = "move_base does not get on with its goal" + f"; {verdict.reason}" * bool(verdict.reason)
             verdict = replace(verdict, action=ESCAPE, reason=reason)
         if self._stalls is not None:
-            self._stalls.report_held(verdict.held)
+            self._stalls.report_held(verdict.blocked)
         self._out.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
-        self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
+        self._held.publish(verdict.blocked)  # each time: move_base forgets it with each new goal
         self._say(verdict)
 
     def _fail(self, problem: Exception) -> None:

@@ -58,7 +58,7 @@ class MoversNode:
             if scan is not None and scan.frame == (self._laser or scan.frame):
                 self._laser = scan.frame  # the first of those that share the topic
                 stamp = rospy.Time.from_sec(scan.stamp)
-                points = self._prediction.see(scan).points
+                points = self._prediction.add_scan(scan).points
                 self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))
                 head, seen = conversions.header(self._frame, stamp), self._prediction.movers
                 self._tracked.publish(Movers(head, seen.x, seen.y, seen.vx, seen.vy, seen.radius))
