@@ -1,2 +1,2 @@
 """TD3 and its networks."""
-# Imports common alone; knows neither replay nor robot.
+# Imports only common. Knows neither the replay buffer nor robots.

@@ -1,4 +1,4 @@
-"""The options of TD3: its networks, rates and penalties. td3.py computes by them."""
+"""Options of TD3: network sizes, learning rates and penalties. td3.py applies them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from training.common.options import Options, option
 
 
 class TD3Options(Options):
-    """The options of TD3 and of its variants here."""
+    """Options of TD3 and of its extensions here."""
 
     model_config = ConfigDict(title="TD3")
 
@@ -25,18 +25,18 @@ class TD3Options(Options):
         "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
         "average. 0 uses the policy itself.", ge=0, le=0.999999)
     symmetric: bool = option(False,
-        "Hand the mean of the policy and of its mirror image out to actors and actor files, which is as symmetric as "
-        "robot and planner are. The policy alone is so only as far as it has learnt it.")
+        "Give actors and actor files the mean of the policy and its mirror image, which is exactly symmetric, as robot "
+        "and planner are. The learnt policy alone is only approximately symmetric.")
     smoothness: List[Annotated[float, Field(ge=0, le=1000)]] = option([0.0],
-        "Weight of a penalty on the mean square of how far the policy's action moves from one observation of a "
-        "transition to the next, with actions from -1 to 1; several numbers weight the parameters one by one. 0 "
-        "switches it off.", min_length=1)
+        "Weight of a penalty on the mean square change of the policy's action between the two observations of a "
+        "transition, for actions from -1 to 1. Several numbers weight the parameters one by one. 0 disables the "
+        "penalty.", min_length=1)
     preactivation_l2: float = option(0.0,
-        "Weight of a penalty on the mean square of the policy's outputs before tanh. It keeps them away from the ends "
-        "of the ranges, where tanh has no gradient. 0 switches it off.", ge=0, le=100)
+        "Weight of a penalty on the mean square of the policy's outputs before tanh. The penalty keeps actions away "
+        "from the ends of the ranges, at which the gradient of tanh vanishes. 0 disables it.", ge=0, le=100)
     layer_norm: bool = option(False,
         "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.")
     bc_alpha: float = option(0.0,
         "Alpha of TD3+BC (Fujimoto and Gu 2021), which keeps the policy close to the actions of the dataset; its "
-        "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)
+        "authors use 2.5. Online, the policy stays close to the actions driven so far. 0 is plain TD3.", ge=0, le=1000)
     # fmt: on

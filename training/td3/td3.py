@@ -1,10 +1,10 @@
 """TD3 (Fujimoto et al. 2018), the paper's learner: a policy and two separate critics, each of 3 x 512 units.
 
-The learner feeds it batches from the replay; nothing here knows of robots, files or processes.
-Defaults are the paper's; where it is silent, the authors' code's. Deviations, named:
-  batch_size 256 (authors' 128): as fast on our machines, less noise.
-  n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): returns are summed by the replay.
-Time limits are bootstrapped, target noise is in action units; the authors' code did neither
+The learner passes batches from the replay buffer. This module knows nothing of robots, files or processes.
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code. Deviations:
+  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise.
+  n_step 4 (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the returns.
+Unlike in the authors' code, time limits are bootstrapped and target noise is in action units
 (docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
 """
 
@@ -25,11 +25,11 @@ from training.td3.options import TD3Options
 
 ACTOR_LR = 3e-4  # learning rate of the policy
 POLICY_DELAY = 2  # critic updates per policy update
-TAU = 0.005  # share of the current networks that enters the target networks at each policy step
-TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and bound of the smoothing noise on target actions
-INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
-SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
-CRITICS_ALONE = 2000  # gradient steps before the first one of a policy that fresh critics would spoil
+TAU = 0.005  # share of the online networks that is mixed into the target networks at each policy update
+TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and clipping bound of the noise on target actions
+INNER = 0.95  # largest initial action of a policy that starts at a parameter set: tanh still has a gradient there
+SMALL_START = 0.01  # factor on the initial weights of the last layer of a policy that starts at a parameter set
+CRITIC_WARM_UP = 2000  # updates during which the policy is frozen because fresh critics would spoil it
 Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
@@ -40,9 +40,9 @@ class MLP(nn.ModuleList):
         inputs: width of the input.
         hidden: widths of the hidden layers.
         outputs: width of the output.
-        layer_norm: normalise each hidden layer (without gain and shift) before its ReLU. On critics this bounds how far
-            values are extrapolated to actions that were never tried, which keeps several gradient steps per transition
-            stable (Ball et al. 2023; Nauman et al. 2024).
+        layer_norm: normalise each hidden layer (without gain and shift) before its ReLU. In critics, this bounds the
+            extrapolation to actions that were never tried, so that learning remains stable with several gradient steps
+            per transition (Ball et al. 2023; Nauman et al. 2024).
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, layer_norm: bool = False):
@@ -61,15 +61,15 @@ class MLP(nn.ModuleList):
 
 @dataclass
 class Batch:
-    """The transitions of one update, as tensors on the learner's device.
+    """Transitions of one update, as tensors on the learner's device.
 
     Attributes:
         observation: (B, n).
         action: (B, m) in [-1, 1].
         reward: (B,) sum of k discounted rewards.
-        discount: (B,) gamma^k; 0 past a terminal state.
+        discount: (B,) gamma^k, or 0 if a terminal state was reached.
         next_observation: (B, n) k steps later.
-        noise: (B, m) standard normal, for the smoothing of target actions.
+        noise: (B, m) standard normal noise for target policy smoothing.
     """
 
     observation: torch.Tensor
@@ -81,20 +81,20 @@ class Batch:
 
 
 class TD3:
-    """The networks, their targets and optimisers, and one method: update.
+    """Networks, target networks and optimisers of TD3.
 
     Args:
-        observations: numbers of one observation.
-        actions: numbers of one action.
-        options: hyper-parameters.
-        seed: of the networks' first weights.
+        observations: size of an observation.
+        actions: size of an action.
+        options: hyperparameters.
+        seed: seed of the initial weights.
         device: torch's name of the device that computes.
-        mirror: what exchanging left and right does to what the policy is shown; None where that is not known.
-        hidden: how many of an observation's last numbers only the critics are shown.
+        mirror: effect of exchanging left and right on the policy's observation; None if unknown.
+        hidden: number of entries at the end of an observation that only the critics receive.
 
     Raises:
-        ApplrError: for a symmetric policy of observations without a scan, or another number of weights of smoothness
-            than an action has numbers.
+        ApplrError: options.symmetric is set without a mirror, or the number of smoothness weights is neither 1 nor the
+            size of an action.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class TD3:
         hidden: int = 0,
     ):
         if options.symmetric and mirror is None:
-            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
+            raise ApplrError("--symmetric: the observation has no scan and angle to mirror: leave the option out")
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, torch.device(device)
         if len(options.smoothness) not in (1, actions):
             raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
@@ -124,7 +124,7 @@ class TD3:
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
         self.networks = nn.ModuleDict({"actor": self.actor, "critics": self.critics})
         self.networks.update({"actor_target": self.actor_target, "critic_targets": self.critic_targets})
-        self.policy = self.actor  # what drives: the running average of the learnt policy where there is one
+        self.policy = self.actor  # policy that actors drive with: the running average if it is enabled
         if options.policy_ema_decay:
             self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), ACTOR_LR, fused=True)
@@ -135,25 +135,29 @@ class TD3:
 
     @torch.no_grad()
     def begin_at(self, action: Sequence[float]) -> None:
-        """Make a fresh policy answer nearly this action, numbers in [-1, 1], to every observation."""
+        """Make a fresh policy return nearly `action` (m,) in [-1, 1] for every observation."""
         nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
         for weight, bias in {tuple(actor[-1].parameters()) for actor in (self.actor, self.actor_target, self.policy)}:
             weight.mul_(SMALL_START)
             bias.copy_(torch.atanh(nearly))
 
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Take over a policy, as actor_weights() names it, which stands still while the critics learn alone.
+        """Take over a policy's weights, named as by actor_weights(), and freeze the policy for the critic warm-up.
+
+        Args:
+            weights: the policy's weights.
+            what: source of the weights, for the error message.
 
         Raises:
-            ApplrError: It has other layers.
+            ApplrError: The layers differ.
         """
         for network in {self.actor, self.actor_target, self.policy}:
             _fill(network, {name: torch.from_numpy(tensor) for name, tensor in weights.items()}, what)
-        self.policy_starts = CRITICS_ALONE
+        self.policy_starts = CRITIC_WARM_UP
 
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
-        """One gradient step of the critics; every POLICY_DELAY-th also of the policy and the targets."""
+        """Make a gradient step of the critics, and every POLICY_DELAY-th time also of the policy and the targets."""
         self.updates += 1
         self._update_critics(batch)
         if self.updates % POLICY_DELAY == 0:
@@ -163,7 +167,7 @@ class TD3:
 
     def _update_critics(self, batch: Batch) -> None:
         with torch.no_grad():
-            # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
+            # Target policy smoothing: clipped noise in action units, and an action clipped to its range.
             noise = (batch.noise * TARGET_NOISE).clamp_(-NOISE_CLIP, NOISE_CLIP)
             action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen])).add_(noise).clamp_(-1.0, 1.0)
             # y = r + gamma^k min Q'(s', a') (clipped double Q), bootstrapping through time limits.
@@ -194,7 +198,7 @@ class TD3:
         if o.preactivation_l2 > 0.0:
             loss = loss + o.preactivation_l2 * z.square().mean()
         self.actor_optimizer.zero_grad()
-        loss.backward(inputs=list(self.actor.parameters()))  # the critic's own gradients are not computed
+        loss.backward(inputs=list(self.actor.parameters()))  # skip the gradients of the critic
         self.actor_optimizer.step()
         self.losses["actor_q"] = q.detach().mean()
 
@@ -206,30 +210,38 @@ class TD3:
             _mix(self.policy, self.actor, 1.0 - self.options.policy_ema_decay)
 
     def report(self) -> Dict[str, float]:
-        """Losses of the newest update as numbers (waits for the device)."""
+        """Return the losses of the latest update as numbers. Waits for the device."""
         return {name: float(value) for name, value in self.losses.items()}
 
     # -- acting ------------------------------------------------------------------------------------
     def actor_weights(self) -> Weights:
-        """The policy that is handed out, as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies.
+        """Return copies of the actors' weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
 
-        With options.symmetric it is two networks side by side, along the first axis of each tensor.
+        With options.symmetric, the policy and its mirror image are stacked along the first axis of each tensor.
         """
         weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state_dict().items()}
         return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def state(self) -> Dict[str, Any]:
-        """Return what a checkpoint holds; load() is the inverse."""
+        """Return the state for a checkpoint; load() is the inverse."""
         optimizers = {name: optimizer.state_dict()["state"] for name, optimizer in self.optimizers.items()}
         counts = {"updates": self.updates, "policy_starts": self.policy_starts}
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Take over a state. Raises ApplrError where it belongs to other networks. Learning rates stay this run's."""
+        """Restore a state of state(). Learning rates stay those of this run.
+
+        Args:
+            state: the state.
+            what: source of the state, for the error message.
+
+        Raises:
+            ApplrError: The layers differ.
+        """
         theirs = state["networks"]
         average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
-        theirs = {**average, **theirs}  # an average that the state does not have begins here
+        theirs = {**average, **theirs}  # A state without a running average begins one with its policy.
         _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})
@@ -240,9 +252,9 @@ def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> No
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
-        raise ApplrError(f"{what}: its networks have other layers; give the same --net-arch") from None
+        raise ApplrError(f"{what}: the layers of its networks differ: give the same --net-arch") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
-    """Moves each parameter of `target` by a share of the way to that of `source`."""
+    """Move each parameter of `target` towards that of `source` by a share of their difference."""
     torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), share)

@@ -1,4 +1,4 @@
-"""TD3 beside stable-baselines3's, step by step, and what each option adds to it."""
+"""TD3 compared with that of stable-baselines3 step by step, and the effect of each option."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from training.td3.td3 import TD3, Batch, TD3Options
 
 @pytest.fixture(autouse=True)
 def _one_thread():
-    """On a busy machine the threads of a small product wait for each other ten times as long as it takes."""
+    """Use one thread: on a busy machine, the threads of a small product wait ten times as long as they compute."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -56,13 +56,13 @@ def _sb3(n, m, hidden, batch_size):
 
 
 def action_of(td3, observation):
-    """The learnt policy's answer (n, actions) as numpy: without noise, and without its mirror image."""
+    """Return the actions (n, m) of the learnt policy, without noise and without its mirror image."""
     with torch.no_grad():
         return torch.tanh(td3.policy(torch.as_tensor(observation))).numpy()
 
 
 def _pairs(td3, model):
-    """(our network, stable-baselines3's) of each kind."""
+    """Return pairs (our network, stable-baselines3's network)."""
     return [
         (td3.actor, model.actor.mu),
         (td3.actor_target, model.actor_target.mu),
@@ -72,7 +72,7 @@ def _pairs(td3, model):
 
 
 def _sb3_update(model, batch, seed):
-    """One of SB3's updates on our batch; its smoothing noise is drawn from torch's generator."""
+    """Make one update of SB3 on our batch. SB3 draws its smoothing noise from torch's generator."""
     from types import SimpleNamespace
 
     data = SimpleNamespace(
@@ -92,8 +92,8 @@ def _sb3_update(model, batch, seed):
     ("n", "m", "hidden", "size", "double"), [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)]
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
-    """At the paper's size in double precision: there, in single, Adam's first steps of tiny gradients are rounding."""
-    monkeypatch.setattr("training.td3.td3.ACTOR_LR", 1e-3)  # stable-baselines3 has one for both
+    """The paper's size needs double precision: in single, rounding dominates Adam's first steps of tiny gradients."""
+    monkeypatch.setattr("training.td3.td3.ACTOR_LR", 1e-3)  # stable-baselines3 has one learning rate for both
     rng = np.random.default_rng(5)
     td3 = TD3(n, m, TD3Options(net_arch=hidden, critic_lr=1e-3), seed=3)
     model = _sb3(n, m, hidden, size)
@@ -102,7 +102,7 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     model.policy.to(precision)
     monkeypatch.setattr("stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs)  # no .float()
     with torch.no_grad():
-        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)  # noise then leads out of the range
+        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)  # noise then leaves [-1, 1]
         for ours, theirs in _pairs(td3, model):
             for mine, other in zip(ours.parameters(), theirs.parameters()):
                 other.copy_(mine)
@@ -116,11 +116,11 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     for ours, theirs in _pairs(td3, model):
         for mine, other in zip(ours.parameters(), theirs.parameters()):
             torch.testing.assert_close(mine.data, other.data, atol=1e-5, rtol=0)
-    assert (td3.actor[0].weight - start).abs().max() > 1e-3  # it did move
+    assert (td3.actor[0].weight - start).abs().max() > 1e-3  # The policy has changed.
 
 
 def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations():
-    """The gradient of -Q scaled to the behaviour cloning term, and of the mean square before tanh; no critic moves."""
+    """Compares with the gradient of scaled -Q, behaviour cloning and the mean square before tanh. No critic changes."""
     for alpha, penalty in ((0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)):
         td3 = TD3(12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1)
         batch = _batch(np.random.default_rng(0), 32, 12, 3)
@@ -150,7 +150,7 @@ def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
     torch.testing.assert_close(td3.actor(observation), last(second(first(observation).relu()).relu()))
 
 
-def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
+def test_actors_get_the_running_average_and_the_state_contains_it():
     rng = np.random.default_rng(0)
     plain = TD3(10, 2, TD3Options(net_arch=[64]), seed=7)
     td3 = TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
@@ -160,18 +160,18 @@ def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
         plain.update(batch)
         if td3.updates % 2 == 0:
             expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
-    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)  # learning itself is the same
+    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)  # The average does not affect learning.
     np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
     again, late = (TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2))
     again.load(td3.state())
     np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
-    late.load(plain.state())  # of a run that had none so far
+    late.load(plain.state())  # state of a run without an average
     np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
 
 
 def test_refuses_another_network():
     td3, other = TD3(10, 2, TD3Options(net_arch=[32])), TD3(10, 2, TD3Options(net_arch=[64]))
-    refused(lambda: td3.load(other.state()), "its networks have other layers; give the same --net-arch")
+    refused(lambda: td3.load(other.state()), "the layers of its networks differ: give the same --net-arch")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -201,7 +201,7 @@ def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image()
     refused(lambda: TD3(12, 3, TD3Options(symmetric=True)), "no scan and angle to mirror")
 
 
-def test_a_policy_can_begin_at_a_set_and_learns_from_there():
+def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
     observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
     td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
     td3.begin_at([0.5, -0.25, 1.0])
@@ -212,8 +212,8 @@ def test_a_policy_can_begin_at_a_set_and_learns_from_there():
     assert (action_of(td3, observations) != first).all()
 
 
-def test_a_policy_that_is_taken_over_stands_still_while_the_critics_learn_alone(monkeypatch):
-    monkeypatch.setattr("training.td3.td3.CRITICS_ALONE", 2)
+def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeypatch):
+    monkeypatch.setattr("training.td3.td3.CRITIC_WARM_UP", 2)
     monkeypatch.setattr("training.td3.td3.POLICY_DELAY", 1)
     options = TD3Options(net_arch=[8])
     begun, td3 = TD3(5, 2, options, seed=1), TD3(5, 2, options, seed=2)
@@ -225,8 +225,8 @@ def test_a_policy_that_is_taken_over_stands_still_while_the_critics_learn_alone(
     assert moved == [False, False, True]
 
 
-def test_critics_see_what_the_policy_does_not():
-    """The policy's weights and answers have no place for the hidden numbers; the critics' values change by them."""
+def test_only_critics_receive_the_hidden_numbers():
+    """The policy's weights have no column for the hidden numbers. The critics' values depend on them."""
     rng, hidden = np.random.default_rng(0), 3
     td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden)
     assert td3.actor_weights()["0.weight"].shape == (16, 8 - hidden)
@@ -239,7 +239,7 @@ def test_critics_see_what_the_policy_does_not():
     assert (values[0] - values[1]).abs().min() > 1e-4
 
 
-def test_smoothness_weighs_each_parameters_way_from_one_observation_to_the_next(monkeypatch):
+def test_smoothness_weights_the_change_of_each_parameter_between_two_observations(monkeypatch):
     monkeypatch.setattr("training.td3.td3.ACTOR_LR", 1e-3)
     rng = np.random.default_rng(0)
     batch = _batch(rng, 64, 6, 2)
