@@ -1,10 +1,10 @@
 """APPLR for ROS 1: a move_base-compatible planner, the parameter policy that tunes it, and their nodes.
 
-The generated `applr_ros1.cfg` package lives in the catkin workspace; extending `__path__` lets it be found
-when the repository's root comes first on `sys.path`.
+The generated `applr_ros1.cfg` package lives in the catkin workspace. `__path__` is extended so that it is found even
+if the repository's root comes first on `sys.path`.
 
-`applr_ros1.training`, `applr_ros1.worlds` and `applr_ros1.sim_bridge` lie here where pip installed them. In a clone
-they lie beside this package, and these are other names of the same modules.
+pip installs `training`, `worlds` and `sim_bridge` as subpackages of this package. In a clone they lie beside it, and
+`applr_ros1.training`, `applr_ros1.worlds` and `applr_ros1.sim_bridge` are aliases of the same modules.
 """
 
 import importlib.abc
@@ -19,19 +19,19 @@ __path__ = pkgutil.extend_path(__path__, __name__)
 
 
 class _Beside(importlib.abc.Loader):
-    """Finds and loads `applr_ros1.training.env` as `training.env`."""
+    """Import hook that finds and loads `applr_ros1.training.env` as `training.env`."""
 
     NAMES = tuple(f"{__name__}.{beside}" for beside in ("training", "worlds", "sim_bridge"))
 
     def find_spec(self, name, path=None, target=None):
-        found = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
-        package = found and found.submodule_search_locations is not None
-        return found and importlib.util.spec_from_loader(name, self, origin=found.origin, is_package=package)
+        spec = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
+        package = spec and spec.submodule_search_locations is not None
+        return spec and importlib.util.spec_from_loader(name, self, origin=spec.origin, is_package=package)
 
     def exec_module(self, module):
         sys.modules[module.__name__] = importlib.import_module(module.__name__.partition(".")[2])
 
-    def get_code(self, name):  # for python -m
+    def get_code(self, name):  # `python -m` calls this method.
         beside = name.partition(".")[2]
         return importlib.util.find_spec(beside).loader.get_code(beside)
 
@@ -40,32 +40,32 @@ if not any(os.path.isdir(os.path.join(folder, "training")) for folder in __path_
     sys.meta_path.insert(0, _Beside())
 
 
-if not typing.TYPE_CHECKING:  # else any name would be an attribute
+if not typing.TYPE_CHECKING:  # A module with __getattr__ would hide unknown attributes from mypy.
 
     def __getattr__(name):
         if name != "__version__":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         for file in (os.path.join(os.path.dirname(folder), "package.xml") for folder in __path__):
-            if os.path.isfile(file):  # a clone's; an installation has its own copy
+            if os.path.isfile(file):  # Only a clone has package.xml there.
                 with open(file, encoding="utf-8") as manifest:
                     return re.search("<version>(.*)</version>", manifest.read())[1]
         return importlib.import_module("importlib.metadata").version(__name__)
 
 
 def load_policy(robot="jackal", file=""):
-    """A policy that drives one robot, with `predict(observation)` as a model of stable-baselines3 has it.
+    """Load a policy for one robot, with the `predict(observation)` of a stable-baselines3 model.
 
-    What it needs is imported at the first call, so that `import applr_ros1` takes no time.
+    Dependencies are imported at the first call to keep `import applr_ros1` fast.
 
     Args:
         robot: Name of an included robot, or folder with robot.yaml.
-        file: Of a policy that train.py wrote; "" for the one in the robot's folder.
+        file: Path of a policy that train.py wrote; "" for the one in the robot's folder.
 
     Returns:
-        A policy.actor.Policy; its `environment` is what gymnasium.make has to be given.
+        The policy.actor.Policy. Its `environment` holds the arguments for gymnasium.make.
 
     Raises:
-        ApplrError: There is no such robot, or the file cannot be used for it.
+        ApplrError: There is no such robot, or the file does not fit the robot.
     """
     from os import fspath
 

@@ -1,2 +1,2 @@
-"""Helpers that several packages share: angles, scans, files, errors, kernels, progress."""
-# Imports none of them.
+"""Helpers shared by several packages: angles, scans, files, errors, kernels, progress."""
+# Imports none of those packages.

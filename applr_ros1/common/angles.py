@@ -1,6 +1,6 @@
-"""Angles [rad], poses (x, y, yaw) [m, m, rad] in the plane, and boxes in it.
+"""Angles [rad], planar poses (x, y, yaw) [m, m, rad], and boxes in the plane.
 
-Compiled kernels keep formulas of their own (planner/trajectory/sampling.py: the C++ planner's, bit for bit).
+Compiled kernels have their own formulas: those of planner/trajectory/sampling.py match the C++ planner bit for bit.
 """
 
 from __future__ import annotations
@@ -14,52 +14,52 @@ Pose = Tuple[float, float, float]
 
 
 def normalize_angle(angle: float) -> float:
-    """Return the angle in [-pi, pi], exact: no rounding is added."""
+    """Return the angle in [-pi, pi], without rounding errors."""
     return math.remainder(angle, 2.0 * math.pi)
 
 
-def normalize_angle_modulo(angle):
-    """Return the angle in [-pi, pi), of a number or an array. Simulators depend on how it rounds its last bits."""
+def normalize_angle_modulo(angle: Any) -> Any:
+    """Return the angle, or an array of angles, in [-pi, pi). Simulators depend on the rounding of its last bits."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-def yaw_of(q) -> float:
-    """Return the yaw [rad] in [-pi, pi] of a quaternion x, y, z, w of any length but zero, as tf2 does (getYaw)."""
+def yaw_of(q: Any) -> float:
+    """Return the yaw in [-pi, pi] of a quaternion with attributes x, y, z, w, like tf2's getYaw. Any norm but 0."""
     return math.atan2(2.0 * (q.x * q.y + q.w * q.z), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
 
 def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
-    """Return the unit quaternion (x, y, z, w) of a turn about z."""
+    """Return the unit quaternion (x, y, z, w) of a rotation about z."""
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
 def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
-    """Return the point (x, y) of the frame at `pose` in the frame in which the pose is given [m]; arrays as well."""
+    """Transform the point (x, y) [m], or arrays of points, from the frame at `pose` to the parent frame of `pose`."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return pose[0] + c * x - s * y, pose[1] + s * x + c * y
 
 
 def compose(a: Pose, b: Pose) -> Pose:
-    """Return the pose b, given in the frame at a, in the frame in which a is given."""
+    """Transform the pose b from the frame at a to the parent frame of a."""
     return (*transform_point(a, b[0], b[1]), normalize_angle(a[2] + b[2]))
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return the pose of the frame in which `pose` is given, in the frame at `pose`."""
+    """Return the inverse of a pose: the pose of its parent frame in the frame at `pose`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return -x * c - y * s, x * s - y * c, -yaw
 
 
-def outside_box(dx, dy, yaw: float, size_x: float, size_y: float):
-    """Return the ways from a box's nearest points to points, along its axes: two arrays [m], zero for those inside.
+def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> Tuple[Any, Any]:
+    """Return the offsets of points from the nearest points of a box, along its two axes [m]; zero inside the box.
 
     Args:
-        dx: the points' x less the box's, in the world's frame [m]; dx and dy may be of shapes that broadcast.
-        dy: the points' y less the box's.
-        yaw: the direction of the box's first axis.
-        size_x: its length along that axis [m].
-        size_y: its length along the other.
+        dx: x of the points relative to the box's centre, in the world frame [m]; broadcasts with dy.
+        dy: y of the points relative to the box's centre [m].
+        yaw: Direction of the box's first axis [rad].
+        size_x: Length of the box along its first axis [m].
+        size_y: Length of the box along its second axis [m].
     """
     c, s = math.cos(yaw), math.sin(yaw)
     along, across = c * dx + s * dy, c * dy - s * dx

@@ -1,4 +1,4 @@
-"""Command lines of programs that ROS may start."""
+"""Parsers for command lines and parameters of programs that ROS may start."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from applr_ros1.common.errors import ApplrError
 
 
 def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
-    """Return a command line (None: sys.argv's) without ROS's remappings (NAME:=VALUE), as rospy.myargv does."""
+    """Return the arguments (default: sys.argv's) without ROS remappings (NAME:=VALUE), like rospy.myargv."""
     return [word for word in (sys.argv[1:] if arguments is None else arguments) if ":=" not in word]
 
 
 def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a value that is a number from `low` to `high` (infinite only where a bound is). Raises ApplrError."""
+    """Return `value` if it is a number from `low` to `high`, otherwise raise ApplrError.
+
+    Infinity passes only if a bound is infinite.
+    """
     if not isinstance(value, bool) and isinstance(value, (int, float)) and low <= value <= high:
         return value
     between = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
@@ -23,14 +26,14 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
 
 
 def boolean(name: str, text: str) -> bool:
-    """Return True or False from a launch file's spelling. Raises ApplrError."""
+    """Parse a boolean as launch files spell it. Raises ApplrError."""
     if text.lower() not in ("true", "false", "1", "0"):
         raise ApplrError(f"{name} is {text or 'empty'}: give true or false")
     return text.lower() in ("true", "1")
 
 
 def pose(name: str, text: str) -> Tuple[float, float, float]:
-    """Return (x, y, yaw) [m, m, rad] from "x y yaw". Raises ApplrError."""
+    """Parse "x y yaw" into a tuple [m, m, rad]. Raises ApplrError."""
     try:
         x, y, yaw = map(float, text.replace(",", " ").split())
     except ValueError:
@@ -41,5 +44,5 @@ def pose(name: str, text: str) -> Tuple[float, float, float]:
 
 
 def frame_prefix(text: str) -> str:
-    """Return the prefix of a robot's frames: "robot1/" for robot1, "" for none or an empty text."""
+    """Return the prefix of a robot's frames: "robot1/" for "robot1", "" for "none" or an empty text."""
     return "" if text.strip("/") in ("", "none") else text.strip("/") + "/"

@@ -1,4 +1,4 @@
-"""The base of the project's exceptions, and the wrappers that turn them into one line and an exit status."""
+"""Base class of the project's exceptions, and wrappers that turn exceptions into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from applr_ros1.common.extras import absent
 
 
 class ApplrError(ValueError):
-    """A mistake that a user can put right. Its text is one line: what is wrong, which value, what to do."""
+    """An error that the user can correct. Its text is one line: problem, value, remedy."""
 
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
-    """Return "did you mean NAME?" with the known name that is most like an unknown one; "" if none is."""
+    """Return "did you mean NAME?" with the known name closest to `name`, or "" if none is close."""
     close = difflib.get_close_matches(str(name), list(known), 1, 0.75)
     return f"did you mean {close[0]}?" if close else ""
 
 
 def reason(error: BaseException) -> str:
-    """Return the system's own words for an error, without its number and path."""
+    """Return the system's description of an error, without its number and path."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def one_line(error: BaseException) -> str:
-    """Return an error in one line: the text of this package's own errors; of all others kind, text and place.
+    """Return an error as one line: the text of an ApplrError, or type, text, file and line of any other error.
 
-    The place is the file and line that raised the error: "KeyError: 'v' (my_method.py, line 9)".
+    For example, "KeyError: 'v' (my_method.py, line 9)".
     """
     if isinstance(error, ApplrError):
         return str(error)
     text = f"{type(error).__name__}: {_with_file(error)}"
     frames = traceback.extract_tb(error.__traceback__)
-    if not frames or isinstance(error, SyntaxError):  # the latter names file and line itself
+    if not frames or isinstance(error, SyntaxError):  # A SyntaxError's text has its file and line.
         return text
     return f"{text} ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})"
 
 
 def _with_file(error: BaseException) -> str:
-    """Return the reason, after the file that it is about, where there is one."""
+    """Return the reason of an error, preceded by the file concerned if there is one."""
     where = f"{error.filename}: " if isinstance(error, OSError) and error.filename else ""
     return where + reason(error)
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
-    """Runs a command and returns its exit status.
+    """Run a command and return its exit status.
 
-    Every error becomes one line "PROGRAM: ..." on stderr, with exit status 1. Ctrl-C becomes 130, with the text of the
-    KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the stack.
+    Every error becomes one line "PROGRAM: ..." on stderr and exit status 1. Ctrl-C gives exit status 130 and the text
+    of the KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the traceback.
 
     Args:
-        main: the command; returns an exit status, or None for 0.
-        program: what the person called it, for instance "evaluate.py".
+        main: The command; returns an exit status, or None for 0.
+        program: Name of the program as the user typed it, for example "evaluate.py".
     """
     try:
         return main() or 0
@@ -72,15 +72,15 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 
 
 def run_script(module: str, node: bool = False) -> None:
-    """Imports the module of a command, runs its main() and ends the process, for scripts/__main__.py.
+    """Import the module of a command, run its main() and exit the process, for scripts/__main__.py.
 
-    A Ctrl-C during the import, which takes seconds, ends the process without a word; a Python package that is missing
-    is one line. The folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.
+    The import takes seconds. Ctrl-C during the import exits silently, and a missing Python package is reported in one
+    line. The script's folder is removed from sys.path because its sim_bridge.py would hide the package sim_bridge.
 
     Args:
-        module: such as "training.evaluate".
-        node: whether it is a ROS node, which takes nothing but NAME:=VALUE. Other words end it with one line, before
-            it does what nobody asked for; --help prints the module's USAGE, else a node's docstring.
+        module: Full name of the module, such as "training.evaluate".
+        node: Whether the module is a ROS node, which accepts only NAME:=VALUE: other arguments are an error. --help
+            prints the module's USAGE, or the docstring of a node without USAGE.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
@@ -90,7 +90,7 @@ def run_script(module: str, node: bool = False) -> None:
 
 def _main_of(module: str, node: bool) -> Optional[int]:
     usual = signal.getsignal(signal.SIGINT)
-    if usual is signal.default_int_handler:  # its exception would be lost in a library's destructor
+    if usual is signal.default_int_handler:  # A library's destructor might swallow its KeyboardInterrupt.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     loaded = importlib.import_module(module)
     signal.signal(signal.SIGINT, usual)
@@ -100,5 +100,5 @@ def _main_of(module: str, node: bool) -> Optional[int]:
         return 0
     words = [word for word in sys.argv[1:] if ":=" not in word]
     if node and words:
-        raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help says which there are")
+        raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help lists them")
     return loaded.main()

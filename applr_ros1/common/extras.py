@@ -1,4 +1,4 @@
-"""Packages that are not installed, among them those that only some commands need: extras of `pip install`."""
+"""Messages about Python packages that are missing, including the optional ones (extras of `pip install`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import Iterator, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
-EXTRAS = {  # by package, as in pyproject.toml
+EXTRAS = {  # extra of `pip install` by the package that it installs, as in pyproject.toml
     "matplotlib": "report",
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py"), "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
@@ -18,7 +18,7 @@ EXTRAS = {  # by package, as in pyproject.toml
 
 
 def absent(package: Optional[str]) -> str:
-    """Return the line about a package that is not installed; "" if it is, or belongs to this repository."""
+    """Return a message if a package is not installed, or "" if it is or if it belongs to this repository."""
     name = (package or "").partition(".")[0]
     if not name or name in OURS or find_spec(name):
         return ""
@@ -30,11 +30,11 @@ def absent(package: Optional[str]) -> str:
 
 @contextmanager
 def extra(importer: str) -> Iterator[None]:
-    """Guard the imports of a command for which an extra is needed.
+    """Guard the imports of a command that needs an extra.
 
     Args:
-        importer: the module's __name__. As a command, which is "__main__", it ends with one line where a package is
-            missing, and exit status 1; imported, it raises the ModuleNotFoundError.
+        importer: The module's __name__. If it is "__main__", a missing package ends the command with one line and exit
+            status 1, otherwise the ModuleNotFoundError is raised.
     """
     try:
         yield

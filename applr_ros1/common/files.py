@@ -1,4 +1,4 @@
-"""Files are written whole or not at all; what goes wrong is a StorageError of one line."""
+"""Atomic writing, reading and hashing of files. Every failure is a StorageError of one line."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class StorageError(ApplrError):
 
 
 def write_bytes(path, data: bytes) -> None:
-    """Writes beside the file, flushes to disk, renames: a crash leaves the old file or the new one, never a part."""
-    if os.path.lexists(path) and not os.path.isfile(path):  # a device, which renaming would replace
+    """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
+    if os.path.lexists(path) and not os.path.isfile(path):  # Renaming would replace a device.
         raise StorageError(f"{path}: a folder, pipe or device; give the path of a regular file")
     partial = f"{path}.{os.getpid()}.partial"
     try:
@@ -34,7 +34,7 @@ def write_bytes(path, data: bytes) -> None:
 
 
 def write_json(path, value: Any) -> None:
-    """Writes a value as JSON that a person can read, as `write_bytes` does."""
+    """Write a value as indented JSON, atomically."""
     write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
 
 
@@ -55,7 +55,10 @@ def read_json(path) -> Any:
 
 
 def plain_xml(data: bytes) -> str:
-    """XML as TinyXML takes it: with anything before the declaration and in comments, a bare &, no name spaces."""
+    """Return XML that TinyXML accepts as standard XML.
+
+    TinyXML allows any text before the declaration and in comments, a bare &, and undeclared name spaces.
+    """
     first, *others = data.decode("utf-8-sig", "replace").split("<!--")
     parts = (part.partition("-->") for part in others)
     text = first + "".join("\n" * comment.count("\n") + rest for comment, _, rest in parts)
@@ -66,5 +69,5 @@ def plain_xml(data: bytes) -> str:
 
 
 def sha256(*values: Any) -> str:
-    """Return the checksum, in hexadecimal digits, of values one after the other: bytes, or others by their text."""
+    """Return the hexadecimal SHA-256 of the values in order: bytes as they are, other values as text."""
     return hashlib.sha256(b"\0".join(v if isinstance(v, bytes) else str(v).encode() for v in values)).hexdigest()

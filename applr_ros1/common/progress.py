@@ -1,4 +1,4 @@
-"""Lines about long work: it is announced, and repeated until it is done."""
+"""Progress lines about work that takes long."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import threading
 import time
 from typing import Callable, Iterator
 
-FIRST_LINE_S = 2.0  # s after which the work is announced
-NEXT_LINE_S = 10.0  # s between further lines
+FIRST_LINE_S = 2.0  # time after which the work is announced [s]
+NEXT_LINE_S = 10.0  # interval between progress lines [s]
 
 
 @contextlib.contextmanager
 def announced(
     what: str, say: Callable[[str], object], first: float = FIRST_LINE_S, every: float = NEXT_LINE_S
 ) -> Iterator[None]:
-    """Say what work is going on once it takes long, and at its end how long it took.
+    """Report work while it runs, if it takes longer than `first`, and its duration at the end.
 
     Args:
-        what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".
+        what: Description with the expected duration, such as "compiling kernels (about a minute the first time)".
         say: Called with each line, from another thread.
-        first: Time [s] after which the first line comes.
-        every: Time [s] between further lines.
+        first: Time before the first line [s].
+        every: Interval between further lines [s].
     """
     short, began, done, spoken = what.split(" (")[0], time.monotonic(), threading.Event(), False
 

@@ -1,8 +1,8 @@
-"""Begin and end of a ROS node: one line if there is no master, no deadlock, no traceback at a shutdown.
+"""Start and shutdown of a ROS node: one line if there is no master, no deadlock and no traceback at shutdown.
 
-rospy runs a shutdown inside its signal handler. If the main thread was just publishing or logging, it holds the lock
-that the shutdown needs. init_node() therefore has a thread do it. A shutdown also closes the topics before
-rospy.is_shutdown() says so: publish() then raises ROSException or, in the middle of a call, another exception.
+rospy shuts down inside its signal handler. This deadlocks if the main thread is publishing or logging and holds a lock
+that the shutdown needs, so init_node() shuts down in a thread. A shutdown also closes topics before
+rospy.is_shutdown() returns True: publish() then raises ROSException or, in the middle of a call, another exception.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE_S = 3.0  # s for the master's answer at the start, for which rospy itself would wait for ever
-STANDS_S = 0.5  # s that the main thread stands where it is interrupted, before it lets go of its locks
+PATIENCE_S = 3.0  # time-out for the master's answer at the start [s]; rospy itself would wait forever
+STANDS_S = 0.5  # longest time that a signal handler waits for the shutdown before the main thread goes on [s]
 
 
 def init_node(name: str, **options: Any) -> None:
-    """As rospy.init_node, with the shutdown in a thread of its own.
+    """Call rospy.init_node, and shut down in a thread of its own.
 
     Raises:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
-        KeyboardInterrupt: The node was interrupted meanwhile.
+        KeyboardInterrupt: The node was interrupted during the call.
     """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(PATIENCE_S)
@@ -65,7 +65,7 @@ def init_node(name: str, **options: Any) -> None:
 
 @contextmanager
 def until_shutdown() -> Iterator[None]:
-    """Ends its block without an error where something in it raises while rospy shuts down."""
+    """Suppress exceptions that the block raises while rospy shuts down."""
     try:
         yield
     except Exception:

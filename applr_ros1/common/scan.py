@@ -1,7 +1,7 @@
-"""Readings of sensors, their projection into a costmap's frame, and the observation sources of an obstacle layer.
+"""Sensor readings, their projection into a costmap's frame, and the observation sources of an obstacle layer.
 
-Called by MoveBase and the obstacle layers: one projection, rounded as laser_geometry and tf2 round it, serves both
-costmaps where their frames are one. Sources follow costmap_2d/observation_buffer.cpp.
+Called by MoveBase and the obstacle layers. If both costmaps have the same frame, they share one projection. It rounds
+like laser_geometry and tf2. Sources follow costmap_2d/observation_buffer.cpp.
 """
 
 from __future__ import annotations
@@ -15,20 +15,24 @@ import numpy as np
 from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.kernels import kernel
 
-SHARED_S = 1.0  # s for which the newest cloud of another sensor on the topic counts
+SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
 Quaternion = Tuple[float, float, float, float]
 Point = Tuple[float, float, float]
 
 
 @dataclass
 class LaserScan:
-    """One scan.
+    """One scan of a planar laser.
 
-    Angles [rad], ranges (n,) float32 [m], +inf = no return; `sensor_pose` (x, y, yaw) is the laser's pose in the
-    costmap's frame at `stamp` [s], `sensor_height` its z [m]. rotation: quaternion (x, y, z, w) of a laser that is not
-    level or hangs upside down, in place of the yaw. origin: where the rays start [m] if that is not the laser's place
-    (the parameter sensor_frame). sweep: time [s] from the first beam to the last, 0 where they are measured at once.
-    frame: of the laser; several may publish on one topic.
+    Attributes:
+        stamp: Time of the scan [s].
+        ranges: (n,) float32 [m]; +inf means no return. Angles are in [rad].
+        sensor_pose: (x, y, yaw) of the laser in the costmap's frame at `stamp` [m, m, rad].
+        sensor_height: z of the laser [m].
+        rotation: Quaternion (x, y, z, w) that replaces the yaw of a tilted or inverted laser.
+        origin: Start of the rays [m] if it differs from the laser's position (the parameter sensor_frame).
+        sweep: Time from the first beam to the last [s], 0 if all are measured at once.
+        frame: Frame of the laser. Several lasers may publish on one topic.
     """
 
     stamp: float
@@ -47,10 +51,10 @@ class LaserScan:
 
 @dataclass
 class SensorCloud:
-    """Points (n, 3) float32 [m] in a sensor's frame, seen at `stamp` [s].
+    """Points (n, 3) float32 [m] in the frame of a sensor, measured at `stamp` [s].
 
-    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), place the sensor in the costmap's frame; origin:
-    where the rays start [m] if that is not the sensor's place (the parameter sensor_frame). frame: as in LaserScan.
+    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), are the sensor's pose in the costmap's frame.
+    origin and frame are as in LaserScan.
     """
 
     stamp: float
@@ -63,9 +67,9 @@ class SensorCloud:
 
 @dataclass
 class PointCloud:
-    """Hits in the costmap's frame: `points` (n, 3) float32 [m], seen from `origin` (x, y, z) [m] at `stamp` [s].
+    """Points (n, 3) float32 [m] in the costmap's frame, measured from `origin` (x, y, z) [m] at `stamp` [s].
 
-    frame: of the sensor.
+    frame: Frame of the sensor.
     """
 
     origin: Point
@@ -78,7 +82,7 @@ Observation = Union[LaserScan, SensorCloud]
 
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
-    """The PointCloud of whatever a source says; inf_is_valid counts for laser scans alone."""
+    """Return the PointCloud of an observation. inf_is_valid applies to laser scans only."""
     is_cloud = isinstance(observation, SensorCloud)
     cloud = place_cloud(observation) if is_cloud else project(observation, inf_is_valid)  # type: ignore[arg-type]
     cloud.frame = observation.frame
@@ -86,7 +90,7 @@ def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
 
 
 def moved(observation: Observation, frame: Pose) -> Observation:
-    """The same observation in the frame in which `frame` (x, y, yaw) is the pose of its present frame."""
+    """Transform an observation to the parent frame of `frame`, the pose (x, y, yaw) of its present frame."""
     start = observation.origin
     origin = None if start is None else (*transform_point(frame, start[0], start[1]), start[2])
     if isinstance(observation, LaserScan):
@@ -103,7 +107,7 @@ def moved(observation: Observation, frame: Pose) -> Observation:
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:
-    """The rotation q followed by a turn about z."""
+    """Return the rotation q followed by a rotation about z."""
     s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     x, y, z, w = q
     return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
@@ -112,8 +116,8 @@ def _turned(q: Quaternion, yaw: float) -> Quaternion:
 _beams: Dict[Tuple[float, float, int], np.ndarray] = {}
 
 
-def beam_directions(angle_min, angle_increment, count):
-    """Cosine and sine (count, 2) of every beam, kept for the last few scan geometries."""
+def beam_directions(angle_min: float, angle_increment: float, count: int) -> np.ndarray:
+    """Return cosine and sine (count, 2) of every beam. Tables of recent scan geometries are cached."""
     key = (angle_min, angle_increment, count)
     table = _beams.get(key)
     if table is None:
@@ -127,10 +131,10 @@ def beam_directions(angle_min, angle_increment, count):
 
 
 def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
-    """PointCloud of a LaserScan: docs/explanation/planner.md, section 3.1.
+    """Return the PointCloud of a LaserScan (docs/explanation/planner.md, section 3.1).
 
-    Kept are beams with range_min <= range < range_max. With `inf_is_valid` a +inf counts as a hit just short of
-    range_max, so that it clears; NaN and -inf never count.
+    Beams with range_min <= range < range_max are kept. With `inf_is_valid`, +inf becomes a hit just short of range_max
+    and therefore clears. NaN and -inf are always dropped.
     """
     ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
     table = beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
@@ -157,7 +161,7 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
 
 
 def place_cloud(cloud: SensorCloud) -> PointCloud:
-    """The finite points of a SensorCloud in the costmap's frame, in float32 like tf2_sensor_msgs' doTransform."""
+    """Return the finite points of a SensorCloud in the costmap's frame, in float32 like doTransform of tf2."""
     points = np.array(cloud.points, dtype=np.float32).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     _place(points, *(np.float32(v) for v in cloud.rotation + cloud.position))
@@ -167,7 +171,7 @@ def place_cloud(cloud: SensorCloud) -> PointCloud:
 
 @kernel
 def _place(points, qx, qy, qz, qw, tx, ty, tz):
-    """Turn and move the points (n, 3) float32 in place; every step is rounded to float32."""
+    """Rotate and translate the points (n, 3) float32 in place. Every step is rounded to float32."""
     one = np.float32(1.0)
     two = np.float32(2.0)
     dx = two * qx
@@ -223,34 +227,34 @@ def _project(ranges, table, range_min, range_max, inf_is_valid, x, y, z, yaw, po
 
 @dataclass
 class Source:
-    """Settings of one source, named as the ROS parameters; the defaults are those of a planar laser."""
+    """Settings of one source, named like the ROS parameters; the defaults suit a planar laser."""
 
     topic: str = "scan"
-    data_type: str = "LaserScan"  # or PointCloud2, PointCloud
-    sensor_frame: str = ""  # where the rays start; empty: the frame of the message
+    data_type: str = "LaserScan"  # message type: LaserScan, PointCloud2 or PointCloud
+    sensor_frame: str = ""  # frame at whose origin the rays start; empty: the frame of the message
     marking: bool = True
     clearing: bool = True
-    inf_is_valid: bool = False  # +inf of a laser scan clears as far as it can
-    min_obstacle_height: float = -2.0  # [m] points below or above are dropped
-    max_obstacle_height: float = 2.0
-    obstacle_range: float = 2.5  # [m] points at or beyond it do not mark
-    raytrace_range: float = 3.0  # [m] rays clear up to it
-    observation_persistence: float = 0.0  # [s] for which clouds are kept; 0: the newest alone
-    expected_update_rate: float = 0.0  # [s] after which the source counts as silent; 0: never
+    inf_is_valid: bool = False  # whether +inf of a laser scan clears up to the maximum range
+    min_obstacle_height: float = -2.0  # height below which points are dropped [m]
+    max_obstacle_height: float = 2.0  # height above which points are dropped [m]
+    obstacle_range: float = 2.5  # range from which points do not mark [m]
+    raytrace_range: float = 3.0  # range up to which rays clear [m]
+    observation_persistence: float = 0.0  # time for which clouds are kept [s]; 0: the latest only
+    expected_update_rate: float = 0.0  # longest time between messages of a current source [s]; 0: any
 
-    def __post_init__(self):  # the kernels are compiled for these types alone
+    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
         for field in fields(self):
             kind: Any = type(field.default)
             setattr(self, field.name, kind(getattr(self, field.name)))
 
 
 class ObservationBuffer:
-    """The clouds of one source, newest first; they are applied in every update until they go.
+    """Clouds of one source, latest first, all of which are applied in every update.
 
     Attributes:
-        source: the settings.
+        source: Settings of the source.
         clouds: PointClouds in the costmap's frame.
-        taken: time [s] at which the newest one came, None before the first.
+        taken: Arrival time of the latest cloud [s], None before the first.
     """
 
     def __init__(self, source: Source):
@@ -259,9 +263,9 @@ class ObservationBuffer:
         self.taken: Optional[float] = None
 
     def take(self, cloud: PointCloud, now: float) -> None:
-        """A new cloud at time `now` [s]. What was taken longer ago than observation_persistence goes.
+        """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
-        Without persistence the newest of each sensor on the topic stays, for costmaps are updated more rarely.
+        Without persistence, the latest cloud of each sensor on the topic is kept, because costmaps update less often.
         """
         self.taken = now
         kept = self.source.observation_persistence
@@ -276,10 +280,10 @@ class ObservationBuffer:
                 break
 
     def forget(self) -> None:
-        """The source has said nothing yet."""
+        """Drop all clouds, as before the first message."""
         self.clouds, self.taken = [], None
 
     def is_current(self, now: float) -> bool:
-        """Return true if messages come as often as expected_update_rate demands."""
+        """Return whether messages arrive as often as expected_update_rate requires."""
         longest = self.source.expected_update_rate
         return longest <= 0.0 or (self.taken is not None and now - self.taken <= longest)

@@ -1,4 +1,4 @@
-"""Arrays in safetensors bytes, of which nothing is executed."""
+"""Reader of arrays in the safetensors format, which cannot execute code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from applr_ros1.common.files import StorageError
 
 
 def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-    """Return (tensors, metadata) of safetensors bytes. Raises StorageError, one line that begins with `name`."""
+    """Return (tensors, metadata) of safetensors bytes. Raises StorageError; its line begins with `name`."""
     try:
         tensors = safetensors.numpy.load(data)
     except safetensors.SafetensorError as problem:

@@ -6,7 +6,7 @@ from typing import Any, Dict
 
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
-    """Return the dict at "a/b" in a tree (the tree itself at ""); {} where there is none, which `create` puts there."""
+    """Return the dict at a path such as "a/b", or {} if there is none; with `create`, add it to the tree."""
     here: Any = tree
     for part in filter(None, path.split("/")):
         here = here.setdefault(part, {}) if create else here.get(part)
@@ -16,7 +16,7 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
 
 
 def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
-    """Return a new tree of both, in which values of `above` count; an empty section (None) takes nothing away."""
+    """Merge two trees into a new one. Values of `above` take precedence, except None over a section of `below`."""
     made = dict(below)
     for name, value in above.items():
         here = made.get(name)

@@ -1,4 +1,4 @@
-"""YAML of plain values: a tag that would make a Python object is an error."""
+"""Reader of YAML with plain values. A tag that would create a Python object is an error."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def read_yaml(path) -> Any:
     return yaml_value(read_bytes(path), path)
 
 
-def yaml_value(text, name, loader: Any = yaml.SafeLoader) -> Any:
-    """Return the value that a YAML text holds; StorageError, one line that begins with `name`, where it is none."""
+def yaml_value(text: Any, name: Any, loader: Any = yaml.SafeLoader) -> Any:
+    """Return the value of a YAML text. Raises StorageError if it is invalid; the line begins with `name`."""
     try:
         return yaml.load(text, loader)
-    except (yaml.YAMLError, ValueError) as error:  # the latter: a date or an angle that cannot be
+    except (yaml.YAMLError, ValueError) as error:  # An impossible date or angle is a ValueError.
         raise StorageError(f"{name}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None

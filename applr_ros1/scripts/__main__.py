@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What `rosrun applr_ros1 NAME.py` runs: CMakeLists.txt installs this file under each name of NODES and COMMANDS.
+"""Entry point of `rosrun applr_ros1 NAME.py`. CMakeLists.txt installs this file under each name of NODES and COMMANDS.
 
 `applr-ros1 NAME`, which pip installs, and `python -m applr_ros1.scripts NAME` do the same.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 import applr_ros1
 from applr_ros1.common.errors import run_script
 
-NODES = {  # take nothing but NAME:=VALUE
+NODES = {  # modules of the ROS nodes, which accept only NAME:=VALUE
     "applr": "applr_ros1.nodes.applr.main",
     "collision_monitor": "applr_ros1.nodes.monitor.guard",
     "move_base": "applr_ros1.nodes.move_base.node",
@@ -36,8 +36,8 @@ COMMANDS = {
 }
 
 
-def main():
-    """Runs the program that this file is called, else the one that the first argument names."""
+def main() -> None:
+    """Run the program after which this file is named, or else the program named by the first argument."""
     programs = {**NODES, **COMMANDS}
     if Path(sys.argv[0]).stem not in programs:
         sys.argv.pop(0)
@@ -46,7 +46,7 @@ def main():
         run_script(programs[name], node=name in NODES)
     usage = f"applr-ros1 NAME [ARGUMENT ...]; NAME is one of {', '.join(programs)}"
     texts = {"--help": usage, "--version": f"applr_ros1 {applr_ros1.__version__}"}
-    print(texts[name]) if name in texts else sys.exit(f"{name} is not known: {usage}")
+    print(texts[name]) if name in texts else sys.exit(f"unknown program {name}: {usage}")
 
 
 if __name__ == "__main__":
