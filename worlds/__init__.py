@@ -1,5 +1,5 @@
-"""Worlds: reading, generating, measuring and drawing the courses that robots drive."""
-# Imports applr_ros1.common alone.
+"""Worlds that robots drive through: reading, generating, measuring and drawing them."""
+# Imports only applr_ros1.common.
 
 from .loading import Worlds, load, scaled, specs
 from .world import Course, Mover, World, WorldError

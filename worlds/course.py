@@ -1,6 +1,6 @@
-"""A course for a world that was read from a file.
+"""Courses of worlds read from files, called by `sdf_reader`.
 
-It is stated in the file, or taken from BARN's path file beside it. `sdf_reader` calls it.
+A course is stored in the world file, or taken from BARN's path file beside the world file.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -21,9 +22,9 @@ COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y
 
 
 def from_element(element: Element, path: str) -> Course:
-    """The course that our writer put into a world file."""
+    """Return the course that `sdf_writer` stored in a world file."""
 
-    def get(tag, count):
+    def get(tag: str, count: int) -> Any:
         text = element.findtext(f"{{{NAMESPACE}}}{tag}")
         return tuple(numbers(text, count, f"{tag} of the course in {path}"))
 
@@ -36,11 +37,11 @@ def from_element(element: Element, path: str) -> Course:
 
 
 def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
-    """Return the course of the world file `path`: from its path file, or DynaBARN's."""
+    """Return the course of the world file `path`: that of its path file, or DynaBARN's."""
     folder, name = os.path.split(os.path.abspath(path))
     number = re.search(r"(\d+)\.world$", name)
     file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy") if number else ""
-    if len(cylinders) and os.path.exists(file):  # DynaBARN's worlds have BARN's numbers, and cylinders that all move
+    if len(cylinders) and os.path.exists(file):  # DynaBARN reuses BARN's numbers, but all its cylinders move.
         return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
@@ -48,20 +49,20 @@ def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
 
 
 def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
-    """Return the paper's course along the cells (k, 2) of a path_N.npy, whose first point may be doubled."""
+    """Return the paper's course along the cells (k, 2) of a path_N.npy. Its first cell may occur twice."""
     cells = np.load(file, allow_pickle=False).astype(np.int64)
     cells = cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
     shut = ~search.free_space(barn.fill_of(cylinders), 1)[cells[:, 0], cells[:, 1]]
     if shut.any():
-        where = f"runs into an obstacle at cell {tuple(cells[shut][0].tolist())}: no passage there"
-        raise WorldError(f"{file} {where}; put the world's own path file there, or clear the way")
+        where = f"runs into an obstacle at cell {tuple(cells[shut][0].tolist())}: there is no passage"
+        raise WorldError(f"{file} {where}; copy the path file of this world there, or remove the obstacle")
     return barn.paper_course(barn.to_xy(cells))
 
 
 def given(path: str, points: np.ndarray) -> Course:
-    """Return the course along points (n, 2) [m] that a person gives for a file, straight ahead at both ends."""
+    """Return a course along points (n, 2) [m] given for a world file. Both yaws point along the first leg."""
     if len(points) < 2 or math.dist(points[0], points[-1]) <= barn.GOAL_TOLERANCE_M:
-        raise WorldError(f"the course for {path} is no way; give X Y of two places or more in metres")
+        raise WorldError(f"the course for {path} has no length; give X Y of at least two points in metres")
     yaw = math.atan2(*(points[1] - points[0])[::-1])
     start, goal = ((*place, yaw) for place in points[[0, -1]].tolist())
     return Course(start, goal, None, barn.GOAL_TOLERANCE_M, points, planner_ends=True)

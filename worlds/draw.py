@@ -1,4 +1,4 @@
-"""Pictures of worlds: `python -m worlds.draw generated:7 out.png`. Reports and the demo draw their maps with `draw`."""
+"""Plots of worlds: `python -m worlds.draw generated:7 out.png`. Reports and the demo use `draw` for their maps."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311",
 
 
 def draw(axes: Any, world: World, path: bool = True) -> None:
-    """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales.
+    """Draw obstacles, reference path, start and goal into matplotlib Axes in metres, with equal scales.
 
     Args:
-        axes: where to draw.
-        world: what to draw; of moving obstacles the ways, and where they begin.
-        path: whether to draw the reference path.
+        axes: Axes to draw into.
+        world: World to draw; moving obstacles appear at their start, with their paths.
+        path: Whether to draw the reference path.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Rectangle
@@ -55,8 +55,8 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
 
 
 def main() -> int:
-    """Exit status 1 and one line where the world cannot be read or the picture not written."""
-    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
+    """Write a picture of a world. Return exit status 1 if reading or writing fails."""
+    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draw a picture of a world.")
     parser.add_argument("world", help=f"World to draw: {SPECIFICATIONS}.")
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()

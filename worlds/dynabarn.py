@@ -1,9 +1,9 @@
-"""The moving cylinders of DynaBARN's worlds.
+"""Moving cylinders of DynaBARN worlds.
 
-Their paths are compiled into Gazebo plugins, which the world file only names. `sdf_reader` finds the key frames in the
-table movers.csv beside the world: a row per key frame with the columns plugin, length, repeat, time, x, y.
-docs/reference/worlds.md says how one makes it from the plugins. `generate` makes more such worlds: a room of 20 x 20 m
-that people and vehicles cross, of DynaBARN's three kinds in turn, slow, medium and fast.
+DynaBARN compiles their paths into Gazebo plugins, and a world file only names the plugins. `sdf_reader` takes the key
+frames from the table movers.csv beside the world, with one row per key frame and the columns plugin, length, repeat,
+time, x, y. docs/reference/worlds.md describes how to make the table. `generate` returns further worlds: a room of 20 x
+20 m crossed by people and vehicles, alternately of DynaBARN's slow, medium and fast kinds.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ import numpy as np
 from .sdf import NAMESPACE, numbers
 from .world import Course, KeyFrame, Mover, World, WorldError
 
-START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # the BARN Challenge's: 20 m, heading -x
-GOAL_TOLERANCE_M = 1.0  # also the Challenge's
+START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # poses of the BARN Challenge, 20 m along -x
+GOAL_TOLERANCE_M = 1.0  # goal tolerance of the BARN Challenge [m]
 
 NAME = "movers.csv"
 COLUMNS = ("plugin", "length", "repeat", "time", "x", "y")
 
 
 class Animation(NamedTuple):
-    """length [s], whether it starts again after that, and its key frames ((t, x, y), ...) [s, m, m]."""
+    """Animation of a model: length [s], whether it repeats, and key frames ((t, x, y), ...) [s, m, m]."""
 
     length: float
     repeat: bool
@@ -37,7 +37,7 @@ class Animation(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def read_table(path: str) -> Dict[str, Animation]:
-    """Return {plugin: Animation} of a table."""
+    """Return the animations of a table by plugin."""
     heads: Dict[str, Tuple[float, bool]] = {}
     frames: Dict[str, List[KeyFrame]] = {}
     with open(path, newline="", encoding="utf-8-sig") as file:
@@ -49,9 +49,10 @@ def read_table(path: str) -> Dict[str, Animation]:
 
 
 def animation_of(model: Element, path: str) -> Optional[Animation]:
-    """Return the animation of a model in the world file `path`, None if it has no plugin.
+    """Return the animation of a model in the world file `path`, or None if the model has no plugin.
 
-    Raises WorldError if the table beside the file has no rows of the plugin.
+    Raises:
+        WorldError: The table beside the file has no rows of the plugin.
     """
     stated = model.find(f"{{{NAMESPACE}}}waypoints")
     if stated is not None:
@@ -61,29 +62,29 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
         return Animation(float(stated.get("length") or frames[-1][0]), stated.get("repeat") != "0", frames)
     plugin = model.find("plugin")
     name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
-    if plugin is None or name.startswith("libgazebo_ros_"):  # which moves nothing that nobody commands
+    if plugin is None or name.startswith("libgazebo_ros_"):  # These plugins move a model only on command.
         return None
     table = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
     animations = read_table(table) if os.path.lexists(table) else {}
     if name not in animations:
         which = f"model {model.get('name')!r} in {path} has the Gazebo plugin {plugin.get('filename')!r}"
-        remedy = "if it moves nothing, take it out of a copy of the world; else make that table once"
+        remedy = "if the plugin moves nothing, remove it from a copy of the world; otherwise make that table once"
         where = f"{which}, which has no rows in {NAME} beside the world"
-        raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md says")
+        raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md describes")
     return animations[name]
 
 
 def arena_course(planner_ends: bool = False) -> Course:
-    """DynaBARN's course: 20 m straight through the arena, done within 1 m. Its reference path is the straight line."""
+    """Return DynaBARN's course: 20 m straight through the arena, with a goal tolerance of 1 m."""
     path = np.column_stack([np.linspace(START[0], GOAL[0], 41), np.zeros(41)])
     return Course(START, GOAL, None, GOAL_TOLERANCE_M, path, planner_ends)
 
 
-SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers from 100 on are free for training
-SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # of the three kinds [m/s]
-MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # of their movers
-RADII_M = (0.25, 0.5)  # of a person, and of DynaBARN's cylinders [m]
-HALF_SIDE_M, WALL_WIDTH_M = 10.0, 0.5  # half the room's side and the thickness of its walls [m]
+SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers by split; 100 and up are free for training
+SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # speed range of each kind [m/s]
+MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # range of the number of moving obstacles of each kind
+RADII_M = (0.25, 0.5)  # radius range, from a person to DynaBARN's cylinders [m]
+HALF_SIDE_M, WALL_WIDTH_M = 10.0, 0.5  # half the side length of the room, and thickness of its walls [m]
 WALLS = np.array(
     [
         [-HALF_SIDE_M, 0, 0, WALL_WIDTH_M, 2 * HALF_SIDE_M],
@@ -95,7 +96,7 @@ SEED = 20220601
 
 
 def generate(number: int) -> World:
-    """World `number`; any number >= 0 gives one."""
+    """Return world `number` >= 0."""
     rng = np.random.default_rng([SEED, number])
     kind = number % len(SPEEDS_M_S)
     count = int(rng.integers(MOVER_COUNTS[kind][0], MOVER_COUNTS[kind][1] + 1))
@@ -103,8 +104,8 @@ def generate(number: int) -> World:
     return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(planner_ends=True), movers)
 
 
-def _mover(rng: np.random.Generator, speeds) -> Mover:
-    """A cylinder from one wall to another through some points of the room, whose pace changes from leg to leg."""
+def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
+    """Draw a cylinder that crosses the room from wall to wall, with a new speed on each leg."""
     first, last = (_at_a_wall(rng, wall) for wall in rng.choice(4, 2, replace=False))
     between = np.sort(rng.uniform(0.1, 0.9, int(rng.integers(1, 6))))
     way = [first] + [first + u * (last - first) + rng.normal(0.0, 2.0, 2) for u in between] + [last]
@@ -117,5 +118,6 @@ def _mover(rng: np.random.Generator, speeds) -> Mover:
 
 
 def _at_a_wall(rng: np.random.Generator, wall: int) -> np.ndarray:
+    """Draw a point (2,) [m] on one of the four walls."""
     along, side = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M), HALF_SIDE_M if wall % 2 else -HALF_SIDE_M
     return np.array([side, along] if wall < 2 else [along, side])

@@ -1,6 +1,6 @@
-"""From a specification that a person types ("generated:7", a file, a folder) to worlds.
+"""Loader of worlds from a specification, such as "generated:7", a file or a folder.
 
-Everything loads through here, and is brought to the scale of the robot that drives.
+All parts load worlds here and scale them to the robot that drives.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import functools
 import os
 import re
 from collections.abc import Sequence
-from typing import Any, Callable, Dict, List, NamedTuple
+from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -23,12 +23,12 @@ SPECIFICATIONS = (
     "physical_course, a .world file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's "
     "training worlds in it"
 )
-HALVES = {"choose": 0, "report": 1}  # of BARN's training worlds: even numbers are for choices, odd ones for figures
-MADE = ("fresh:", "final:", "dynamic:")  # on the spot, from a seed
+HALVES = {"choose": 0, "report": 1}  # parity of the training worlds used for selection and for reported figures
+MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
 class _Recipe(NamedTuple):
-    """Worlds with a number: how one is made, numbers by a name, and the first number that there is not."""
+    """A recipe of numbered worlds: its generator, numbers by name of a split, and the end of the numbers."""
 
     make: Callable[[int], World]
     splits: Dict[str, Any]
@@ -36,12 +36,12 @@ class _Recipe(NamedTuple):
 
 
 def _fresh(number: int) -> World:
-    """More worlds of the generator's recipe, made on the spot."""
+    """Generate another world of BARN's recipe."""
     return dataclasses.replace(barn.generate(barn.COUNT + number), name=f"fresh:{number}")
 
 
 def _final(number: int) -> World:
-    """Worlds of the recipe for published figures alone: nothing is trained or chosen in them. All its kinds in turn."""
+    """Generate a world reserved for published figures, never for training or selection. All kinds take turns."""
     return dataclasses.replace(barn.generate(3 * number, seed=20261125), name=f"final:{number}")
 
 
@@ -54,31 +54,31 @@ _RECIPES = {
 
 
 def load(spec: str) -> World:
-    """The one world that `spec` names. Raises WorldError with one line."""
+    """Return the one world that `spec` names. Raise WorldError if there is none or if it cannot be read."""
     text = str(spec)
     recipe, _, _ = text.partition(":")
     if recipe in _RECIPES:
         names = specs(text)
         if len(names) > 1:
-            raise WorldError(f"{text} names {len(names)} worlds where one is needed; give one of them")
+            raise WorldError(f"{text} names {len(names)} worlds, but one is needed; give one of them")
         return _RECIPES[recipe].make(int(names[0].partition(":")[2]))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
         return sdf_reader.read_world(text)
     if os.path.isdir(text):
-        raise WorldError(f"{text} is a folder where one world is needed; give one of its .world files")
+        raise WorldError(f"{text} is a folder, but one world is needed; give one of its .world files")
     raise WorldError(f"unknown world {text!r}; give {SPECIFICATIONS}")
 
 
 class Worlds(Sequence):
-    """The worlds of a specification, several with commas between them, as a sequence.
+    """Sequence of the worlds named by a specification, or by several separated by commas.
 
-    Files and built-in worlds are loaded at once, so that a wrong one is reported at the beginning. Others are
-    generated when they are asked for, since each takes up to a tenth of a second; the last KEPT of them stay.
+    Files and built-in worlds are loaded immediately, so that errors are reported at the beginning. Other worlds are
+    generated on access, because each takes up to a tenth of a second. The latest KEPT of them are cached.
 
     Raises:
-        WorldError: for a specification or a file that cannot be read.
+        WorldError: A specification or a file cannot be read.
     """
 
     KEPT = 256
@@ -91,8 +91,8 @@ class Worlds(Sequence):
     def __len__(self) -> int:
         return len(self.specs)
 
-    def __getitem__(self, index):
-        """World number `index`, or a list of them for a slice."""
+    def __getitem__(self, index: Any) -> Any:
+        """Return world number `index`, or a list of worlds for a slice."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         name = self.specs[index]
@@ -100,7 +100,7 @@ class Worlds(Sequence):
 
 
 def specs(spec: str) -> List[str]:
-    """Return the specifications of the single worlds that `spec` names, by their numbers."""
+    """Return the specifications of the single worlds that `spec` names, in the order of their numbers."""
     text = str(spec)
     name, _, part = text.partition(":")
     recipe = _RECIPES.get(name)
@@ -120,35 +120,38 @@ def specs(spec: str) -> List[str]:
 
 
 def folder_files(folder: str) -> List[str]:
-    """The .world files directly in a folder, by number, then name. WorldError where there is none."""
+    """Return the .world files directly in a folder by number, then name. Raise WorldError if there are none."""
     names = [n for n in os.listdir(folder) if n.endswith(".world")]
     if not names:
-        raise WorldError(f"{folder} holds no .world files; give a folder with some")
+        raise WorldError(f"{folder} contains no .world files; give a folder with .world files")
     return [os.path.join(folder, name) for name in sorted(names, key=_natural)]
 
 
 def barn_half(folder: str, half: str) -> List[str]:
-    """The files world_N.world of a folder whose N is one of BARN's training numbers in a half, one of HALVES.
+    """Return the files world_N.world of a folder for BARN's training numbers N in a half, one of HALVES.
 
-    WorldError where there is none.
+    Raises:
+        WorldError: The folder has no such file.
     """
     numbers = [n for n in barn.TRAIN if n % 2 == HALVES[half]]
     files = [os.path.join(folder, "world_%d.world" % n) for n in numbers]
-    found = [file for file in files if os.path.isfile(file)]
-    if not found:
-        raise WorldError(f"{folder}:{half}: the folder holds no world_{numbers[0]}.world or the like")
-    return found
+    existing = [file for file in files if os.path.isfile(file)]
+    if not existing:
+        raise WorldError(
+            f"{folder}:{half}: the folder contains no world_{numbers[0]}.world or similar; give BARN's worlds"
+        )
+    return existing
 
 
-def _natural(name: str):
+def _natural(name: str) -> List[Tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def scaled(world: World, factor: float) -> World:
-    """A world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with all lengths multiplied by `factor`.
+    """Return a world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with lengths scaled by `factor`.
 
-    The recipes fit the Jackal. Angles and times stay. A room of moving obstacles grows no larger: its goal would lie
-    off the planners' maps. A world from a file, which is a place, or a factor of 1 gives the world itself.
+    The recipes fit the Jackal. Angles and times are unchanged. A room with moving obstacles is never enlarged, because
+    its goal would lie outside the planners' maps. A world from a file is a real place and is returned unchanged.
     """
     if world.movers:
         factor = min(factor, 1.0)

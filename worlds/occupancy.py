@@ -1,6 +1,6 @@
-"""A world as an occupancy grid, as a mapping robot would have drawn it: what map_server serves.
+"""Occupancy grid of a world, as a mapping robot would have recorded it for map_server.
 
-Called by the simulated robot on ROS, which publishes it, and by tests.
+The simulated robot on ROS publishes the grid. Tests use it, too.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from applr_ros1.common.angles import outside_box
 from .world import World
 
 OCCUPIED = 100
-MARGIN_M = 2.0  # free space around obstacles and course [m]
+MARGIN_M = 2.0  # width of the free margin around obstacles and course [m]
 
 
 def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float, float]]:
-    """The standing obstacles of a world; those that move are on no map.
+    """Return the occupancy grid of a world's static obstacles. Moving obstacles are not mapped.
 
     Args:
-        world: the world.
-        resolution: edge of a cell [m].
+        world: World to map.
+        resolution: Edge of a cell [m].
 
     Returns:
-        (cells, origin): (ny, nx) int8, 100 where an obstacle reaches into a cell's inner circle and 0 elsewhere, row 0
-        at the lowest y; and the lower corner (x, y) [m] in the world's frame.
+        (cells, origin): (ny, nx) int8, 100 if an obstacle reaches into a cell's inner circle and 0 otherwise, row 0 at
+        the lowest y; and the lower corner (x, y) [m] in the world frame.
     """
     boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
     half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
@@ -49,8 +49,10 @@ def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float,
     return cells, (float(low[0]), float(low[1]))
 
 
-def _window(cells, low, resolution, x, y, reach):
-    """The cells within `reach` of (x, y) along both axes, and their centres less x (1, n) and y (m, 1)."""
+def _window(
+    cells: np.ndarray, low: np.ndarray, resolution: float, x: float, y: float, reach: float
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the cells within `reach` of (x, y) along both axes, and their centres less x (1, n) and less y (m, 1)."""
     ny, nx = cells.shape
     first = [max(0, int((v - reach - o) / resolution)) for v, o in zip((x, y), low)]
     last = [min(n, int((v + reach - o) / resolution) + 1) for v, o, n in zip((x, y), low, (nx, ny))]

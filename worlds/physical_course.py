@@ -1,7 +1,7 @@
-"""The paper's cardboard course, as far as its text tells.
+"""Cardboard course of the paper, reconstructed from its text: `load("physical_course")`.
 
-Boxes in a walled lane, relatively open, with tight passages, unlike any BARN world. `load("physical_course")` gives it:
-about 22 m, in which default DWA takes about as long as in the paper (72.8 s there).
+Boxes in a walled lane leave open space and tight passages, unlike any BARN world. The route is about 22 m long, and
+default DWA takes about as long as in the paper (72.8 s).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from .world import Course, World
 
 NAME = "physical_course"
 
-LANE_WIDTH_M, LANE_LENGTH_M = 4.0, 20.0  # of the lane [m]; x from 0 to 4, y from 0 to 20
+LANE_WIDTH_M, LANE_LENGTH_M = 4.0, 20.0  # size of the lane, x from 0 to 4 and y from 0 to 20 [m]
 START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
-FINISH_Y_M = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
+FINISH_Y_M = 18.8  # finish line, before the goal because odometry drifts by decimetres over 20 m [m]
 GOAL_TOLERANCE_M = 0.4
-CELL_M = 0.10  # side of a cell of the grid on which the path lies [m]
-# Corners of the reference path, in cells: the cheapest way that keeps 0.3 m from the boxes
+CELL_M = 0.10  # cell size of the grid of the reference path [m]
+# Corners of the reference path [cells]: the cheapest path with 0.3 m of clearance
 # fmt: off
 PATH_CORNERS = (
     (20, 8), (20, 14), (22, 16), (22, 22), (28, 28), (28, 37), (22, 43), (22, 44), (12, 54), (12, 70),
@@ -30,7 +30,7 @@ PATH_CORNERS = (
 )
 # fmt: on
 
-# Rows of cardboard boxes across the lane: y, from x, to x [m]. What they leave open, from left to right:
+# Rows of cardboard boxes across the lane: y, from x, to x [m]. The comments give the gaps.
 ROWS = (
     (3.2, 0.0, 2.3),  # 1.7 m on the right
     (5.8, 1.8, 4.0),  # 1.8 m on the left
@@ -44,7 +44,7 @@ ROWS = (
     (16.2, 0.0, 0.9),
     (16.2, 1.85, 4.0),
 )  # .95 m on the left
-# Boxes that stand alone in the open parts: x, y, yaw, size_x, size_y
+# Single boxes in the open parts: x, y, yaw, size_x, size_y [m, rad]
 LOOSE = (
     (0.9, 1.9, 0.5, 0.6, 0.45),
     (3.1, 4.6, -0.3, 0.55, 0.4),
@@ -56,7 +56,7 @@ LOOSE = (
 
 
 def world() -> World:
-    """The course, the same every time."""
+    """Return the world, which is always the same."""
     boxes = np.array(_walls() + [box for row in ROWS for box in _row(*row)] + list(LOOSE))
     course = Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, _path())
     return World(name=NAME, cylinders=np.zeros((0, 3)), boxes=boxes, course=course)
@@ -73,7 +73,7 @@ def _walls() -> List[Tuple[float, ...]]:
 
 
 def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
-    """Boxes of about .6 x .4 m side by side, each a little askew, as people put cardboard boxes down."""
+    """Return boxes of about .6 x .4 m side by side, each slightly rotated."""
     count = max(1, int(round((high - low) / 0.6)))
     side = (high - low) / count
     askew = [0.06 * math.sin(7.0 * n + 3.0 * y + low) for n in range(count)]

@@ -1,6 +1,6 @@
-"""Gazebo's SDF for `sdf_reader`: XML without entities, numbers in texts, poses and shapes.
+"""SDF parsing for `sdf_reader`: XML without entities, numbers in texts, poses and shapes.
 
-Transforms are composed in three dimensions, then each collision is cut down to what a ground robot meets, a circle or a
+Transforms are composed in three dimensions. Each collision is then reduced to its outline on the ground, a circle or a
 rectangle.
 """
 
@@ -21,28 +21,28 @@ from applr_ros1.common import files
 
 from .world import WorldError
 
-NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
-ROBOT_HEIGHTS_M = (0.02, 0.50)  # heights [m] between which an obstacle is in a Jackal's way
-UPRIGHT_COSINE = 0.996  # a cylinder whose axis tilts less (5 degrees) counts as upright
-Shape = Tuple[float, ...]  # a circle (x, y, radius) or a rectangle (x, y, yaw, size_x, size_y), None if passed by
+NAMESPACE = "applr"  # XML namespace of our own elements {applr}course and {applr}waypoints
+ROBOT_HEIGHTS_M = (0.02, 0.50)  # range of heights in which an obstacle blocks a Jackal [m]
+UPRIGHT_COSINE = 0.996  # cosine of the largest tilt of an upright cylinder (5 degrees)
+Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size_x, size_y)
 
 
 def parse(path: str) -> Element:
-    """The root element of an SDF file. Anything wrong with it is a WorldError of one line."""
+    """Return the root element of an SDF file. Raise WorldError if the file is malformed."""
     data = files.plain_xml(files.read_bytes(path))
     if data and not data.startswith("<"):
-        raise WorldError(f"{path} is no SDF but, say, a world of Stage; give a Gazebo world file")
-    # DynaBARN's boilerplate says <pose frame=>, which Gazebo's parser forgives
+        raise WorldError(f"{path} is not SDF, but for example a world of Stage; give a Gazebo world file")
+    # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
     try:
         return fromstring(re.sub(r"<(\w+) frame=>", r"<\1>", data), forbid_dtd=True)
     except DefusedXmlException:
-        raise WorldError(f"{path} has a DOCTYPE or entities, which are not read; remove them") from None
+        raise WorldError(f"{path} has a DOCTYPE or entities, which are not supported; remove them") from None
     except ParseError as error:
         raise WorldError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
 
 
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:
-    """`count` finite numbers from an element's text. `what` names the thing in the error."""
+    """Return `count` finite numbers from an element's text. `what` names the element in the message."""
     words = (text or "").split()
     try:
         values = [float(word) for word in words]
@@ -54,12 +54,12 @@ def numbers(text: Optional[str], count: int, what: str) -> List[float]:
 
 
 def in_the_way(low: float, high: float) -> bool:
-    """Return true if something between these heights [m] stands in a Jackal's way."""
+    """Return True if an obstacle between these heights [m] blocks a Jackal."""
     return high > ROBOT_HEIGHTS_M[0] and low < ROBOT_HEIGHTS_M[1]
 
 
 def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
-    """The circle of an upright cylinder, the rectangle around a lying or leaning one."""
+    """Return the circle of an upright cylinder, or the rectangle around a lying or leaning cylinder."""
     axis = pose[:3, 2]
     flat = math.hypot(axis[0], axis[1])
     reach = 0.5 * length * abs(axis[2]) + radius * flat
@@ -73,18 +73,18 @@ def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
 
 
 def sphere(pose: np.ndarray, radius: float) -> Optional[Shape]:
-    """The sphere's widest circle."""
+    """Return the sphere's widest circle, or None if the sphere is not in the way."""
     x, y, z = pose[:3, 3].tolist()
     return (x, y, radius) if in_the_way(z - radius, z + radius) else None
 
 
 def box(pose: np.ndarray, *size: float) -> Optional[Shape]:
-    """The rectangle that a box covers, exact if it stands on a face."""
+    """Return the rectangle covered by a box, or None if it is not in the way. Exact for a box on one of its faces."""
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     corners = (signs * np.asarray(size)) @ pose[:3, :3].T
     if not in_the_way(pose[2, 3] + corners[:, 2].min(), pose[2, 3] + corners[:, 2].max()):
         return None
-    # the axis that lies flattest gives the rectangle's direction; the first one in a tie
+    # The most horizontal axis gives the direction of the rectangle, and the first axis wins a tie.
     axes = np.hypot(pose[0, :3], pose[1, :3])
     main = int(np.argmax(axes > axes.max() - 1e-9))
     yaw = math.atan2(pose[1, main], pose[0, main])
@@ -93,7 +93,7 @@ def box(pose: np.ndarray, *size: float) -> Optional[Shape]:
     return float(pose[0, 3]), float(pose[1, 3]), yaw, float(np.ptp(along)), float(np.ptp(across))
 
 
-# shape: the tags of its sizes, how many numbers each has, and what a Jackal meets of it at a pose (4, 4)
+# By shape: tags of its sizes, numbers per tag, and the function that returns its outline at a pose (4, 4)
 SHAPES: Dict[str, Tuple[Sequence[str], int, Callable[..., Optional[Shape]]]] = {
     "cylinder": (("radius", "length"), 1, cylinder),
     "sphere": (("radius",), 1, sphere),
@@ -102,12 +102,12 @@ SHAPES: Dict[str, Tuple[Sequence[str], int, Callable[..., Optional[Shape]]]] = {
 
 
 def pose_of(element: Element, what: str) -> np.ndarray:
-    """An element's pose in its frame, whichever that is, (4, 4). `what` names the element in the error."""
+    """Return an element's pose (4, 4) in its parent frame. `what` names the element in the message."""
     pose, matrix, words = element.find("pose"), np.eye(4), (element.findtext("pose") or "").split()
     if pose is not None and words:
-        values = numbers(" ".join((words + ["0"] * 5)[:6]), 6, "pose, " + what)  # as sdformat fills up
+        values = numbers(" ".join((words + ["0"] * 5)[:6]), 6, "pose, " + what)  # sdformat pads with zeros, too.
         matrix[:3, 3] = values[:3]
         degrees = pose.get("degrees") in ("true", "1")
-        turn = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)  # fixed axes: R = Rz Ry Rx
+        turn = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)  # about fixed axes: R = Rz Ry Rx
         matrix[:3, :3] = turn.as_matrix()
     return matrix

@@ -1,8 +1,8 @@
-"""Gazebo SDF worlds, BARN's and DynaBARN's among them, read unchanged into a World.
+"""Reader of Gazebo SDF worlds, including those of BARN and DynaBARN, into a World.
 
-`worlds.loading` calls `read_world`. Poses of models, links and collisions are composed, each relative to what it stands
-in; where a <state> was saved, its models stand where it says. What is not read (meshes, includes, other frames) is
-named in one line, and the rest is the world.
+`worlds.loading` calls `read_world`. Poses of models, links and collisions are composed, each relative to its parent. A
+saved <state> overrides the poses of its models. Elements that are not supported (meshes, includes, other frames) are
+reported in one warning, and the other elements form the world.
 """
 
 from __future__ import annotations
@@ -22,22 +22,27 @@ from .sdf import NAMESPACE, SHAPES, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
-NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
-FLOOR_HEIGHT_M = 0.1  # m above the ground that a floor may rise
-MAX_NAMED = 5  # things that are not read and are named
+NOTHING_THERE = ("empty", "plane")  # geometries that are no obstacle
+FLOOR_HEIGHT_M = 0.1  # largest height of a floor slab above the ground [m]
+MAX_NAMED = 5  # number of unread elements named in the warning
 
 
 def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
-    """World from a .world file. What is not read is logged as one warning.
+    """Return the world of a .world file, and log unread elements in one warning.
 
-    The course leads along points (n, 2) [m] where they are given. Else it comes from the file itself where our writer
-    put one, else from path_files/path_N.npy beside it. Raises WorldError.
+    Args:
+        path: World file.
+        points: Course (n, 2) [m]. By default, the course is the one that `sdf_writer` stored in the file, or that of
+            path_files/path_N.npy beside the file.
+
+    Raises:
+        WorldError: The file cannot be read or has no course.
     """
     name = os.path.splitext(os.path.basename(path))[0]
     root = parse(path)
     world = root if root.tag == "world" else root.find("world")
     if world is None:
-        raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
+        raise WorldError(f"{path} contains no <world>; give a Gazebo world file")
     cylinders, boxes, movers = _Reader(path, world).read()
     stated = world.find(f"{{{NAMESPACE}}}course")
     if points is not None:
@@ -48,18 +53,18 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
 
 
 class _Reader:
-    """One pass over a <world>. `path` is for error lines, and tells where DynaBARN's key frames lie."""
+    """One pass over a <world>. `path` appears in messages and locates DynaBARN's key frames."""
 
     def __init__(self, path: str, world: Element):
         self.path, self.world = path, world
         self.cylinders: List[tuple] = []
         self.boxes: List[tuple] = []
-        self.flat: List[tuple] = []  # boxes in the way that are no higher than a floor's slab
+        self.flat: List[tuple] = []  # boxes in the way that are no higher than a floor slab
         self.movers: List[Mover] = []
         self.unread: List[str] = []
 
     def read(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Mover, ...]]:
-        """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
+        """Return cylinders (n, 3), boxes (m, 5) and moving obstacles, as in worlds.World."""
         for tag in ("actor", "population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>" for _ in self.world.findall(tag)]
         for include in self.world.iter("include"):
@@ -79,11 +84,13 @@ class _Reader:
         )
         places = np.concatenate([cylinders[:, :2], boxes[:, :2]])
         on = [np.hypot(*outside_box(*(places - box[:2]).T, *box[2:])) == 0.0 for box in flat]
-        is_floor = on and len(places) and np.any(on, axis=0).mean() >= 0.5  # on which most else stands
+        is_floor = (
+            on and len(places) and np.any(on, axis=0).mean() >= 0.5
+        )  # A slab below most other obstacles is a floor.
         return cylinders, boxes if is_floor else np.concatenate([boxes, flat]), tuple(self.movers)
 
     def _known(self, element: Element, frames: tuple, what: str) -> bool:
-        """Return true if an element's pose is relative to what it stands in; it is left out and named elsewhere."""
+        """Return True if an element's pose is relative to its parent. Otherwise note the element as unread."""
         pose = element.find("pose")
         frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
         frame = element.get("placement_frame") or frame
@@ -92,13 +99,13 @@ class _Reader:
         return frame in frames
 
     def _model(self, model: Element, parent: np.ndarray, saved: Optional[Element], frames: tuple) -> None:
-        """`parent`: pose of what the model is in; `saved`: what a <state> says of it; `frames`: names of the parent."""
+        """Read a model in a parent of pose `parent` and names `frames`; `saved` is its element in a <state>."""
         name = f"model {model.get('name')!r}"
         what = f"{name} in {self.path}"
         if not self._known(model, frames, name):
             return
         pose = parent @ pose_of(model, what)
-        if saved is not None and saved.find("pose") is not None:  # in the world
+        if saved is not None and saved.find("pose") is not None:  # Poses in a <state> are in the world frame.
             pose = pose_of(saved, f"state of {what}")
         if saved is not None and numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {what}") != [1.0] * 3:
             self.unread.append(f"the scale of {name}")

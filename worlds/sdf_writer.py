@@ -1,6 +1,6 @@
-"""A World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`.
+"""Writer of a World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`.
 
-Reading it back gives the same world, course included; Gazebo itself passes over our own two elements (namespace applr).
+Reading the file back gives the same world including its course. Gazebo ignores our two elements (namespace applr).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .loading import SPECIFICATIONS, load
 from .sdf_reader import read_world
 from .world import Mover, World, WorldError
 
-HEIGHT_M = 1.0  # of everything written [m]
+HEIGHT_M = 1.0  # height of all written obstacles [m]
 
 _WORLD = """<?xml version="1.0"?>
 <sdf version="1.6" xmlns:applr="applr">
@@ -46,18 +46,18 @@ _MODEL = """    <model name="{name}">
 
 
 def write(world: World, path: str) -> None:
-    """Writes `world` to `path`, whole or not at all. WorldError when that cannot be done."""
+    """Write `world` to `path` atomically. Raise WorldError if the file cannot be written."""
     files.write_bytes(path, text(world).encode("utf-8"))
 
 
 def text(world: World) -> str:
-    """The .world file's text. Numbers are written so that they read back to the last bit."""
+    """Return the text of the .world file. Numbers are written without loss of precision."""
     models: List[str] = []
 
-    def add(name, x, y, shape, yaw=0.0, extra=""):
+    def add(name: str, x: float, y: float, shape: str, yaw: float = 0.0, extra: str = "") -> None:
         models.append(_MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT_M, yaw=yaw, shape=shape, extra=extra))
 
-    def cylinder(radius):
+    def cylinder(radius: float) -> str:
         return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT_M!r}</length></cylinder>"
 
     for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
@@ -86,15 +86,15 @@ def _row(values: Iterable[float]) -> str:
 
 
 def main() -> int:
-    """Exit status 1 and one line where a world cannot be read or written."""
+    """Write a world. Return exit status 1 if reading or writing fails."""
     parser = argparse.ArgumentParser(
         prog="python -m worlds.sdf_writer",
-        description="Writes a world as a Gazebo world file, which reads back as the same world.",
+        description="Write a world as a Gazebo world file, which reads back as the same world.",
     )
     add = parser.add_argument
     add("world", help=f"World to write: {SPECIFICATIONS}.")
     add("file", help="File to write, such as out.world.")
-    add("--course", nargs="+", type=float, metavar="X Y", help="For a .world file: its course, start to goal [m].")
+    add("--course", nargs="+", type=float, metavar="X Y", help="Course of a .world file, from start to goal [m].")
     arguments = parser.parse_args()
     return run_main(lambda: write(_world(arguments.world, arguments.course), arguments.file), "sdf_writer")
 
@@ -103,7 +103,9 @@ def _world(name: str, course: Optional[List[float]]) -> World:
     if course is None:
         return load(name)
     if len(course) % 2 or not name.endswith(".world"):
-        raise WorldError(f"{name}: give --course X Y X Y ... for a .world file, two numbers for each place")
+        raise WorldError(
+            f"{name}: --course does not fit; give X Y X Y ... for a .world file, two numbers for each point"
+        )
     return read_world(name, np.array(course).reshape(-1, 2))
 
 

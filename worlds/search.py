@@ -1,4 +1,4 @@
-"""Reference paths on a grid by BARN's own search, move for move. The generator uses it."""
+"""Grid search for reference paths, a port of BARN's own search used by the generator."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import scipy
 
 Cell = Tuple[int, int]
 
-MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # neighbours differ by 45 degrees
+MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # moves in steps of 45 degrees
 LENGTHS = tuple(math.hypot(*m) for m in MOVES)
-SHY_CELLS, SHY_COST = 2.0, 5.0  # a cell this near to a blocked one costs 5 / distance more
+SHY_CELLS, SHY_COST = 2.0, 5.0  # range [cells] and weight of the penalty SHY_COST / distance to a blocked cell
 
 
 def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
-    """Cells with no filled cell in the window of +-`clearance` cells. What lies outside the grid counts as empty."""
+    """Return the cells with no filled cell within +-`clearance` cells. Cells outside the grid count as empty."""
     return ~scipy.ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
 
 
 def obstacle_penalty(free: np.ndarray) -> np.ndarray:
-    """Penalty of each cell: 5 / (distance to the nearest blocked cell) within 2 cells of one, else 0."""
+    """Return the penalty of each cell: 5 / (distance to the nearest blocked cell) up to 2 cells away, otherwise 0."""
     if free.all():
         return np.zeros(free.shape)
     distance = scipy.ndimage.distance_transform_edt(free)
@@ -30,25 +30,25 @@ def obstacle_penalty(free: np.ndarray) -> np.ndarray:
 
 
 def _turns(heading: int) -> Tuple[int, ...]:
-    """Moves at most 45 degrees off; every move from the start (heading -1). Order settles ties."""
+    """Return the moves within 45 degrees of a heading, or all from the start (-1). Their order decides ties."""
     if heading < 0:
         return tuple(range(8))
     return (heading - 1) % 8, heading, (heading + 1) % 8
 
 
 def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]:
-    """The path that BARN's generator draws: (k, 2) int64 cells from start to goal, or None where it finds none.
+    """Return the path (k, 2) int64 of BARN's generator from start to goal, or None if the search fails.
 
-    It resembles A*, with three peculiarities that shape BARN's paths and are kept: a cell's penalty counts for the
-    order of expansion but is not passed on to later cells; a cell first met has no estimate of what is left, only one
-    met again and cheaper has; and a cell is closed for all headings, so that the rule on turns can hide a path.
+    The search is A* with three deviations that shape BARN's paths. A cell's penalty affects the order of expansion, but
+    not the cost of later cells. Only a cell that is reached again at a lower cost gets a heuristic. A cell is closed
+    for all headings, so that the limit on turns can hide a path.
     """
     penalty = obstacle_penalty(free)
     rows, columns = free.shape
     spent: Dict[Cell, float] = {start: 0.0}
     parent: Dict[Cell, Tuple[Cell, int]] = {start: (start, -1)}
     rank: Dict[Cell, float] = {start: 0.0}
-    number: Dict[Cell, int] = {start: 0}  # ties: the cell met first
+    number: Dict[Cell, int] = {start: 0}  # order of discovery, which decides ties
     queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
     closed = set()
     while queue:
@@ -66,7 +66,7 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
             if not (0 <= r < rows and 0 <= c < columns and free[r, c]) or (r, c) in closed:
                 continue
             if not (free[r, cell[1]] or free[cell[0], c]):
-                continue  # no squeezing between two blocked corners
+                continue  # A diagonal move must not pass between two blocked corners.
             cost = spent[cell] + LENGTHS[turn]
             if (r, c) not in spent:
                 number[r, c] = len(number)

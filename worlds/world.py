@@ -1,8 +1,8 @@
-"""A world: obstacles on a plane, standing or moving, and the course through them.
+"""World: static and moving obstacles on a plane, and the course through them.
 
-Plain data; only where a moving obstacle is at any time is computed, as Gazebo interpolates a PoseAnimation's key
-frames. Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the right, y forward, metres,
-radians.
+Plain data, except for the positions of moving obstacles, which are interpolated between key frames like a Gazebo
+PoseAnimation. Every part reads these classes, and `worlds.load` creates them. Frame: BARN's, x to the right, y forward,
+metres, radians.
 """
 
 from __future__ import annotations
@@ -21,21 +21,22 @@ from applr_ros1.common.errors import ApplrError
 KeyFrame = Tuple[float, float, float]
 Point = Tuple[float, float]
 
-SAME_POINT_M = 1e-3  # [m]; ignition::math::Vector3 compares with this tolerance
+SAME_POINT_M = 1e-3  # tolerance within which ignition::math::Vector3 compares equal [m]
 
 
 @dataclass(frozen=True)
 class Mover:
-    """A cylinder that moves as a Gazebo model with a PoseAnimation does (DynaBARN's obstacles).
+    """A cylinder that moves like a Gazebo model with a PoseAnimation, as DynaBARN's obstacles do.
 
-    It passes its key frames at their times. Between two of them it follows ignition::math::Spline with tension 0
-    (Catmull-Rom tangents, half the neighbours' chord; at the ends half the only chord; where the last point equals the
-    first the curve is closed). Before the first key frame and after the last one it stands there.
+    The cylinder passes its key frames at their times. In between, its centre follows ignition::math::Spline with
+    tension 0: Catmull-Rom tangents, closed if the last point equals the first. Before the first key frame and after the
+    last one, the cylinder stands still.
 
-    radius     [m]
-    waypoints  the key frames, ((t, x, y), ...) with times that never fall, from 0 on [s, m, m]; at least two
-    length     duration of the animation [s]; 0: the time of the last key frame
-    repeat     whether the animation starts again after `length` seconds; otherwise the cylinder stays at its end
+    Attributes:
+        radius: Radius [m].
+        waypoints: At least two key frames ((t, x, y), ...) [s, m, m], whose times start at 0 or later and never fall.
+        length: Duration of the animation [s]; 0 means the time of the last key frame.
+        repeat: Whether the animation starts again after `length` seconds. Otherwise the cylinder stays at its end.
     """
 
     radius: float
@@ -53,7 +54,7 @@ class Mover:
         return [t for t, _, _ in self.waypoints], _tangents([(x, y) for _, x, y in self.waypoints])
 
     def position(self, t: float) -> Point:
-        """Centre at time t >= 0 [s]: (x, y) [m]. Steps as in gazebo::common::Animation::GetKeyFramesAtTime."""
+        """Return the centre (x, y) [m] at time t >= 0 [s], as gazebo::common::Animation::GetKeyFramesAtTime does."""
         t = math.fmod(t, self.length) if self.repeat else min(t, self.length)
         (times, tangents), points = self._curve, self.waypoints
         second = bisect_left(times, t)
@@ -70,7 +71,7 @@ class Mover:
 
 
 def _tangents(points: List[Point]) -> List[Point]:
-    """Tangents at all points, as ignition::math::Spline::RecalcTangents computes them with tension 0."""
+    """Return the tangents at all points, as ignition::math::Spline::RecalcTangents does with tension 0."""
     last = len(points) - 1
     closed = all(abs(a - b) <= SAME_POINT_M for a, b in zip(points[0], points[last]))
     before = [points[last - 1] if closed else points[0]] + points[:last]
@@ -79,7 +80,7 @@ def _tangents(points: List[Point]) -> List[Point]:
 
 
 def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -> float:
-    """The cubic from a (u = 0) to b (u = 1) with the given end tangents, one coordinate."""
+    """Evaluate one coordinate of the cubic from a (u = 0) to b (u = 1) with the given end tangents."""
     return (
         a
         + tangent_a * u
@@ -90,23 +91,25 @@ def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -
 
 Pose = Tuple[float, float, float]
 
-ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE = 0.5, 0.08  # [m], of the route; in Gazebo .55 m on 10 m, here 1.3 m on 20 m
-MAP_REACH_M = 19.7  # [m]; the planners' global maps reach 20 m from the start, and their outermost cells are shut
+# Odometry error allowed at the goal [m], and as a share of the route: .55 m on 10 m in Gazebo, 1.3 m on 20 m here
+ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE = 0.5, 0.08
+MAP_REACH_M = 19.7  # reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
 
 
 class WorldError(ApplrError):
-    """A world cannot be read or made. One line: what, which value, what to do."""
+    """A world that cannot be read or generated. The message is one line with problem, value and remedy."""
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A drive through a world: its start, its goal, and its end.
+    """Start, goal, reference path and finish of a course through a world.
 
-    start, goal      (x, y, yaw) [m, m, rad]
-    finish_y         the course is done past this y [m]; None: only near the goal
-    goal_tolerance   or within this distance of the goal [m]
-    path             (k, 2) float64, a collision-free reference path [m], start's side first
-    planner_ends     it has no finish of its own: it is done, too, where the planner calls its goal reached
+    Attributes:
+        start, goal: Poses (x, y, yaw) [m, m, rad].
+        finish_y: Ordinate of the finish line [m], past which the course is completed; None without a line.
+        goal_tolerance: Distance from the goal [m] within which the course is completed as well.
+        path: Collision-free reference path (k, 2) float64 [m] from start to goal.
+        planner_ends: Whether the course is also completed when the planner reports its goal as reached.
     """
 
     start: Pose
@@ -118,7 +121,7 @@ class Course:
 
     @property
     def length_m(self) -> float:
-        """Straight distance to drive [m]: start to finish line (5.925 in BARN's worlds), else to the goal's circle."""
+        """Straight distance [m] from the start to the finish line (5.925 in BARN's worlds) or to the goal's circle."""
         if self.finish_y is not None:
             return self.finish_y - self.start[1]
         return max(0.0, math.hypot(self.goal[0] - self.start[0], self.goal[1] - self.start[1]) - self.goal_tolerance)
@@ -127,7 +130,7 @@ class Course:
     def route_m(self) -> float:
         """Length of the reference route [m]: start, reference path, then the finish line or the goal.
 
-        BARN's metric takes its optimal time, at 2 m/s, from it.
+        BARN's metric derives its optimal time at 2 m/s from this length.
         """
         path, end = self.path, self.goal[:2]
         if self.finish_y is not None:
@@ -138,7 +141,7 @@ class Course:
 
     @property
     def sent_goal(self) -> Pose:
-        """The goal that a planner is sent: `goal`, drawn straight back towards the start until it lies on the map."""
+        """The goal sent to a planner: `goal`, moved straight towards the start until it lies on the map."""
         dx, dy = self.goal[0] - self.start[0], self.goal[1] - self.start[1]
         beyond = max(abs(dx), abs(dy)) / MAP_REACH_M
         if beyond <= 1.0:
@@ -146,19 +149,19 @@ class Course:
         return self.start[0] + dx / beyond, self.start[1] + dy / beyond, self.goal[2]
 
     def arrived(self, x: float, y: float, called_within: Optional[float] = None) -> bool:
-        """Return true if a robot whose true place is (x, y) has arrived: wherever success is decided, it is by this.
+        """Return True if a robot at the true position (x, y) has arrived. Every decision about success uses this.
 
-        - The finish line: the paper's in BARN's worlds (y = 10); on the physical course, of which the paper says no
-          more than that it is driven from end to end, the line and the circle are ours.
-        - The circle about the goal: the BARN Challenge's of 1 m, and what a file states.
-        - The planner's word, where the course has neither of its own: the planner calls the goal reached by odometry,
-          and the true place is off by no more than odometry may be.
+        - Finish line: the paper's in BARN's worlds (y = 10). The paper only writes that the physical course is driven
+          from end to end, so the line and the circle of that course are our own.
+        - Circle around the goal: 1 m in the BARN Challenge, or the tolerance given in a world file.
+        - Planner's report, if the course has no finish of its own: the planner decides by odometry, so the true
+          position may be off by the allowed error of the odometry.
 
         Args:
-            x: [m].
-            y: [m].
-            called_within: The planner's tolerance [m] where it calls the goal reached; None where it does not, or where
-                nobody knows.
+            x: True position [m].
+            y: True position [m].
+            called_within: Goal tolerance [m] of the planner if it reports its goal as reached; None if it does not, or
+                if this is unknown.
         """
         if self.planner_ends and called_within is not None:
             sent, off = self.sent_goal, max(ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE * self.route_m)
@@ -172,10 +175,12 @@ class Course:
 class World:
     """Obstacles and a course.
 
-    name       "generated:7", "physical_course", or a file's stem ("world_7")
-    cylinders  (n, 3) float64: x, y, radius [m]
-    boxes      (m, 5) float64: x, y, yaw, size_x, size_y [m, rad]; sizes are full side lengths
-    movers     moving cylinders
+    Attributes:
+        name: "generated:7", "physical_course", or the stem of a file ("world_7").
+        cylinders: (n, 3) float64 x, y, radius [m].
+        boxes: (m, 5) float64 x, y, yaw, size_x, size_y [m, rad]; sizes are full side lengths.
+        course: Course through the world.
+        movers: Moving cylinders.
     """
 
     name: str
@@ -186,9 +191,9 @@ class World:
 
 
 def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray:
-    """(n,) distance [m] from each point (n, 2) to the nearest obstacle's surface; moving ones at `time` [s].
+    """Return the distance (n,) [m] from each point (n, 2) to the nearest obstacle surface at `time` [s].
 
-    Inside a cylinder it is negative, inside a box 0; without obstacles it is inf.
+    The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
     """
     moving = [(*mover.position(time), mover.radius) for mover in world.movers]
     cylinders = np.vstack([world.cylinders, np.array(moving).reshape(-1, 3)])

@@ -43,7 +43,7 @@ def test_barns_training_worlds_come_in_two_halves(tmp_path):
     halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
     names = {half: [path.rpartition("_")[2] for path in found] for half, found in halves.items()}
     assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
-    refused(lambda: worlds.specs(f"{tmp_path.parent}:choose"), "choose: the folder holds no world_2.world")
+    refused(lambda: worlds.specs(f"{tmp_path.parent}:choose"), "choose: the folder contains no world_2.world")
 
 
 # -- scale

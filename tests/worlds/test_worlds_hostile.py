@@ -36,7 +36,7 @@ def test_missing_files_and_folders(tmp_path):
     (tmp_path / "folder.world").mkdir()
     refused(tmp_path / "folder.world", "Is a directory")
     (tmp_path / "empty").mkdir()
-    refused_call(lambda: worlds.Worlds(str(tmp_path / "empty")), "holds no .world files")
+    refused_call(lambda: worlds.Worlds(str(tmp_path / "empty")), "contains no .world files")
 
 
 def test_sealed_worlds_have_no_passage(tmp_path):
