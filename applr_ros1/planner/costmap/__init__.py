@@ -1,2 +1,2 @@
-"""The costmap of costmap_2d: grid, footprint, and the static, obstacle and inflation layers."""
-# Imports common alone.
+"""Costmap as in costmap_2d: grid, footprint, and the static, obstacle and inflation layers."""
+# Imports only common.

@@ -1,14 +1,14 @@
-"""The inflation layer's spreading of obstacles, kept between updates and repaired where obstacles changed.
+"""Incremental brushfire of the inflation layer: the spread of the obstacles is kept and repaired when a few change.
 
-Called by inflation_layer.InflationLayer. In C++ every update spreads all obstacles anew: a queue ordered by distance,
-first in first out, along 4-neighbours. Every cell's winner follows from its neighbours' winners at lower distances
-alone, so when a few obstacles come or go only the cells that depend on them are evaluated again; the result is the
-same cell for cell (tests/planner/costmap/test_inflation.py).
+Called by inflation_layer.InflationLayer. C++ spreads all obstacles anew in every update, along 4-neighbours, with a
+queue ordered by distance and first in first out within a distance. The source of a cell depends only on the sources of
+its neighbours at lower distances. When a few obstacles appear or disappear, only the cells that depend on them are
+evaluated again. The result is the same, cell for cell (tests/planner/costmap/test_inflation.py).
 
 Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
-  level (uint8)  WALL on the padding, NONE where nothing reaches, else 1 + index of the distance to the source
-  link (uint16)  offset from the source as a code, plus the direction it was entered from << 12
-  cost (uint8)   the cost that goes with the level, 0 for NONE
+  level (uint8)  WALL on the padding, NONE if no obstacle reaches the cell, else 1 + index of the distance to the source
+  link (uint16)  code of the offset from the source, plus the direction of the last step << 12
+  cost (uint8)   cost of the level, 0 for NONE
 Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
 """
 
@@ -21,19 +21,19 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-WALL = 0
-SEED = 1
-NONE = 255
-MAX_REACH = 25  # [cells] beyond it levels do not fit; InflationLayer then spreads anew every time
-CODE = 4095
+WALL = 0  # level of the padding
+SEED = 1  # level of a lethal cell, the source of a spread
+NONE = 255  # level of a cell that no obstacle reaches
+MAX_REACH = 25  # largest reach whose levels fit into uint8 [cells]; InflationLayer spreads larger ones anew every time
+CODE = 4095  # mask of the offset code in a link
 
 
 @lru_cache(maxsize=64)
 def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
-    """(step_level, distances) for a reach in cells.
+    """Return (step_level, distances) for a reach [cells].
 
-    step_level (codes * 4,) uint8: level of the cell one step in direction k from offset code c, at [4 c + k]; 0 if
-    that is beyond `reach` or not further from the source. distances: in cells, by level from SEED on.
+    step_level (codes * 4,) uint8 holds at [4 c + k] the level of the cell one step in direction k from offset code c,
+    or 0 if that cell is beyond `reach` or no further from the source. distances [cells] are by level, from SEED on.
     """
     side = 2 * reach + 1
     axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
@@ -50,10 +50,10 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
 
 @kernel
 def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
-    """List in `changed` the padded cells that begin or cease to be a seed; returns their number.
+    """Write the padded cells that become or cease to be seeds into `changed`; return their number.
 
-    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. The second rectangle,
-    which holds the first, is where seeds may have been before. Returns -1 when `changed` is too short.
+    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. The second rectangle
+    contains the first one and all earlier seeds. Returns -1 if `changed` is too short.
     """
     count = 0
     for y in range(ay0, ayn):
@@ -80,18 +80,18 @@ def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
 
 @kernel
 def _any_seed(levels):
-    found = np.uint8(0)
+    any_seed = np.uint8(0)
     for i in range(levels.shape[0]):
-        found |= np.uint8(levels[i] == SEED)
-    return found
+        any_seed |= np.uint8(levels[i] == SEED)
+    return any_seed
 
 
 @kernel
 def _enqueue(queue, used, entry, level):
-    """Append an entry (4 cell + direction) to a level's queue; returns the number of entries used.
+    """Append an entry (4 cell + direction) to the queue of a level; return the number of entries used.
 
-    queue (4, m) int32: entries, the next entry of the same level, each level's first and last entry. All in one array:
-    numba counts references per array, and with four of them a call costs more than its work.
+    The rows of queue (4, m) int32 are the entries, the next entry of the same level, and the first and last entry of
+    each level. They share one array because numba counts references per array, which would cost more than the work.
     """
     queue[0, used] = entry
     queue[1, used] = -1
@@ -105,7 +105,7 @@ def _enqueue(queue, used, entry, level):
 
 @kernel
 def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, queue):
-    """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: `queue` too short."""
+    """Spread the `count` cells in `seeds`, in row order, over empty arrays; return False if `queue` is too short."""
     width = level2.shape[1]
     level = level2.reshape(-1)
     side = 2 * reach + 1
@@ -152,7 +152,7 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, que
 
 @kernel
 def _earlier(level, link, steps, n1, k1, n2, k2):
-    """Return true if C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
+    """Return True if C++ enqueued the step k1 from n1 before the step k2 from n2, both of the same level."""
     while True:
         if n1 == n2:
             return k1 < k2
@@ -167,8 +167,8 @@ def _earlier(level, link, steps, n1, k1, n2, k2):
 
 
 @kernel
-def _fell(level, link, cost, steps, root, lost, count):
-    """Forget `root` and all cells that were reached through it; append them to `lost`; returns the new count."""
+def _remove_subtree(level, link, cost, steps, root, lost, count):
+    """Reset `root` and all cells reached through it to NONE and append them to `lost`; return the new count."""
     lost[count] = root
     level[root] = NONE
     cost[root] = 0
@@ -189,9 +189,9 @@ def _fell(level, link, cost, steps, root, lost, count):
 
 @kernel
 def repair(changed, count, level2, link, cost, step_level, level_cost, reach, queue, lost):
-    """Take the padded cells in `changed` in or out as seeds and evaluate again what depends on them.
+    """Add or remove the padded cells in `changed` as seeds and evaluate all cells that depend on them again.
 
-    Returns False when `queue` or `lost` (m,) int64 is too short: the arrays are then to be rebuilt.
+    Returns False if `queue` or `lost` (m,) int64 is too short. The arrays then have to be rebuilt.
     """
     width = level2.shape[1]
     level = level2.reshape(-1)
@@ -203,14 +203,14 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, qu
     room = queue.shape[1] - 8
     lost_room = lost.shape[0] - 4 * side * side
     centre = reach * side + reach
-    fallen = 0
+    n_lost = 0
     for i in range(count):
         c = changed[i]
         begins = level[c] != SEED
         if level[c] != NONE:
-            if fallen > lost_room:
+            if n_lost > lost_room:
                 return False
-            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+            n_lost = _remove_subtree(level, link, cost, steps, c, lost, n_lost)
         if begins:
             level[c] = SEED
             link[c] = centre
@@ -225,7 +225,7 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, qu
     done = 0
     b = 2
     while True:
-        while done < fallen:  # every cell that has fallen asks its neighbours
+        while done < n_lost:  # Each neighbour that still has a level may reach the lost cell again.
             c = lost[done]
             done += 1
             if level[c] != NONE:
@@ -252,16 +252,16 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, qu
         if level[c] < b or level[n] == WALL or level[n] == NONE:
             continue
         code = link[n] & CODE
-        if step_level[4 * code + k] != b:  # n was evaluated again since
+        if step_level[4 * code + k] != b:  # The entry is outdated: n has been evaluated again.
             continue
         if level[c] != NONE:
             if level[c] == b:
                 other = link[c] >> 12
                 if other == k or not _earlier(level, link, steps, n, k, c - steps[other], other):
                     continue
-            if fallen > lost_room:
+            if n_lost > lost_room:
                 return False
-            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+            n_lost = _remove_subtree(level, link, cost, steps, c, lost, n_lost)
         if used > room:
             return False
         code += deltas[k]

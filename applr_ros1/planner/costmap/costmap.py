@@ -1,7 +1,7 @@
-"""The layered costmap: static, obstacle and inflation layers in any order over one master grid.
+"""Layered costmap: static, obstacle and inflation layers in any order over one master grid.
 
-Called by MoveBase (one local rolling map, one global map), the planners and the tests. Follows
-costmap_2d/layered_costmap.cpp; every value of the master after any sequence of updates is the C++ one's.
+Called by MoveBase (one rolling local map, one global map), the planners and the tests. Follows
+costmap_2d/layered_costmap.cpp: after any sequence of updates every value of the master equals that of C++.
 """
 
 from __future__ import annotations
@@ -30,14 +30,18 @@ from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstaclePar
 from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
 
 Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]
-NOTHING = (1e30, 1e30, -1e30, -1e30)  # bounds that hold no point
+NOTHING = (1e30, 1e30, -1e30, -1e30)  # empty bounds (min x, min y, max x, max y) [m]
 
 
 @dataclass
 class LayerDescription:
-    """One layer of a costmap: its name in the parameter files, its settings, and an obstacle layer's sources.
+    """Description of one layer of a costmap.
 
-    default: the value of cells that an obstacle layer has not observed, 0 or 255; None: the costmap's.
+    Attributes:
+        name: name in the parameter files.
+        parameters: settings of the layer.
+        sources: observation sources of an obstacle layer.
+        default: value of cells that an obstacle layer has not observed, 0 or 255; None for the costmap's value.
     """
 
     name: str
@@ -49,17 +53,20 @@ class LayerDescription:
 class Costmap:
     """Master grid with its layers.
 
-    cells (ny, nx) uint8: 0 free .. 252 inflated, 253 inscribed, 254 lethal, 255 unknown. origin (2,) [m]: the low
-    corner of cell (0, 0). size (nx, ny). version: grows whenever a cell or the origin changed.
-    window: (x0, y0, xn, yn) of the last update, what a publisher sends; None if it updated nothing.
+    Attributes:
+        cells: (ny, nx) uint8, 0 free .. 252 inflated, 253 inscribed, 254 lethal, 255 unknown.
+        origin: (2,), lower corner of cell (0, 0) [m].
+        size: (nx, ny) [cells].
+        version: counter that grows whenever a cell or the origin changes.
+        window: (x0, y0, xn, yn) of the last update, which a publisher sends; None if nothing was updated.
 
     Args:
-        size_x_m, size_y_m, resolution, origin: [m], until a static layer's map decides them.
+        size_x_m, size_y_m, resolution, origin: geometry [m], until the map of a static layer replaces it.
         rolling: whether the map moves with the robot.
         footprint: padded vertices (n, 2) [m].
-        track_unknown: whether cells are unknown until something is known of them.
-        obstacles, inflation: the settings of an obstacle layer with one laser and an inflation layer above it.
-        layers: the layers from the lowest to the highest instead.
+        track_unknown: whether cells are unknown until a layer observes them.
+        obstacles, inflation: settings of the default layers, an obstacle layer with one laser below an inflation layer.
+        layers: layers from the lowest to the highest, in place of the default ones.
     """
 
     def __init__(
@@ -79,7 +86,7 @@ class Costmap:
         self.default = UNKNOWN if track_unknown else FREE
         self.version = 0
         self.window: Optional[Tuple[int, int, int, int]] = None
-        self.size_is_locked = False  # by the map of a static layer
+        self.size_is_locked = False  # True once the map of a static layer has set the size
         self._changes: Deque[Tuple[int, int, int, int]] = deque(maxlen=64)
         self._allocate(size_x_m, size_y_m, resolution, origin)
         if layers is None:
@@ -93,15 +100,15 @@ class Costmap:
         self.static_layers = [layer for layer in self.layers if isinstance(layer, StaticLayer)]
         self.set_footprint(footprint)
 
-    def _allocate(self, size_x_m, size_y_m, resolution, origin):
+    def _allocate(self, size_x_m: float, size_y_m: float, resolution: float, origin: Sequence[float]) -> None:
         self._allocate_cells(int(size_x_m / resolution), int(size_y_m / resolution), resolution, origin)
 
-    def _allocate_cells(self, nx, ny, resolution, origin):
+    def _allocate_cells(self, nx: int, ny: int, resolution: float, origin: Sequence[float]) -> None:
         self.size = (nx, ny)
         self.resolution = float(resolution)
         self.origin = np.array(origin, dtype=np.float64)
         self.cells = np.full((ny, nx), self.default, np.uint8)
-        self._base = np.zeros((ny, nx), np.uint8)  # the cells before inflation, where the last update went
+        self._base = np.zeros((ny, nx), np.uint8)  # cells before inflation, valid around the last window
 
     def _make_layer(self, made: LayerDescription) -> Layer:
         nx, ny = self.size
@@ -117,15 +124,15 @@ class Costmap:
         )
 
     def resize(self, size_x_m: float, size_y_m: float, resolution: float, origin: Sequence[float]) -> None:
-        """Size [m], resolution and origin, new or not: the map is empty after it; what sources and maps said stays.
+        """Set size, resolution and origin [m] and empty the map; the latest clouds and static maps are kept.
 
-        Without effect where the map of a static layer has decided them, as in C++.
+        Does nothing if the map of a static layer has set the size, as in C++.
         """
         if not self.size_is_locked:
             self._allocate(size_x_m, size_y_m, resolution, origin)
             self._match_layers()
 
-    def _match_layers(self):
+    def _match_layers(self) -> None:
         for layer in self.layers:
             layer.match_size(*self.size, self.resolution, self.origin)
             if isinstance(layer, StaticLayer):
@@ -143,21 +150,24 @@ class Costmap:
         return self.inflation_layers[0]
 
     def set_footprint(self, footprint: Union[np.ndarray, Sequence[Sequence[float]]]) -> None:
-        """Take the padded footprint (n, 2) [m]; the next update is a full one."""
+        """Set the padded footprint (n, 2) [m]; the next update is a full pass."""
         self.footprint = np.array(footprint, dtype=np.float64).reshape(-1, 2)
         self.inscribed_radius, self.circumscribed_radius = footprints.radii(self.footprint)
         for layer in self.inflation_layers:
             layer.set_inscribed_radius(self.inscribed_radius)
 
     def configure(self, name: str, **values: Any) -> None:
-        """Set any of the parameters of the layer `name`; they show at the next update."""
+        """Set parameters of the layer `name`; they take effect at the next update."""
         layer: Any = next(layer for layer in self.layers if layer.name == name)
         layer.configure(replace(layer.parameters, **values))
 
     def set_map(self, topic: str, given: StaticMap) -> None:
-        """A map from a topic: the static layers that listen to it take it. ApplrError for one that cannot be used.
+        """Give a map to the static layers that subscribe to its topic.
 
         A costmap that does not roll takes the map's size, resolution and origin, and is empty until its next update.
+
+        Raises:
+            ApplrError: The map cannot be used.
         """
         given = given.checked()
         for layer in self.static_layers:
@@ -171,17 +181,24 @@ class Costmap:
                 layer.take(given)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 that changed in the map of a topic, from cell (x, y) on. ApplrError: not on it."""
+        """Give changed occupancies (h, w) int8, from cell (x, y) on, to the static layers that subscribe to the topic.
+
+        Raises:
+            ApplrError: The cells are not on the map.
+        """
         for layer in self.static_layers:
             p = layer.parameters
             if p.map_topic == topic and p.subscribe_to_updates:
                 layer.take_update(x, y, cells)
 
     def update(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
-        """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud of the first source."""
+        """Update all layers and the master for the robot's pose (x [m], y [m], yaw [rad]).
+
+        `scan` is a new cloud of the first source, or None if there is none.
+        """
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
-            raise ApplrError("costmap update at the pose %g %g %g: the pose must be finite" % (x, y, yaw))
+            raise ApplrError("robot pose of a costmap update is (%g, %g, %g): give finite numbers" % (x, y, yaw))
         pose = (x, y, yaw)
         nx, ny = self.size
         if scan is not None:
@@ -207,8 +224,8 @@ class Costmap:
         if self.window is not None:
             self._refresh(pose, self.window)
 
-    def _to_window(self, bounds):
-        """Cells (x0, y0, xn, yn) of the bounds (min x, min y, max x, max y) [m]; None if they are inverted."""
+    def _to_window(self, bounds: Tuple[float, float, float, float]) -> Optional[Tuple[int, int, int, int]]:
+        """Return the window (x0, y0, xn, yn) of bounds (min x, min y, max x, max y) [m]; None if they are inverted."""
         nx, ny = self.size
         ox, oy = self.origin.tolist()
         x0 = world_to_map_enforce_bounds(bounds[0], ox, self.resolution, nx)
@@ -217,8 +234,8 @@ class Costmap:
         yn = world_to_map_enforce_bounds(bounds[3], oy, self.resolution, ny) + 1
         return None if xn < x0 or yn < y0 else (x0, y0, xn, yn)
 
-    def _refresh(self, pose, window):
-        """The cost steps of all layers over the window."""
+    def _refresh(self, pose: Sequence[float], window: Tuple[int, int, int, int]) -> None:
+        """Write all layers into the master within the window."""
         nx, ny = self.size
         r = 2 * sum(layer.reach for layer in self.inflation_layers)
         around = (max(0, window[0] - r), max(0, window[1] - r), min(nx, window[2] + r), min(ny, window[3] + r))
@@ -240,7 +257,7 @@ class Costmap:
                     layer.write(grid, window, pose, self.footprint)
             elif layer is top:
                 changed = layer.update(self.cells, grid, window)
-            else:  # other layers write over the inflated costs
+            else:  # The layers above write over the inflated costs.
                 inflated = grid.copy()
                 layer.update(inflated, grid, window)
                 grid = inflated
@@ -249,8 +266,8 @@ class Costmap:
         if changed is not None:
             self._changed(changed)
 
-    def _copy_in(self, grid, rect):
-        """The rectangle of `grid` into the master; the rectangle if that changed anything, else None."""
+    def _copy_in(self, grid: np.ndarray, rect: Tuple[int, int, int, int]) -> Optional[Tuple[int, int, int, int]]:
+        """Copy the rectangle of `grid` into the master; return the rectangle, or None if nothing changed."""
         x0, y0, xn, yn = rect
         if np.array_equal(self.cells[y0:yn, x0:xn], grid[y0:yn, x0:xn]):
             return None
@@ -258,39 +275,39 @@ class Costmap:
         return rect
 
     def clear(self) -> None:
-        """The clear_costmaps service: master and layers back to the default. The newest scan marks again."""
+        """Reset master and layers to the default, as the service clear_costmaps does. The latest scan marks again."""
         self.cells[:] = self.default
         for layer in self.layers:
             layer.reset()
         self._changed((0, 0) + self.size)
 
     def clear_outside(self, pose: Sequence[float], side: float) -> None:
-        """Clearing recovery: the obstacle layers forget what lies outside the square of `side` [m] about the pose.
+        """Reset the obstacle layers outside the square of `side` [m] around the pose, as the clearing recovery does.
 
-        The master shows it after the next update.
+        The master follows at the next update.
         """
         for layer in self.obstacle_layers:
             layer.clear_outside(pose, side)
 
     def set_free(self, x0: int, y0: int, xn: int, yn: int) -> None:
-        """Write 0 into the cells [x0, xn) x [y0, yn) of the master alone, until an update covers them."""
+        """Free the cells [x0, xn) x [y0, yn) of the master, but not of its layers, until an update covers them."""
         block = self.cells[y0:yn, x0:xn]
         if block.any():
             block[:] = FREE
             self._changed((x0, y0, xn, yn))
 
     def footprint_cost(self, x: float, y: float, yaw: float) -> float:
-        """Largest cost under the footprint's outline at the pose; -1 lethal, -2 unknown, -3 off the map."""
+        """Return the largest cost under the footprint's outline at a pose; -1 lethal, -2 unknown, -3 off the map."""
         return footprints.footprint_cost(
             self.cells, self.origin[0], self.origin[1], self.resolution, self.footprint, float(x), float(y), float(yaw)
         )
 
     def world_to_map(self, x: float, y: float) -> Tuple[int, int]:
-        """Cell (mx, my) of a point [m], (-1, -1) off the map."""
+        """Return the cell (mx, my) of a point [m], or (-1, -1) if the point is off the map."""
         return world_to_map(float(x), float(y), self.origin[0], self.origin[1], self.resolution, *self.size)
 
     def changed_since(self, version: int) -> Optional[Tuple[int, int, int, int]]:
-        """Rectangle (x0, y0, xn, yn) that holds every cell changed after `version`; None if nothing changed."""
+        """Return a rectangle (x0, y0, xn, yn) around every cell changed after `version`; None if nothing changed."""
         if version == self.version:
             return None
         if version < self.version - len(self._changes) or version > self.version:
@@ -298,6 +315,6 @@ class Costmap:
         rects = list(self._changes)[version - self.version :]
         return (min(r[0] for r in rects), min(r[1] for r in rects), max(r[2] for r in rects), max(r[3] for r in rects))
 
-    def _changed(self, rect):
+    def _changed(self, rect: Tuple[int, int, int, int]) -> None:
         self.version += 1
         self._changes.append(rect)

@@ -1,4 +1,4 @@
-"""The robot's outline: parsing, padding, placing at a pose, radii, its cost on a map and the cells it fills.
+"""Footprint of the robot: parsing, padding, placing at a pose, radii, cost on a map and covered cells.
 
 Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the recoveries.
 """
@@ -15,19 +15,22 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, walk_line, world_to_map
 
-OFF_MAP = -3.0
-ON_UNKNOWN = -2.0
-ON_LETHAL = -1.0
+OFF_MAP = -3.0  # cost of an outline that leaves the map
+ON_UNKNOWN = -2.0  # cost of an outline on an unknown cell
+ON_LETHAL = -1.0  # cost of an outline on a lethal cell
 HUGE = float(np.finfo(np.float64).max)
 
 
 def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
-    """Vertices (n, 2) float64 [m] from the parameter `footprint`: a string "[[x, y], ...]" or a sequence.
+    """Return the vertices (n, 2) float64 [m] of the parameter `footprint`, a string "[[x, y], ...]" or a sequence.
 
-    Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2). In a
-    string commas may be missing (array_parser.cpp).
+    Values are rounded as in the C++ node, which prints six digits and reads float32. An empty list gives (0, 2). Commas
+    may be missing in a string (array_parser.cpp).
+
+    Raises:
+        ApplrError: The text is not a list of at least three finite points.
     """
-    wrong = ApplrError(f"footprint is {text!r:.60}: give three points or more in metres, [[x, y], [x, y], ...]")
+    wrong = ApplrError(f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]")
     value = text
     if isinstance(text, str):
         inside = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
@@ -46,25 +49,25 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
 
 
 def circle(radius: float) -> np.ndarray:
-    """Sixteen vertices (16, 2) [m] on a circle, as costmap_2d makes them from `robot_radius`."""
+    """Return sixteen vertices (16, 2) [m] on a circle, as costmap_2d derives them from `robot_radius`."""
     angles = [i * 2 * math.pi / 16 for i in range(16)]
     return np.array([[math.cos(a) * radius, math.sin(a) * radius] for a in angles])
 
 
 def pad(vertices: np.ndarray, padding: float) -> np.ndarray:
-    """Vertices (n, 2) moved away from the axes by `padding` [m]; a coordinate of exactly 0 stays. footprint.cpp:138."""
+    """Move vertices (n, 2) away from the axes by `padding` [m]; a coordinate of 0 is kept. footprint.cpp:138."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     return vertices + np.sign(vertices) * padding
 
 
 def padded(values: Mapping[str, Any]) -> np.ndarray:
-    """Return the padded outline (n, 2) [m] of a costmap's values; a circle if no footprint is given."""
+    """Return the padded outline (n, 2) [m] from the parameters of a costmap; a circle if they give no footprint."""
     outline = parse(values["footprint"])
     return pad(outline if len(outline) else circle(values["robot_radius"]), values["footprint_padding"])
 
 
 def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
-    """Vertices (n, 2) [m] of the footprint placed at the pose (x, y [m], yaw [rad]). footprint.cpp:106."""
+    """Return the vertices (n, 2) [m] placed at the pose x, y [m], yaw [rad]. footprint.cpp:106."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     out = np.empty_like(vertices)
     c, s = math.cos(yaw), math.sin(yaw)
@@ -73,7 +76,7 @@ def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarra
     return out
 
 
-def _distance_to_edge(x0, y0, x1, y1):
+def _distance_to_edge(x0: float, y0: float, x1: float, y1: float) -> float:
     a, b = 0.0 - x0, 0.0 - y0
     c, d = x1 - x0, y1 - y0
     dot, length = a * c + b * d, c * c + d * d
@@ -88,9 +91,9 @@ def _distance_to_edge(x0, y0, x1, y1):
 
 
 def radii(vertices: np.ndarray) -> Tuple[float, float]:
-    """(inscribed, circumscribed) radius [m] about (0, 0) of the vertices (n, 2). footprint.cpp:41.
+    """Return the (inscribed, circumscribed) radius [m] of the vertices (n, 2) about (0, 0). footprint.cpp:41.
 
-    Two vertices or fewer: (largest double, 0), as in C++.
+    With two vertices or fewer the result is (largest double, 0), as in C++.
     """
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     inscribed, circumscribed = HUGE, 0.0
@@ -109,10 +112,9 @@ def radii(vertices: np.ndarray) -> Tuple[float, float]:
 
 @kernel(error_model="numpy")
 def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
-    """Cost of the outline of `vertices` (n, 2) [m] at the pose (x, y, yaw) on `cells` (ny, nx).
+    """Return the largest cost on `cells` (ny, nx) under the outline of `vertices` (n, 2) [m] at a pose (x, y, yaw).
 
-    The largest cost under the outline, or OFF_MAP, ON_UNKNOWN, ON_LETHAL for the first failing edge.
-    costmap_model.cpp:47.
+    If an edge is illegal, return OFF_MAP, ON_UNKNOWN or ON_LETHAL of the first such edge. costmap_model.cpp:47.
     """
     ny, nx = cells.shape
     cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
@@ -151,7 +153,10 @@ def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
 
 @kernel
 def line_cost(cells, x0, y0, x1, y1):
-    """Largest cost on the line of cells from (x0, y0) to (x1, y1); -1 / -2 at the first lethal / unknown one."""
+    """Return the largest cost on the line of cells from (x0, y0) to (x1, y1).
+
+    If the line has illegal cells, return -1 if the first is lethal and -2 if it is unknown.
+    """
     adx = abs(x1 - x0)
     ady = abs(y1 - y0)
     sx = 1 if x1 >= x0 else -1
@@ -186,11 +191,11 @@ def line_cost(cells, x0, y0, x1, y1):
 
 @kernel(error_model="numpy")
 def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
-    """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; returns success.
+    """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; return success.
 
-    whole True: nothing is written if a vertex is off the map or there are fewer than three vertices
-    (Costmap2D::setConvexPolygonCost). whole False: FootprintHelper::getFootprintCells, where a vertex off the map
-    leaves only the edges done before it, and a footprint of at most one point covers the centre's cell.
+    If `whole`, nothing is written if a vertex is off the map or there are fewer than three vertices, as in
+    Costmap2D::setConvexPolygonCost. Otherwise, as in FootprintHelper::getFootprintCells, only the edges before the
+    first vertex off the map are drawn, and a footprint of at most one point covers the centre's cell.
     """
     ny, nx = grid.shape
     n = vertices.shape[0]
@@ -205,7 +210,7 @@ def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
     s = math.sin(yaw)
     px = np.empty(n, np.int64)
     py = np.empty(n, np.int64)
-    count = n  # vertices on the map before the first one off it
+    count = n  # number of vertices before the first one off the map
     for i in range(n):
         fx = vertices[i, 0]
         fy = vertices[i, 1]

@@ -1,6 +1,6 @@
-"""The cost of the robot's outline at many poses of one cycle, from tables of the lines that its edges can make.
+"""Fast footprint cost for the many poses of one control cycle, from precomputed lines of cells.
 
-Called by the local planners. The numbers are those of costmap/footprint.footprint_cost, found faster.
+Called by the local planners. Costs are equal to those of costmap/footprint.footprint_cost.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
-UNSURE = 300  # an outline too close to a cell border to be told
-LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
+UNSURE = 300  # cost of an outline so close to a cell border that rounding decides its cells
+LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges are walked cell by cell
 
 
 def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarray:
-    """The lines of cells that an edge of the footprint (n, 2) [m] can make on a map nx cells wide.
+    """Return all lines of cells that an edge of the footprint (n, 2) [m] can cover on a map nx cells wide.
 
-    (2 r + 1, 2 r + 1, r + 1) int32: [dy + r, dx + r] holds the flat offsets of a line's cells from its first
-    cell, for the line to the cell dx, dy away. r is the longest edge in cells, at most LONGEST_TABLE.
+    The table is (2 r + 1, 2 r + 1, r + 1) int32. [dy + r, dx + r] holds the flat offsets from the first cell of a line
+    to each cell of it, for the line to the cell dx, dy away. r is the longest edge [cells], at most LONGEST_TABLE.
     """
     edges = footprint - np.roll(footprint, -1, axis=0)
     longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1]))) if len(footprint) else 0.0
@@ -43,17 +43,17 @@ def _fill_offsets(table, r, nx):
 
 @kernel
 def on_border(f, margin):
-    """Return true if the cell coordinate f lies within `margin` cells of a border between two cells."""
+    """Return True if the cell coordinate f lies within `margin` cells of a border between two cells."""
     return abs(f - math.floor(f + 0.5)) < margin
 
 
 @kernel
 def outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, margin):
-    """Largest cost on the footprint's outline at x, y and heading (cosine c, sine s); negative if illegal.
+    """Return the largest cost under the footprint's outline at x, y and heading (cosine c, sine s); -1 if illegal.
 
-    flat: `cells` as (ny * nx,). cx, cy: the centre's cell, all that counts with fewer than three vertices.
-    UNSURE if a vertex is within `margin` cells of a cell border. Otherwise as footprint.footprint_cost, but for
-    its codes of illegal poses.
+    Returns UNSURE if a vertex is within `margin` cells of a cell border. Costs of legal poses equal those of
+    footprint.footprint_cost. `flat` is `cells` as (ny * nx,). The centre's cell (cx, cy) alone decides if there are
+    fewer than three vertices.
     """
     ny, nx = cells.shape
     n = footprint.shape[0]

@@ -1,7 +1,7 @@
-"""A cell grid: world <-> cell conversions, the line of cells between two cells, and how layers write into a grid.
+"""Cell grid: conversions between world and cells, lines of cells, and the ways in which layers write into a grid.
 
-Called by every kernel of the planner. The expressions (a division, then truncation) are those of costmap_2d;
-multiplying by 1 / resolution instead would move points on cell borders. Grids are (ny, nx) uint8; a window is
+Called by every kernel of the planner. Cells are computed as in costmap_2d, by a division and truncation. Multiplying by
+1 / resolution instead would move points on cell borders to another cell. Grids are (ny, nx) uint8; a window is
 (x0, y0, xn, yn) in cells.
 """
 
@@ -15,36 +15,36 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 
 FREE = 0
-INSCRIBED = 253
+INSCRIBED = 253  # cost of a cell within the inscribed radius of an obstacle
 LETHAL = 254
 UNKNOWN = 255
 
 
 @kernel
 def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
-    """Cell (mx, my) of the point (wx, wy) [m]; (-1, -1) if it is off the map. costmap_2d.cpp:208."""
+    """Return the cell (mx, my) of the point (wx, wy) [m]; (-1, -1) if the point is off the map. costmap_2d.cpp:208."""
     if wx < ox or wy < oy:
         return -1, -1
     fx = (wx - ox) / resolution
     fy = (wy - oy) / resolution
-    if not (fx < nx and fy < ny):  # also refuses NaN and numbers too large for an integer
+    if not (fx < nx and fy < ny):  # The negation also rejects NaN and numbers too large for an integer.
         return -1, -1
     return int(fx), int(fy)
 
 
 @kernel
 def map_to_world(mx, my, ox, oy, resolution):
-    """Centre (x, y) [m] of the cell (mx, my)."""
+    """Return the centre (x, y) [m] of the cell (mx, my)."""
     return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
 
 
 def world_to_map_no_bounds(w: float, o: float, resolution: float) -> int:
-    """Cell index of the coordinate w along one axis, truncated towards zero and not clipped."""
+    """Return the cell index of the coordinate w [m] along one axis, truncated towards zero and not clipped."""
     return int((w - o) / resolution)
 
 
 def world_to_map_enforce_bounds(w: float, o: float, resolution: float, n: int) -> int:
-    """Cell index of the coordinate w along one axis, clipped into 0 .. n - 1. costmap_2d.cpp:233."""
+    """Return the cell index of the coordinate w [m] along one axis, clipped to 0 .. n - 1. costmap_2d.cpp:233."""
     if w < o:
         return 0
     if w >= resolution * n + o:
@@ -53,20 +53,20 @@ def world_to_map_enforce_bounds(w: float, o: float, resolution: float, n: int) -
 
 
 def cell_distance(distance: float, resolution: float) -> int:
-    """A length [m] in whole cells, rounded up and never negative. costmap_2d.cpp:190."""
+    """Convert a length [m] to whole cells, rounded up and never negative. costmap_2d.cpp:190."""
     return max(0, int(math.ceil(distance / resolution)))
 
 
 def size_in_meters(n: int, resolution: float) -> float:
-    """Length [m] of n cells as costmap_2d counts it: half a cell short."""
+    """Return the length [m] of n cells as costmap_2d computes it: half a cell short."""
     return (n - 1 + 0.5) * resolution
 
 
 @kernel
 def walk_line(x0, y0, x1, y1, xs, ys, start):
-    """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys from index `start`; return the end.
+    """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys from index `start`; return the end index.
 
-    base_local_planner/line_iterator.h: the way back does not visit the same cells in general.
+    The line in the opposite direction may visit other cells. base_local_planner/line_iterator.h.
     """
     adx = abs(x1 - x0)
     ady = abs(y1 - y0)
@@ -99,16 +99,16 @@ def walk_line(x0, y0, x1, y1, xs, ys, start):
 
 
 def union(a: Tuple, b: Tuple) -> Tuple:
-    """The smallest rectangle (x0, y0, x1, y1) around two."""
+    """Return the smallest rectangle (x0, y0, x1, y1) around two rectangles."""
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 def roll(
     cells: np.ndarray, origin: np.ndarray, resolution: float, new_ox: float, new_oy: float, default: int
 ) -> Tuple[int, int]:
-    """Move the window of `cells` (ny, nx) towards the origin (new_ox, new_oy) [m] by whole cells; returns (cx, cy).
+    """Move `cells` (ny, nx) and `origin` (2,) towards (new_ox, new_oy) [m] by whole cells, and return those (cx, cy).
 
-    Cells in the overlap keep their values, others get `default`; `origin` (2,) is moved. costmap_2d.cpp:260.
+    Cells in the overlap keep their values, the others get `default`. costmap_2d.cpp:260.
     """
     ox, oy = origin.tolist()
     cx = int((new_ox - ox) / resolution)
@@ -121,7 +121,7 @@ def roll(
 
 
 def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
-    """cells[y, x] = cells[y + cy, x + cx] where that exists, else `default`, in place."""
+    """Set cells[y, x] = cells[y + cy, x + cx] in place, or `default` if that cell does not exist."""
     ny, nx = cells.shape
     if abs(cx) >= nx or abs(cy) >= ny:
         cells[:] = default
@@ -142,16 +142,16 @@ def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
         cells[:, :-cx] = default
 
 
-OVERWRITE = 0  # values of combination_method
-MAXIMUM = 1
+OVERWRITE = 0  # combination_method: known cells of the layer replace those of the costmap
+MAXIMUM = 1  # combination_method: the larger value counts
 
 
 @kernel
 def begin(master, base, default, layer, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
-    """`base` becomes the default value inside the window, and as the master is in the rest of the rectangle around.
+    """Fill `base` with the default value inside the window, and copy the master in the rest of the outer rectangle.
 
-    With `merging` the known cells of the lowest layer are written into the window at once; on default values it makes
-    no difference how they are combined.
+    If `merging`, also write the known cells of the lowest layer into the window. Its combination_method has no effect
+    on default values.
     """
     empty = np.uint8(default)
     unknown = np.uint8(UNKNOWN)
@@ -173,7 +173,7 @@ def begin(master, base, default, layer, merging, x0, y0, xn, yn, ax0, ay0, axn, 
 
 @kernel
 def merge(layer, base, maximum, x0, y0, xn, yn):
-    """Known cells of the layer replace those of `base` in the window; with `maximum` only lower or unknown ones."""
+    """Replace cells of `base` in the window by known ones of the layer; if `maximum`, only lower or unknown cells."""
     unknown = np.uint8(UNKNOWN)
     for y in range(y0, yn):
         values = layer[y, x0:xn]
@@ -182,7 +182,7 @@ def merge(layer, base, maximum, x0, y0, xn, yn):
             for i in range(values.shape[0]):
                 value = values[i]
                 old = target[i]
-                # 255 of the layer leaves the old value; 255 of the base counts as lower than anything
+                # An unknown cell of the layer changes nothing; an unknown cell of the base is lower than any value.
                 target[i] = value if value != unknown and (old == unknown or old < value) else old
         else:
             for i in range(values.shape[0]):
@@ -191,7 +191,7 @@ def merge(layer, base, maximum, x0, y0, xn, yn):
 
 @kernel
 def replace(layer, base, x0, y0, xn, yn):
-    """All cells of the layer, unknown ones too, replace those of `base` in the window."""
+    """Replace all cells of `base` in the window by those of the layer, including unknown ones."""
     for y in range(y0, yn):
         _copy(layer[y, x0:xn], base[y, x0:xn])
 

@@ -1,7 +1,7 @@
-"""Inflation layer of a costmap: spreads falling costs around lethal cells.
+"""Inflation layer of a costmap: spreads decaying costs around lethal cells.
 
-Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: obstacles pass along 4-neighbours in order of
-distance, first in first out, so a distance transform would give other bytes. brushfire.py does the spreading.
+Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp, where obstacles spread along 4-neighbours in order of
+distance, first in first out. A distance transform would give slightly other costs. brushfire.py does the spreading.
 """
 
 from __future__ import annotations
@@ -18,26 +18,33 @@ from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance, union
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
-FEW = 4096  # up to so many changed obstacle cells the costs are repaired, beyond it computed anew
+FEW = 4096  # largest number of changed obstacle cells that are repaired; above it all costs are computed anew
 
 
 @dataclass
 class InflationParameters:
-    """Settings of the layer, named as the ROS parameters."""
+    """Settings of the layer, named like the ROS parameters."""
 
     inflation_radius: float = 0.55  # [m]
     cost_scaling_factor: float = 10.0  # [1/m]
     enabled: bool = True
     inflate_unknown: bool = False
 
-    def __post_init__(self):  # the kernels are compiled for these types alone
+    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
         for field in fields(self):
             kind: Any = type(field.default)
             setattr(self, field.name, kind(getattr(self, field.name)))
 
 
 def cost_at(distance: float, resolution: float, inscribed_radius: float, weight: float) -> int:
-    """Cost (0 .. 254) at a distance in cells. inflation_layer.h:109."""
+    """Return the cost (0 .. 254) at a distance [cells] from an obstacle. inflation_layer.h:109.
+
+    Args:
+        distance: distance [cells].
+        resolution: edge length of a cell [m].
+        inscribed_radius: inscribed radius of the footprint [m].
+        weight: cost_scaling_factor [1/m].
+    """
     if distance == 0:
         return LETHAL
     if distance * resolution <= inscribed_radius:
@@ -46,14 +53,14 @@ def cost_at(distance: float, resolution: float, inscribed_radius: float, weight:
 
 
 @lru_cache(maxsize=8)
-def _level_costs(distances, resolution, inscribed_radius, weight):
-    """Costs (uint8) by level of brushfire, for the distances in cells of the levels from SEED on."""
+def _level_costs(distances: Tuple[float, ...], resolution: float, inscribed_radius: float, weight: float) -> np.ndarray:
+    """Return the costs (uint8) by brushfire level, given the distances [cells] of the levels from SEED on."""
     costs = [cost_at(d, resolution, inscribed_radius, weight) for d in distances]
     return np.array([0] * brushfire.SEED + costs, dtype=np.uint8)
 
 
 class InflationLayer:
-    """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
+    """Inflates obstacles into the master; keeps cost tables, pending full passes and the spread of the last update."""
 
     def __init__(
         self, nx: int, ny: int, resolution: float, parameters: InflationParameters, name: str = "inflater_layer"
@@ -66,10 +73,10 @@ class InflationLayer:
         self._allocate(nx, ny, resolution)
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
-        """Take the costmap's size."""
+        """Adapt to the size of the costmap."""
         self._allocate(nx, ny, resolution)
 
-    def _allocate(self, nx, ny, resolution):
+    def _allocate(self, nx: int, ny: int, resolution: float) -> None:
         self.resolution = float(resolution)
         self._nx, self._ny = nx, ny
         self._level = np.full((ny + 2, nx + 2), brushfire.NONE, np.uint8)
@@ -81,11 +88,11 @@ class InflationLayer:
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
         self._seen: Any = None
-        self._entries: Any = None  # for reaches that cannot be repaired
-        self._spread: Any = None  # rectangle in which obstacles were spread last, None: nothing to build on
+        self._entries: Any = None  # queue of a reach beyond MAX_REACH, which cannot be repaired
+        self._spread: Any = None  # rectangle of the obstacles spread last; None if nothing is spread
         self._make_tables()
 
-    def _make_tables(self):
+    def _make_tables(self) -> None:
         p = self.parameters
         self._forget()
         self.reach = cell_distance(p.inflation_radius, self.resolution)
@@ -100,7 +107,7 @@ class InflationLayer:
         self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
 
     def configure(self, parameters: InflationParameters) -> None:
-        """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
+        """Take new parameters and schedule a full pass if the C++ layer does."""
         old = self.parameters
         self.parameters = parameters
         if (
@@ -113,7 +120,7 @@ class InflationLayer:
             self.full_pass_due = True
 
     def set_inscribed_radius(self, radius: float) -> None:
-        """The footprint was set: its inscribed radius [m]. A full pass becomes due."""
+        """Set the inscribed radius [m] of a new footprint and schedule a full pass."""
         self.inscribed_radius = float(radius)
         self._make_tables()
         self.full_pass_due = True
@@ -124,7 +131,10 @@ class InflationLayer:
         pose: Optional[Sequence[float]] = None,
         footprint: Optional[np.ndarray] = None,
     ) -> Tuple[float, float, float, float]:
-        """Bounds (min x, min y, max x, max y) [m], widened, whatever the pose is. inflation_layer.cpp:129."""
+        """Return the bounds (min x, min y, max x, max y) [m], widened by the radius. inflation_layer.cpp:129.
+
+        The arguments `pose` and `footprint` are not used.
+        """
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False
@@ -138,11 +148,11 @@ class InflationLayer:
         )
 
     def reset(self) -> None:
-        """After the maps were cleared: no full pass is due."""
+        """Cancel a scheduled full pass after the maps have been cleared."""
         self.full_pass_due = False
 
     def roll(self, cx: int, cy: int) -> None:
-        """The map's window moved by (cx, cy) cells: the spread moves along, or is forgotten if it met the border."""
+        """Move the spread with a map that has moved by (cx, cy) cells; drop the spread if it meets the border."""
         if self._spread is None:
             return
         r = self.reach
@@ -174,13 +184,13 @@ class InflationLayer:
         walls[:, 0] = walls[:, -1] = brushfire.WALL
         self._spread = (x0 - cx, y0 - cy, xn - cx, yn - cy)
 
-    def _forget(self):
-        """Nothing is spread any more."""
+    def _forget(self) -> None:
+        """Remove the spread of all obstacles."""
         if self._spread is not None:
             _wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
             self._spread = None
 
-    def _around(self, rect, cells):
+    def _around(self, rect: Tuple[int, int, int, int], cells: int) -> Tuple[int, int, int, int]:
         return (
             max(0, rect[0] - cells),
             max(0, rect[1] - cells),
@@ -193,8 +203,8 @@ class InflationLayer:
     ) -> Optional[Tuple[int, int, int, int]]:
         """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
 
-        base holds the cells before inflation: inside the window as the layers below made them, outside it as the
-        master is. Returns the rectangle around what changed in the master, None if nothing did.
+        `base` holds the cells before inflation: those of the layers below inside the window, those of the master
+        outside it. Returns the rectangle around all changes in the master, or None if nothing changed.
         """
         if not self.parameters.enabled or self.reach == 0:
             self._forget()
@@ -212,8 +222,8 @@ class InflationLayer:
             *self._around(seeds_in, self.reach),
         )
 
-    def _spread_obstacles(self, base, rect):
-        """Have the obstacles of `base` within the rectangle spread, from those of the last time where possible."""
+    def _spread_obstacles(self, base: np.ndarray, rect: Tuple[int, int, int, int]) -> None:
+        """Spread the obstacles of `base` within the rectangle, by repairing the last spread if possible."""
         before, self._spread = self._spread, rect
         self._spread_reach = self.reach
         grids = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
@@ -234,8 +244,10 @@ class InflationLayer:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
                 _wipe(self._level, self._cost, *self._around(rect, self.reach))
 
-    def _update_anew(self, master, base, window):
-        """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
+    def _update_anew(
+        self, master: np.ndarray, base: np.ndarray, window: Tuple[int, int, int, int]
+    ) -> Optional[Tuple[int, int, int, int]]:
+        """Update with a reach beyond MAX_REACH by spreading everything anew, as C++ always does."""
         rect = self._around(window, 2 * self.reach)
         x0, y0, xn, yn = rect
         before = master[y0:yn, x0:xn].copy()
@@ -257,7 +269,7 @@ class InflationLayer:
 
 @kernel
 def _wipe(level, cost, x0, y0, xn, yn):
-    """Have nothing reach the cells [x0, xn) x [y0, yn) any more."""
+    """Remove the spread from the cells [x0, xn) x [y0, yn)."""
     for y in range(y0 + 1, yn + 1):
         level[y, x0 + 1 : xn + 1] = brushfire.NONE
         cost[y, x0 + 1 : xn + 1] = 0
@@ -265,11 +277,11 @@ def _wipe(level, cost, x0, y0, xn, yn):
 
 @kernel
 def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
-    """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None.
+    """Write the inflated cells [x0, xn) x [y0, yn) into the master; return the rectangle of changes or None.
 
     columns (nx,) is scratch. Rows are sliced so that the inner loop compiles to vector instructions.
     """
-    lowest = np.uint8(0 if inflate_unknown else 252)  # what does not exceed it leaves an unknown cell unknown
+    lowest = np.uint8(0 if inflate_unknown else 252)  # An unknown cell takes only costs above this.
     unknown = np.uint8(UNKNOWN)
     touched = columns[x0:xn]
     touched[:] = 0
@@ -306,7 +318,7 @@ def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
 
 @kernel
 def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
-    """Spread costs as C++ does, through one queue per cost level.
+    """Spread costs as C++ does, with one queue per distance.
 
     Rows of entries (m, 4): x, y, source (as x + nx y), next entry of the same level.
     """

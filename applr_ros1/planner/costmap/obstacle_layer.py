@@ -1,6 +1,6 @@
-"""Obstacle layer of a costmap: marks what the sensors hit, clears along their rays, clears under the robot.
+"""Obstacle layer of a costmap: marks sensor hits, clears cells along the rays and under the robot.
 
-Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step; the layer has its own grid.
+Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step. The layer has its own grid.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ Bounds = Tuple[float, float, float, float]
 
 @dataclass
 class ObstacleParameters:
-    """Settings of the layer, named as the ROS parameters."""
+    """Settings of the layer, named like the ROS parameters."""
 
     enabled: bool = True
     footprint_clearing_enabled: bool = True
-    max_obstacle_height: float = 2.0  # [m] marking skips higher points
+    max_obstacle_height: float = 2.0  # height above which points do not mark [m]
     combination_method: int = MAXIMUM
 
-    def __post_init__(self):  # the kernels are compiled for these types alone
+    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
         for field in fields(self):
             kind: Any = type(field.default)
             setattr(self, field.name, kind(getattr(self, field.name)))
@@ -51,12 +51,12 @@ class ObstacleLayer:
     """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m].
 
     Args:
-        nx, ny, resolution, origin: of the costmap.
+        nx, ny, resolution, origin: size [cells], resolution and origin [m] of the costmap.
         rolling: whether the grid moves along with the robot.
-        default: its value where nothing was observed, 0 or 255.
-        parameters: ObstacleParameters.
-        sources: one Source for each entry of observation_sources, in that order.
-        name: of the layer in the parameter files.
+        default: value of unobserved cells, 0 or 255.
+        parameters: settings of the layer.
+        sources: one source per entry of observation_sources, in the same order.
+        name: name of the layer in the parameter files.
     """
 
     def __init__(
@@ -81,19 +81,19 @@ class ObstacleLayer:
         self.match_size(nx, ny, resolution, origin)
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
-        """Take the costmap's size and place; the grid is empty after it. What the sources last said stays."""
+        """Take size and origin of the costmap and empty the grid; the latest clouds of the sources are kept."""
         self.resolution = float(resolution)
         self.cells = np.full((ny, nx), self.default, np.uint8)
         self.origin = np.array(origin, dtype=np.float64)
-        self._extra: Optional[Bounds] = None  # left by a recovery
+        self._extra: Optional[Bounds] = None  # bounds that a recovery cleared since the last update
 
     def configure(self, parameters: ObstacleParameters) -> None:
-        """Take new parameters; they show at the next update."""
+        """Take new parameters; they take effect at the next update."""
         self.parameters = parameters
 
     @property
     def cloud(self) -> Optional[PointCloud]:
-        """The newest cloud of the first source, None before the first."""
+        """Latest cloud of the first source; None before the first message."""
         clouds = self.buffers[0].clouds
         return clouds[0] if clouds else None
 
@@ -102,7 +102,7 @@ class ObstacleLayer:
         self.buffers[0].take(cloud, cloud.stamp)
 
     def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
-        """Roll, clear, mark. Returns (min x, min y, max x, max y) [m], widened by what may have changed."""
+        """Roll, clear and mark; return the bounds (min x, min y, max x, max y) [m], widened by possible changes."""
         ny, nx = self.cells.shape
         if self.rolling:
             roll(
@@ -119,7 +119,7 @@ class ObstacleLayer:
         if len(self.buffers) == 1 and len(self.buffers[0].clouds) == 1:
             source = self.buffers[0].source
             self._observe(source, self.buffers[0].clouds[0], source.clearing, source.marking, touched)
-        else:  # all rays of all sources clear before any point marks
+        else:  # All rays of all sources clear before any point marks.
             observed = [(buffer.source, cloud) for buffer in self.buffers for cloud in buffer.clouds]
             for source, cloud in observed:
                 if source.clearing:
@@ -132,7 +132,7 @@ class ObstacleLayer:
         low_x, low_y, high_x, high_y = touched.tolist()
         return low_x, low_y, high_x, high_y
 
-    def _observe(self, source, cloud, clearing, marking, touched):
+    def _observe(self, source: Source, cloud: PointCloud, clearing: bool, marking: bool, touched: np.ndarray) -> None:
         points = cloud.points
         sx, sy, sz = cloud.origin
         if len(points) > len(self._hits):
@@ -166,24 +166,24 @@ class ObstacleLayer:
             merge(self.cells, base, self.parameters.combination_method == MAXIMUM, *window)
 
     def clear_footprint(self, pose: Sequence[float], footprint: np.ndarray) -> None:
-        """With footprint_clearing_enabled: what is under the robot becomes free."""
+        """Free the cells under the robot if footprint_clearing_enabled is set."""
         if self.parameters.footprint_clearing_enabled:
             ox, oy = self.origin.tolist()
             fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
 
     @property
     def is_merging(self) -> bool:
-        """Return true if the layer is written at all: with an unknown combination_method it is not."""
+        """True unless an unknown combination_method keeps the layer out of the master."""
         return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
 
     def reset(self) -> None:
-        """Everything back to the default value. The newest scan stays and marks again."""
+        """Reset all cells to the default value. The latest scan is kept and marks again."""
         self.cells[:] = self.default
 
     def clear_outside(self, pose: Sequence[float], side: float) -> None:
-        """Recovery: cells outside the square of `side` [m] about the pose become 255.
+        """Set the cells outside the square of `side` [m] around the pose to 255, as the clearing recovery does.
 
-        clear_costmap_recovery.cpp:351, costmap_layer.cpp:21; corner rows and columns count as outside.
+        Rows and columns on the square's border count as outside. clear_costmap_recovery.cpp:351, costmap_layer.cpp:21.
         """
         ny, nx = self.cells.shape
         ends = []
@@ -236,9 +236,9 @@ def _observe(
     hits,
     bounds,
 ):
-    """Clear along all rays, then mark all points (n, 3); bounds (4,) are widened by both.
+    """Clear along all rays, then mark all points (n, 3), and widen bounds (4,) by both.
 
-    hits (n,) is scratch: each point's cell, flat, or -1 off the map.
+    hits (n,) is scratch for the flat cell index of each point, or -1 if the point is off the map.
     """
     ny, nx = cells.shape
     ox = origin[0]
@@ -349,7 +349,7 @@ def _clear_rays(
             continue
         dx = wx - sx
         dy = wy - sy
-        if dx * dx + dy * dy >= safely_near:  # otherwise the factor is 1
+        if dx * dx + dy * dy >= safely_near:  # Otherwise the factor is 1.
             f = min(1.0, raytrace_range / math.hypot(dx, dy))
             dx *= f
             dy *= f
@@ -357,7 +357,7 @@ def _clear_rays(
         min_y = min(min_y, sy + dy)
         max_x = max(max_x, sx + dx)
         max_y = max(max_y, sy + dy)
-        if end == last:  # the same line of cells again
+        if end == last:  # The line of cells is the same as the last one.
             continue
         last = end
         dy_cells = end // nx - y0

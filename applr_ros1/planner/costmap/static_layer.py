@@ -1,7 +1,7 @@
-"""Static layer of a costmap: what a map from a topic (map_server, SLAM) says, written under or over other layers.
+"""Static layer of a costmap: writes the map of a topic (map_server, SLAM) under or over other layers.
 
-Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes the map's size and
-place; a rolling one shows the part of the map that it is over.
+Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes size and origin of
+the map; a rolling costmap shows the part of the map that it covers.
 """
 
 from __future__ import annotations
@@ -22,10 +22,13 @@ Bounds = Tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class StaticMap:
-    """An occupancy grid as nav_msgs/OccupancyGrid has it.
+    """Occupancy grid as in nav_msgs/OccupancyGrid.
 
-    cells (ny, nx) int8: 0 free .. 100 occupied, -1 unknown; row 0 is the lowest y. resolution [m]; origin (x, y) [m] of
-    the lower corner in the frame `frame`.
+    Attributes:
+        cells: (ny, nx) int8, 0 free .. 100 occupied, -1 unknown; row 0 has the lowest y.
+        resolution: edge length of a cell [m].
+        origin: lower corner (x, y) [m] in `frame`.
+        frame: frame of the map.
     """
 
     cells: np.ndarray
@@ -34,13 +37,13 @@ class StaticMap:
     frame: str = ""
 
     def checked(self) -> StaticMap:
-        """A copy with contiguous int8 cells. ApplrError for one that no costmap can have."""
+        """Return a copy with contiguous int8 cells; raise ApplrError if no costmap can use the map."""
         cells = np.array(self.cells, dtype=np.int8, order="C")
         if cells.ndim != 2 or cells.size == 0:
-            raise ApplrError("a map of %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
+            raise ApplrError("map has %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
         if not (math.isfinite(self.resolution) and self.resolution > 0 and all(map(math.isfinite, self.origin))):
             raise ApplrError(
-                "a map with resolution %r m and origin %r: give finite numbers and a resolution above 0"
+                "map has resolution %r m and origin %r: give finite numbers and a resolution above 0"
                 % (self.resolution, tuple(self.origin))
             )
         return StaticMap(cells, float(self.resolution), (float(self.origin[0]), float(self.origin[1])), self.frame)
@@ -48,26 +51,26 @@ class StaticMap:
 
 @dataclass
 class StaticParameters:
-    """Settings of the layer, named as the ROS parameters."""
+    """Settings of the layer, named like the ROS parameters."""
 
     enabled: bool = True
     map_topic: str = "map"
     first_map_only: bool = False
     subscribe_to_updates: bool = False
-    track_unknown_space: bool = True  # unknown cells of the map are unknown, not free
-    use_maximum: bool = False  # known cells with a higher cost alone are written
-    lethal_cost_threshold: int = 100  # occupancy from which on a cell is lethal
-    unknown_cost_value: int = -1  # occupancy that means unknown
-    trinary_costmap: bool = True  # other cells are free; otherwise they have a cost in proportion
+    track_unknown_space: bool = True  # whether unknown cells of the map stay unknown instead of free
+    use_maximum: bool = False  # whether only known cells with a higher cost are written
+    lethal_cost_threshold: int = 100  # lowest occupancy of a lethal cell
+    unknown_cost_value: int = -1  # occupancy of an unknown cell
+    trinary_costmap: bool = True  # whether all other cells are free instead of at a cost in proportion to occupancy
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in fields(self):
             kind: Any = type(field.default)
             setattr(self, field.name, kind(getattr(self, field.name)))
 
 
 def interpretation(p: StaticParameters) -> np.ndarray:
-    """Costs (256,) uint8 of an occupancy read as an unsigned byte. static_layer.cpp, interpretValue."""
+    """Return the cost (256,) uint8 of each occupancy, read as an unsigned byte. static_layer.cpp, interpretValue."""
     threshold = max(min(p.lethal_cost_threshold, 100), 0)
     costs = np.empty(256, np.uint8)
     for value in range(256):
@@ -81,17 +84,18 @@ def interpretation(p: StaticParameters) -> np.ndarray:
 
 
 class StaticLayer:
-    """Grid `cells` (ny, nx) uint8 of costs with the map's own resolution and origin; nothing before the first map.
+    """Grid of costs with the resolution and origin of the map.
 
     Args:
         rolling: whether the costmap moves with the robot.
-        parameters: StaticParameters.
-        name: of the layer in the parameter files.
+        parameters: settings of the layer.
+        name: name of the layer in the parameter files.
 
     Attributes:
-        map_frame: the frame that the map was given in.
-        placement: pose (x, y, yaw) of the costmap's frame in the map's; None where they are one. It counts for
-            rolling costmaps alone, as in C++.
+        cells: (ny, nx) uint8 costs; None before the first map.
+        map_frame: frame of the map.
+        placement: pose (x, y, yaw) of the costmap's frame in the map's frame; None if the frames are the same. Only
+            rolling costmaps use it, as in C++.
     """
 
     def __init__(self, rolling: bool, parameters: StaticParameters, name: str = "static_layer"):
@@ -102,56 +106,57 @@ class StaticLayer:
         self.map_frame = ""
         self.placement: Optional[Pose] = None
         self._costs = interpretation(parameters)
-        self._due: Optional[Tuple[int, int, int, int]] = None  # cells that have not been written yet
+        self._due: Optional[Tuple[int, int, int, int]] = None  # rectangle of cells that are not written yet
 
     @property
     def is_waiting(self) -> bool:
-        """True until a map has come."""
+        """True until the first map arrives."""
         return self.cells is None
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: np.ndarray) -> None:
-        """The costmap has this size and place now. origin (2,): its own array, which moves along with a rolling map."""
+        """Take the costmap's size and origin (2,) [m]. The array of the origin is shared and moves with the costmap."""
         self._master_size, self._master_origin, self._master_resolution = (nx, ny), origin, float(resolution)
 
     def configure(self, parameters: StaticParameters) -> None:
-        """Take new parameters; switched on or off, all of the map is due."""
+        """Take new parameters; write the whole map again if `enabled` has changed."""
         if parameters.enabled != self.parameters.enabled and self.cells is not None:
             self._due = self._all()
         self.parameters = parameters
 
     def accepts(self) -> bool:
-        """Return true if a further map counts: with first_map_only only the first does."""
+        """Return True if a new map is used; with first_map_only only the first one is."""
         return self.cells is None or not self.parameters.first_map_only
 
     def take(self, given: StaticMap) -> None:
-        """The map (checked) counts from the next update on."""
+        """Use a checked map from the next update on."""
         self.resolution, self.origin, self.map_frame = given.resolution, given.origin, given.frame
         self.cells = self._costs[given.cells.view(np.uint8)]
         self._due = self._all()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 for the map's cells from (x, y) on. ApplrError where they are not on the map."""
+        """Replace the map's cells from (x, y) on by occupancies (h, w) int8; raise ApplrError if they leave the map."""
         h, w = cells.shape
         ny, nx = (0, 0) if self.cells is None else self.cells.shape
         if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
-            raise ApplrError("an update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
+            raise ApplrError("map update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
         self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
         due = self._due or (x, y, x + w, y + h)
         self._due = min(due[0], x), min(due[1], y), max(due[2], x + w), max(due[3], y + h)
 
     def reset(self) -> None:
-        """The costmap was cleared: all of the map is due."""
+        """Write the whole map again after the costmap has been cleared."""
         if self.cells is not None:
             self._due = self._all()
 
-    def _all(self):
+    def _all(self) -> Tuple[int, int, int, int]:
         assert self.cells is not None
         return 0, 0, self.cells.shape[1], self.cells.shape[0]
 
     def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
-        """(min x, min y, max x, max y) [m], widened by what is due; by the whole costmap where that rolls.
+        """Return the bounds (min x, min y, max x, max y) [m], widened by the cells to write.
 
-        C++ widens a rolling costmap by the map's own corners, which miss it where the two have different frames.
+        A rolling costmap is written as a whole. C++ widens its bounds by the corners of the map instead, which miss the
+        costmap if the two have different frames.
         """
         if self.cells is None:
             return bounds
@@ -175,7 +180,7 @@ class StaticLayer:
         """Write the map into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
         if self.cells is None:
             return
-        if self.rolling or self.cells.shape != base.shape:  # the latter: another layer's map gave the costmap its size
+        if self.rolling or self.cells.shape != base.shape:  # Another layer's map may have set the costmap's size.
             x, y, yaw = self.placement or (0.0, 0.0, 0.0)
             ox, oy = self._master_origin.tolist()
             _write_part(
@@ -201,7 +206,7 @@ class StaticLayer:
 
 @kernel
 def _write_part(cells, ox, oy, res, base, bx, by, base_res, use_maximum, tx, ty, c, s, x0, y0, xn, yn):
-    """Every cell of the window whose centre lies on the map takes the map's cost there."""
+    """Write the map's cost into every cell of the window whose centre lies on the map."""
     ny, nx = cells.shape
     for j in range(y0, yn):
         for i in range(x0, xn):
