@@ -1,2 +1,2 @@
-"""The global planner of navfn: a potential flooded from the goal, and the gradient path through it."""
+"""Global planner navfn: a potential flooded from the robot, and the gradient path through it."""
 # Imports costmap/ and common.

@@ -1,14 +1,14 @@
-"""navfn's flood: the potential grown from the robot's cell until the goal's cell has one.
+"""Flood of navfn: grows the potential from the robot's cell until it reaches the goal's cell.
 
-Called by navfn.Navfn, and the costliest kernel of a control cycle. It visits cells in the C++ order and rounds as
-C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). What differs is the work per cell, which
-waits for memory more than it computes:
-- All that is known of a cell is two float32 side by side, its potential and the weight of a push to it: infinite for
-  obstacles, and times 2^64 while the cell is listed, so that one comparison decides. The cost is read off the weight.
-- A cycle runs over its list twice, first for the new potentials, then for the pushes. Pushes never enter a potential,
-  so the order of results is the same, and neither loop has a branch for the processor to guess wrong.
-- Lines of sixteen potentials that were written are noted and alone are reset for the next flood.
-Indices are uint64 so that numba adds no wrap-around for negative ones.
+Called by navfn.Navfn; the most expensive kernel of a control cycle. The flood visits cells in the order of C++ and
+rounds as C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). Only the work per cell differs,
+because it is bound by memory access:
+- A cell is two adjacent float32, its potential and the weight of a push to it. The weight is infinite for obstacles and
+  multiplied by 2^64 while the cell is listed, so that one comparison decides. The cost is computed from the weight.
+- A cycle runs over its list twice, first for the new potentials, then for the pushes. Pushes do not change potentials,
+  so the order of results is the same, and neither loop has a branch that the processor could mispredict.
+- Lines of sixteen potentials are noted when they are written, and only these lines are reset for the next flood.
+Indices are uint64 so that numba does not add a wrap-around for negative ones.
 """
 
 from __future__ import annotations
@@ -19,40 +19,40 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-OBSTACLE = 254
-LIST_SIZE = 10000  # cells a propagation list holds; more are lost, as in C++
-LINE = 16  # potentials in a noted line
-LISTED = np.float32(2.0**64)  # a listed cell's weight is times this: more than any potential
-UNLISTED = np.float32(2.0**-64)  # exact, as is the way back
-COST = np.float32(1.4142135 * 2.0**-64)  # a listed cell's weight times this, rounded, is its cost: for all of 1..253
+OBSTACLE = 254  # cost of a cell that no plan enters
+LIST_SIZE = 10000  # capacity of a propagation list [cells]; further cells are lost, as in C++
+LINE = 16  # number of potentials in a line
+LISTED = np.float32(2.0**64)  # factor of a listed cell's weight, which raises it above any potential
+UNLISTED = np.float32(2.0**-64)  # exact inverse of LISTED
+COST = np.float32(1.4142135 * 2.0**-64)  # factor from a listed cell's weight to its cost 1..253, after rounding
 
 _int = np.uint64
 
 
 def push_weights() -> np.ndarray:
-    """(256,) float32 by cost: what a push to such a cell adds to a potential, infinite where there is no push."""
+    """Return by cost (256,) float32 what a push to a cell adds to a potential; infinite if the cell takes no push."""
     weights = np.full(256, np.inf, np.float32)
     weights[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
     return weights
 
 
 def make_field(cells: int) -> np.ndarray:
-    """(2 n,) float32 of a map that is all obstacles, no cell reached: potential, weight, potential, ...
+    """Return the field (2 n,) float32 of a map full of obstacles that no flood has reached: potential, weight, ...
 
-    n is the number of cells rounded up to groups of eight lines, as reset() takes them.
+    n is the number of cells, rounded up to the groups of eight lines that reset() handles.
     """
     lines = -(-cells // (8 * LINE)) * 8
     return np.tile(np.array([1e10, np.inf], dtype=np.float32), lines * LINE)
 
 
 def scratch(list_size: int = LIST_SIZE) -> Tuple[np.ndarray, np.ndarray]:
-    """Working arrays of flood(): lists, before."""
+    """Return the working arrays `lists_` and `before` of flood()."""
     return np.empty((3, list_size + 4), np.uint32), np.empty((list_size + 4) * 8, np.float32)
 
 
 @kernel
 def reset(field, lines):
-    """Set the potentials of all noted lines back to 1e10 and forget the notes."""
+    """Reset the potentials of all noted lines to 1e10 and clear the notes."""
     far = np.float32(1e10)
     groups = lines.view(np.uint64)
     for g in range(groups.shape[0]):
@@ -66,7 +66,7 @@ def reset(field, lines):
 
 @kernel
 def _push(field, lists, end, k, old, new):
-    """List the cell at place k, whose potential was `old`, if its neighbour's `new` one asks for it; new end."""
+    """List the cell at place k if the `new` potential of its neighbour may lower its `old` one; return the new end."""
     weight = field[k + _int(1)]
     push = old > new + weight
     lists[end] = k
@@ -78,9 +78,17 @@ def _push(field, lists, end, k, old, new):
 def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
     """Grow the potential from the cell `robot_` until `goal_` is reached.
 
-    field float32: make_field(), all potentials 1e10, the border's weights infinite; lines uint8: zeros, one for
-    LINE cells; lists_ (3, m + 4) uint32 and before (8 m + 32,) float32: scratch, whose length sets the
-    m = LIST_SIZE cells that a list holds. In here a cell is known by its place in the field, twice its index.
+    Inside this function a cell is addressed by its place in the field, twice its index.
+
+    Args:
+        field: float32 array of make_field(), with all potentials at 1e10 and the weights of the border infinite.
+        lines: uint8 zeros, one per LINE cells.
+        lists_: (3, m + 4) uint32 scratch for lists of m cells, usually LIST_SIZE.
+        before: (8 m + 32,) float32 scratch.
+        nx_: columns of the map.
+        ny_: rows of the map.
+        robot_: flat index of the robot's cell.
+        goal_: flat index of the goal's cell.
     """
     far = np.float32(1e10)
     one = _int(1)
@@ -94,7 +102,7 @@ def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
     places = _int(2 * nx_ * ny_)
     lists = lists_.reshape(lists_.size)
     room = _int(lists_.shape[1] - 4)
-    current = _int(0)  # where each list begins
+    current = _int(0)  # start of each list
     following = room + four
     over = two * (room + four)
     n_current = _int(0)
@@ -177,7 +185,7 @@ def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
 
 @kernel
 def _push_carefully(field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room):
-    """The pushes of one cycle when a list may run full: pushes to a full list are lost."""
+    """Push the cells of one cycle when a list may become full; pushes to a full list are lost."""
     n_following = _int(0)
     for i in range(improved):
         n = _int(lists[current + i])

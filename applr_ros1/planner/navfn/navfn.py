@@ -1,12 +1,12 @@
-"""The global planner navfn: a potential grown from the robot's cell, a path traced down its gradient.
+"""Global planner navfn: grows a potential from the robot's cell and traces a path down its gradient.
 
-Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/explanation/planner.md, section 5); potentials, cost array and
-plans are equal to the C++ ones byte for byte.
+Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/explanation/planner.md, section 5). Potentials, cost array and
+plans equal those of C++ byte for byte.
 """
 
 from __future__ import annotations
 
-from typing import Any, Sequence
+from typing import Any, Optional, Sequence
 
 import numpy as np
 
@@ -18,43 +18,42 @@ from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, mak
 from applr_ros1.planner.navfn.path import trace
 
 PUSH_WEIGHTS = push_weights()
-FREE_COST = 50  # of a cell that the costmap has at 0
+FREE_COST = 50  # cost of a cell that is 0 in the costmap
 
 
 class Navfn:
-    """Plans on a Costmap.
+    """Plans paths on one Costmap.
 
-    One instance serves one map: it keeps navfn's cost array in step with the costmap, answers from memory as long as
-    nothing that the last flood looked at has changed, and floods no more of the map than the plan depends on
-    (window.py).
+    Keeps navfn's cost array up to date with the costmap. Returns the last plan while no cell that the last flood read
+    has changed, and floods only the part of the map on which the plan depends (window.py).
     """
 
     def __init__(self, list_size: int = LIST_SIZE):
         self._costmap: Any = None
-        self._cells: Any = None  # the costmap's; another array once it was resized
+        self._cells: Any = None  # cells of the costmap; a resized costmap has another array
         self._list_size = list_size
 
-    def _attach(self, costmap, allow_unknown):
-        """Begin with a costmap: everything is converted at the next plan."""
+    def _attach(self, costmap: Costmap, allow_unknown: bool) -> None:
+        """Start anew with a costmap, all of which is converted at the next plan."""
         nx, ny = costmap.size
         self._costmap, self._cells = costmap, costmap.cells
         self._allow_unknown = allow_unknown
         self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
-        self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # no cost of navfn's: the first conversion sees all cells change
+        self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # No navfn cost is 0, so the first conversion changes every cell.
         self._field = make_field(nx * ny)
         self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
         self._path = np.empty((4 * nx, 2), np.float32)
-        self._version = None
-        self._extent = np.array([nx, ny, -1, -1])  # of the cells that were ever not free
-        self._fence = None  # of the flood in memory; None: it covered the whole map
-        self._flooded = (-1, -1)  # robot's and goal's cells of the flood in memory
-        self._asked = None  # the question of the plan in memory
+        self._version: Optional[int] = None  # version of the costmap at the last conversion
+        self._extent = np.array([nx, ny, -1, -1])  # bounding box of all cells that were ever not free
+        self._fence: Any = None  # fence of the last flood; None if it covered the whole map
+        self._flooded = (-1, -1)  # cells of robot and goal of the last flood
+        self._asked: Any = None  # arguments of the last plan
         self._plan: np.ndarray = np.zeros((0, 3))
 
     @property
     def _potential(self) -> np.ndarray:
-        return self._field[::2]  # made each time: a deep copy of a view would be an array of its own
+        return self._field[::2]  # A stored view would become a separate array in a deep copy.
 
     @property
     def _weights(self) -> np.ndarray:
@@ -62,7 +61,7 @@ class Navfn:
 
     @property
     def potential(self) -> np.ndarray:
-        """(ny, nx) float32: potential of the last plan's flood over the whole map, 1e10 where it did not reach."""
+        """Potential (ny, nx) float32 of the last plan, flooded over the whole map; 1e10 in unreached cells."""
         nx, ny = self._costmap.size
         if self._fence is not None:
             self._flood_within()
@@ -70,7 +69,7 @@ class Navfn:
 
     @property
     def costs(self) -> np.ndarray:
-        """(ny, nx) uint8: navfn's cost array of the last plan."""
+        """Cost array (ny, nx) uint8 of the last plan."""
         nx, ny = self._costmap.size
         return self._costs.reshape(ny, nx).copy()
 
@@ -82,9 +81,17 @@ class Navfn:
         tolerance: float = 0.0,
         allow_unknown: bool = True,
     ) -> np.ndarray:
-        """Plan (n, 3) of x, y [m], yaw [rad] from `start` (x, y) to `goal` (x, y, yaw); (0, 3) if there is none.
+        """Return a plan (n, 3) of x, y [m], yaw [rad] from `start` to `goal`, or (0, 3) if there is none.
 
-        Yaw is 0 but for the last pose, the goal's. The robot's cell becomes free in the live costmap, as in C++.
+        Yaw is 0 except in the last pose, which has that of the goal. The robot's cell is freed in the live costmap, as
+        in C++.
+
+        Args:
+            costmap: map to plan on.
+            start: position (x, y) [m] of the robot.
+            goal: pose (x, y [m], yaw [rad]) to reach.
+            tolerance: distance [m] from the goal within which the plan may end.
+            allow_unknown: whether the plan may lead through unknown cells.
         """
         nx, ny = costmap.size
         sx, sy = costmap.world_to_map(start[0], start[1])
@@ -104,8 +111,8 @@ class Navfn:
             self._plan = self._trace(costmap, ox, oy, goal, tolerance)
         return self._plan.copy()
 
-    def _flood(self, costmap, allow_unknown, robot, goal, tolerance):
-        """Bring the cost array up to date; flood again if that may change anything."""
+    def _flood(self, costmap: Costmap, allow_unknown: bool, robot: int, goal: int, tolerance: float) -> None:
+        """Bring the cost array up to date and flood again if the potential may have changed."""
         if costmap is not self._costmap or costmap.cells is not self._cells or allow_unknown != self._allow_unknown:
             self._attach(costmap, allow_unknown)
         nx, ny = costmap.size
@@ -121,15 +128,16 @@ class Navfn:
             self._extent,
             *changed,
         )
-        whole = tolerance > 0 or self._list_size < LIST_SIZE  # looks around the goal; loses cells by their number
+        # A tolerance searches around the goal, and short lists lose cells by their number: neither can be fenced.
+        whole = tolerance > 0 or self._list_size < LIST_SIZE
         if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
             return
         self._flooded = (robot, goal)
         self._asked = None
         self._flood_within(None if whole else window.around(self._extent, robot, goal, nx, ny))
 
-    def _flood_within(self, fence=None):
-        """Flood the last question inside this fence, else the whole map."""
+    def _flood_within(self, fence: Optional[window.Rectangle] = None) -> None:
+        """Repeat the last flood inside a fence, or over the whole map if there is none."""
         nx, ny = self._costmap.size
         self._fence = fence
         reset(self._field, self._lines)
@@ -139,7 +147,7 @@ class Navfn:
         if fence is not None:
             window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
 
-    def _trace(self, costmap, ox, oy, goal, tolerance):
+    def _trace(self, costmap: Costmap, ox: float, oy: float, goal: Sequence[float], tolerance: float) -> np.ndarray:
         nx, ny = costmap.size
         robot = self._flooded[0]
         res = costmap.resolution
@@ -159,7 +167,7 @@ class Navfn:
 
 @kernel
 def _to_world(path, n, ox, oy, res, plan):
-    """The n traced points (cells, goal first) as world points of the plan, robot first; no half cell is added."""
+    """Convert n traced points [cells], goal first, to the points [m] of a plan, robot first, without the half cell."""
     for i in range(n):
         plan[i, 0] = ox + np.float64(path[n - 1 - i, 0]) * res
         plan[i, 1] = oy + np.float64(path[n - 1 - i, 1]) * res
@@ -167,10 +175,10 @@ def _to_world(path, n, ox, oy, res, plan):
 
 @kernel
 def _convert(cells, costs, potential, weights, push_weights, allow_unknown, extent, x0, y0, xn, yn):
-    """Bring navfn's costs and weights of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
+    """Update navfn's costs and weights of the cells [x0, xn) x [y0, yn); the map's border stays an obstacle.
 
-    int(50 + 0.8 v) for v < 253, in integers. Returns whether a cell changed at which the last flood may have looked:
-    one that has a potential or lies beside one that has. navfn.cpp:228. extent (4,): window.around's, is widened.
+    The cost is int(50 + 0.8 v) for v < 253, in integers (navfn.cpp:228). Widens the extent (4,) of window.around().
+    Returns whether the last flood may have read a changed cell, because the cell or a neighbour has a potential.
     """
     ny, nx = cells.shape
     far = np.float32(1e10)
@@ -183,7 +191,7 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, exte
         values = cells[y, left:right]
         olds = costs[y * nx + left : y * nx + right]
         differs = np.uint16(0)
-        for i in range(values.shape[0]):  # compiles to vector instructions: (205 v) >> 8 is (4 v) // 5 there
+        for i in range(values.shape[0]):  # (205 v) >> 8 equals (4 v) // 5 here and compiles to vector instructions.
             v = np.uint16(values[i])
             cost = np.uint16(np.uint16(50) + np.uint16(np.uint16(v * np.uint16(205)) >> np.uint16(8)))
             new = cost if v < np.uint16(253) else (unknown if v == np.uint16(255) else obstacle)
@@ -214,9 +222,9 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, exte
 
 @kernel
 def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
-    """Cell, x, y of the reached point nearest to the goal in the square of `tolerance` [m]; cell -1 if there is none.
+    """Return cell, x, y of the reached point nearest to the goal within a square of `tolerance` [m] around it.
 
-    navfn_ros.cpp:262.
+    The cell is -1 if no point is reached. navfn_ros.cpp:262.
     """
     cell = -1
     best = np.inf
@@ -224,7 +232,7 @@ def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
     by = gy
     beside = gx + tolerance < ox or gx - tolerance > ox + nx * res
     if beside or gy + tolerance < oy or gy - tolerance > oy + ny * res:
-        return cell, bx, by  # where numbers are so large that steps of a cell do not change them the search has no end
+        return cell, bx, by  # The search would not end at numbers so large that a step of one cell is rounded away.
     y = gy - tolerance
     while y <= gy + tolerance:
         x = gx - tolerance

@@ -1,7 +1,7 @@
-"""navfn's path: traced down the gradient of the potential in half-cell steps.
+"""Path of navfn: traces down the gradient of the potential in half-cell steps.
 
-Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (docs/explanation/planner.md, section 5.3) in float32 where C++ is.
-C++ reads a cell outside its arrays at the map's ends; here such cells count as unreached.
+Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (docs/explanation/planner.md, section 5.3) and is float32 wherever
+C++ is. C++ reads cells outside its arrays at the ends of the map; here such cells count as unreached.
 """
 
 import math
@@ -13,9 +13,9 @@ from applr_ros1.common.kernels import kernel
 
 @kernel(error_model="numpy")
 def trace(potential, nx, ny, start, robot, path):
-    """Trace from the cell `start` down to `robot`; points [cells] go into `path` (4 nx, 2) float32.
+    """Trace from the cell `start` down to `robot` and write the points [cells] into `path` (4 nx, 2) float32.
 
-    Returns their number, 0 if there is no way or it takes more than 4 nx points.
+    Returns the number of points, or 0 if there is no path or it has more than 4 nx points.
     """
     ns = nx * ny
     far = np.float32(1e10)
@@ -47,7 +47,7 @@ def trace(potential, nx, ny, start, robot, path):
             if potential[c] >= far:
                 return 0
             continue
-        if c != known:  # half steps often stay at a cell
+        if c != known:  # A half step often stays in the same cell.
             known = c
             g0x, g0y = _gradient(potential, nx, ns, c)
             g1x, g1y = _gradient(potential, nx, ns, c + 1)
@@ -77,7 +77,7 @@ def trace(potential, nx, ny, start, robot, path):
 
 @kernel
 def _lowest_around(potential, nx, ns, c):
-    """The neighbour of lowest potential, compared with truncated potentials as in C++; c itself if none is lower."""
+    """Return the neighbour of lowest potential, or c if none is lower; C++ compares with truncated potentials."""
     lowest = _truncate(potential[c])
     best = c
     for k in (c - nx - 1, c - nx, c - nx + 1, c - 1, c + 1, c + nx - 1, c + nx, c + nx + 1):
@@ -89,7 +89,7 @@ def _lowest_around(potential, nx, ns, c):
 
 @kernel
 def _gradient(potential, nx, ns, n):
-    """Normalised gradient (gx, gy) of a cell, float32. navfn.cpp:955."""
+    """Return the normalised gradient (gx, gy) of a cell, float32. navfn.cpp:955."""
     zero = np.float32(0.0)
     far = np.float32(1e10)
     if n < nx or n > ns - nx:
@@ -136,19 +136,19 @@ def _hypot(x, y):
 
 @kernel
 def _round(v):
-    """To the nearest integer, halves away from zero."""
+    """Round to the nearest integer, halves away from zero."""
     return int(math.floor(v + 0.5)) if v >= 0 else -int(math.floor(-v + 0.5))
 
 
 @kernel
 def _truncate(v):
-    """A float32 as a C int: what does not fit becomes the smallest one."""
+    """Convert a float32 to a C int; a value that is too large becomes the smallest int."""
     return -2147483648 if v >= np.float32(2147483648.0) else int(v)
 
 
 @kernel
 def _blend(g0, g1, g2, g3, dx, dy):
-    """Bilinear mean of the gradients of four cells: first products double, second ones float32, sums double."""
+    """Interpolate the gradients of four cells; first products and sums are double, second products float32."""
     a = 1.0 - np.float64(dx)
     p = np.float32(a * np.float64(g0) + np.float64(dx * g1))
     q = np.float32(a * np.float64(g2) + np.float64(dx * g3))

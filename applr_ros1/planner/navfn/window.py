@@ -1,11 +1,11 @@
-"""The part of the map that navfn's flood has to cover for a plan.
+"""Fence around the part of the map that navfn's flood has to cover for a plan.
 
-Called by navfn.Navfn. On a map that is filled by the laser most cells have never been anything but free, and a flood in
-all directions spends most of its time there. So it is fenced in: by a rectangle around the robot, the goal and every
-cell that was ever not free, with a margin. Outside, every cell costs 50, the least that there is. A chain of updates
-that leaves the rectangle and comes back could as well go along its edge, for no more: so no cell outside is lower than
-the cell of the edge beside it, and an update takes the lower of the two neighbours along each axis. Rounding shows in
-the outermost row of cells alone. A plan that comes near it is traced again after a flood of the whole map.
+Called by navfn.Navfn. On a map that the laser fills, most cells have always been free, and a flood in all directions
+spends most of its time in them. The fence is a rectangle with a margin around the robot, the goal and every cell that
+was ever not free. Outside it every cell has the lowest cost, 50. A chain of updates that leaves the rectangle and comes
+back costs at least as much as one along its edge. So no cell outside has a lower potential than the edge cell beside
+it, and an update takes the lower of the two neighbours along each axis. Rounding affects only the outermost row of
+cells. A plan that comes near this row is traced again after a flood of the whole map.
 tests/planner/navfn/test_navfn.py compares both on many maps.
 """
 
@@ -17,18 +17,18 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-MARGIN = 7  # [cells] between the fence and what it is around
-INNER = 4  # [cells] that a plan keeps from the fence: it looks two cells around itself
-LARGEST = 0.7  # of the map: fencing off less is not worth it
+MARGIN = 7  # distance from the fence to the cells that it encloses [cells]
+INNER = 4  # least distance from a fenced plan to the fence [cells]; tracing reads two cells around the plan
+LARGEST = 0.7  # share of the map above which a fence does not pay off
 
 Rectangle = Tuple[int, int, int, int]
 
 
 def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Rectangle]:
-    """The fence (x0, y0, x1, y1) as first and last columns and rows; None where it is not worth it.
+    """Return the fence (x0, y0, x1, y1) as first and last column and row, or None if it does not pay off.
 
     Args:
-        extent: (4,) int64, least x and y and greatest x and y of the cells that were ever not free.
+        extent: (4,) int64, lowest x and y and highest x and y of the cells that were ever not free.
         robot: flat index of the robot's cell.
         goal: flat index of the goal's cell.
         nx: columns of the map.
@@ -45,7 +45,7 @@ def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optio
 
 @kernel
 def set_fence(weights, costs, push_weights, nx, x0, y0, x1, y1, closed):
-    """Make the fence's cells obstacles (closed), or what the cost array says again."""
+    """Turn the cells of the fence into obstacles if `closed`, or reset them to the cost array."""
     for y in range(y0, y1 + 1):
         step = 1 if y in (y0, y1) else x1 - x0
         for x in range(x0, x1 + 1, step):
@@ -55,7 +55,7 @@ def set_fence(weights, costs, push_weights, nx, x0, y0, x1, y1, closed):
 
 @kernel
 def keeps_inside(path, count, nx, ny, x0, y0, x1, y1):
-    """Return true if `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, the border aside."""
+    """Return True if `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, except at the border."""
     left = x0 + INNER if x0 > 0 else -1
     right = x1 - INNER if x1 < nx - 1 else nx
     low = y0 + INNER if y0 > 0 else -1
