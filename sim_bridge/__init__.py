@@ -1,8 +1,8 @@
-"""The simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
+"""Simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
 
-Only ros_*.py know ROS.
+Only the modules ros_*.py depend on ROS.
 """
-# Imports robots, worlds and common; no ROS but in ros_*.py.
+# Imports robots, worlds and common; only ros_*.py import ROS.
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any)
 
     Args:
         name: One of NAMES.
-        robot: Description of the robot, or its name or folder; the Jackal without one.
+        robot: Description, name or folder of the robot; the Jackal by default.
         **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
 
     Raises:
-        SimulatorError: An argument cannot be used; one line says which and what to give.
-        ApplrError: There is no such robot, or its description cannot be used.
+        SimulatorError: An argument is invalid.
+        ApplrError: There is no such robot, or its description is invalid.
     """
     if name not in NAMES:
-        raise SimulatorError(f"simulator {name!r} is not known: give {' or '.join(NAMES)}")
+        raise SimulatorError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
     described = load(robot) if isinstance(robot, str) else robot
-    if name == "pybullet":  # imported here, so that the kinematic one needs no pybullet
+    if name == "pybullet":  # The import stands here so that the kinematic simulator works without pybullet.
         from .pybullet_simulator import PybulletSimulator
 
         return PybulletSimulator(described, **randomisation)

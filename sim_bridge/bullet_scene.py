@@ -1,11 +1,8 @@
-"""Bullet's side of the simulated robot: loads pybullet quietly, builds ground, obstacles and robot.
+"""Bullet scene of PybulletSimulator: import of pybullet, ground, obstacles and robot.
 
-PybulletSimulator uses it.
-
-pybullet's traps, all met here: it prints a banner when imported; it never frees a mesh, so a mesh per world grows
-without end; a world of single bodies is several times slower than the same in compounds, and a compound keeps only its
-first 16 shapes; a body without a visual shape gets a mesh for each round part of it, which takes thirty times as long
-as the body.
+This module works around five traits of pybullet. The import prints a banner. Meshes are never freed, so that one mesh
+per world would leak memory. Single bodies are several times slower than compounds. A compound keeps only its first 16
+shapes. A body without a visual shape gets a mesh for each round part, which takes thirty times as long as the body.
 """
 
 from __future__ import annotations
@@ -14,7 +11,7 @@ import ctypes
 import math
 import os
 import sys
-from typing import Any, List, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 
@@ -24,13 +21,13 @@ from worlds import Mover, World
 
 from .mechanics import GRAVITY, mechanics
 
-CASTER_MASS_KG = 0.001  # [kg], taken from the body
-OBSTACLE_TOP_M = 1.0  # BARN's cylinders reach .5 m; the robot never sees over them
-_COMPOUND_SHAPES = 16  # shapes in one body: createCollisionShapeArray drops what is more
+CASTER_MASS_KG = 0.001  # mass of a caster, subtracted from the body [kg]
+OBSTACLE_TOP_M = 1.0  # height of all obstacles, above every laser [m]
+_COMPOUND_SHAPES = 16  # largest number of shapes that createCollisionShapeArray keeps in one body
 
 
 def load_pybullet() -> Any:
-    """Return the pybullet module, without its banner."""
+    """Import and return pybullet without its banner."""
     if sys.modules.get("pybullet") is not None:
         return sys.modules["pybullet"]
     sys.stdout.flush()
@@ -42,7 +39,7 @@ def load_pybullet() -> Any:
             os.dup2(null, fd)
         import pybullet
 
-        ctypes.CDLL(None).fflush(None)  # a banner on stdout would still sit in C's buffer
+        ctypes.CDLL(None).fflush(None)  # The banner may still be in C's buffer of stdout.
     finally:
         for fd, copy in kept:
             os.dup2(copy, fd)
@@ -52,12 +49,12 @@ def load_pybullet() -> Any:
 
 
 def clear(p: Any, client: int, step: float) -> None:
-    """Empty the scene but for the ground.
+    """Remove everything from the scene except the ground.
 
     Args:
-        p: the pybullet module.
-        client: its connection.
-        step: of the physics [s].
+        p: The pybullet module.
+        client: Connection to Bullet.
+        step: Physics step [s].
     """
     on = {"physicsClientId": client}
     p.resetSimulation(**on)
@@ -66,20 +63,20 @@ def clear(p: Any, client: int, step: float) -> None:
         fixedTimeStep=step, numSolverIterations=30, deterministicOverlappingPairs=1, enableFileCaching=0, **on
     )
     ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
-    p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
+    p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py computes the friction.
 
 
 def build_obstacles(p: Any, client: int, world: World) -> Tuple[List[int], np.ndarray]:
-    """Make the world's static obstacles.
+    """Create the static obstacles of a world.
 
     Args:
-        p: the pybullet module.
-        client: its connection.
-        world: what stands there.
+        p: The pybullet module.
+        client: Connection to Bullet.
+        world: World with the obstacles.
 
     Returns:
-        The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
-        and the index of its body in that list.
+        The ids of the bodies, each with several obstacles, and a circle around each obstacle, (n, 4) x, y, radius [m]
+        and the index of its body in the list of ids.
     """
     on = {"physicsClientId": client}
     parts = _parts(world)
@@ -90,7 +87,7 @@ def build_obstacles(p: Any, client: int, world: World) -> Tuple[List[int], np.nd
 
 
 def add_mover(p: Any, client: int, mover: Mover) -> int:
-    """Make a moving cylinder; the simulator puts it where it is at every step."""
+    """Create a moving cylinder, whose position the simulator sets at every step."""
     on = {"physicsClientId": client}
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M, **on)
     body = p.createMultiBody(0, shape, basePosition=(*mover.position(0.0), OBSTACLE_TOP_M / 2), **on)
@@ -99,14 +96,14 @@ def add_mover(p: Any, client: int, mover: Mover) -> int:
 
 
 def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
-    """Put a moving cylinder at (x, y) [m]."""
+    """Move a moving cylinder to (x, y) [m]."""
     p.resetBasePositionAndOrientation(body, (x, y, OBSTACLE_TOP_M / 2), (0, 0, 0, 1), physicsClientId=client)
 
 
 def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int:
-    """Make the robot at pose (x, y, yaw); its joints are the driven wheels in the order of geometry.wheel_places.
+    """Create the robot at pose (x, y, yaw), with the driven wheels as joints in the order of geometry.wheel_places.
 
-    The body's frame is its centre of mass. Casters are spheres that slide on the ground, fixed to the body.
+    The origin of the body's frame is its centre of mass. Casters are fixed spheres that slide on the ground.
     """
     on = {"physicsClientId": client}
     base, body = robot.base, robot.body
@@ -167,7 +164,7 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
 
 
 def put_robot(p: Any, client: int, body: int, robot: Robot, pose: Sequence[float]) -> None:
-    """Put the robot that build_robot() made at pose (x, y, yaw), standing."""
+    """Place the robot of build_robot() at rest at pose (x, y, yaw)."""
     on = {"physicsClientId": client}
     p.resetBasePositionAndOrientation(body, *_standing(p, robot, pose), **on)
     p.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), **on)
@@ -175,21 +172,21 @@ def put_robot(p: Any, client: int, body: int, robot: Robot, pose: Sequence[float
         p.resetJointState(body, wheel, 0.0, 0.0, **on)
 
 
-def _standing(p, robot, pose):
-    """Return position and attitude of the body's centre of mass for a robot that stands at pose (x, y, yaw)."""
+def _standing(p: Any, robot: Robot, pose: Sequence[float]) -> Tuple[List[float], Sequence[float]]:
+    """Return position and attitude of the body's centre of mass for a robot at rest at pose (x, y, yaw)."""
     x, y, yaw = pose
-    found = mechanics(robot)
-    com_x, com_y, com_z = found.body_com
+    mechanics_of = mechanics(robot)
+    com_x, com_y, com_z = mechanics_of.body_com
     c, s = math.cos(yaw), math.sin(yaw)
-    sink = found.mass * GRAVITY / len(found.supports) / robot.simulation.ground_stiffness
-    position = [x + c * com_x - s * com_y, y + s * com_x + c * com_y, found.base_height + com_z - sink]
+    sink = mechanics_of.mass * GRAVITY / len(mechanics_of.supports) / robot.simulation.ground_stiffness
+    position = [x + c * com_x - s * com_y, y + s * com_x + c * com_y, mechanics_of.base_height + com_z - sink]
     return position, p.getQuaternionFromEuler([0, 0, yaw])
 
 
-def _parts(world):
-    """Return the static obstacles as (x, y, yaw, radius, half sizes), near ones together, no more than a body takes.
+def _parts(world: World) -> List[List[Any]]:
+    """Return the static obstacles as (x, y, yaw, radius, half sizes), grouped by position into one list per body.
 
-    A cylinder has no half sizes, a box no radius.
+    A cylinder has no half sizes, and a box has no radius.
     """
     cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
     boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()
@@ -199,8 +196,8 @@ def _parts(world):
     return [obstacles[i : i + _COMPOUND_SHAPES] for i in range(0, len(obstacles), _COMPOUND_SHAPES)]
 
 
-def _compound(p, on, obstacles, look):
-    """One standing body of upright cylinders and boxes; its id. look: visual shape."""
+def _compound(p: Any, on: Dict[str, int], obstacles: List[Any], look: int) -> int:
+    """Create one static body of upright cylinders and boxes with the visual shape `look`, and return its id."""
     shape = p.createCollisionShapeArray(
         shapeTypes=[p.GEOM_CYLINDER if radius else p.GEOM_BOX for _, _, _, radius, _ in obstacles],
         radii=[radius for _, _, _, radius, _ in obstacles],

@@ -1,8 +1,8 @@
-"""KinematicSimulator: the robot of the pybullet simulator without a physics engine, for training volume.
+"""Planar simulator without a physics engine, KinematicSimulator, for training at high throughput.
 
-Same interface, laser, odometry, wheels and tyres; in the plane, with contacts that push and slide by geometry. What
-Bullet does in space (lift of a wheel at an obstacle, its way of rubbing) is in three numbers of the
-robot's description, wheel_rub, body_rub and undo, which are fitted to PybulletSimulator.
+Interface, laser, odometry, wheels and tyres are those of PybulletSimulator. Contacts push and slide in the plane by
+geometry. Three numbers of the robot's description (wheel_rub, body_rub, undo), fitted to PybulletSimulator, account for
+Bullet's effects in space, such as a wheel that climbs an obstacle.
 """
 
 from __future__ import annotations
@@ -17,43 +17,43 @@ from applr_ros1.robots import Robot
 
 from . import mechanics as m
 from . import wheels
-from .simulator import RobotState, Simulator
+from .simulator import Pose, RobotState, Simulator
 
 STEP = m.STEP
-# the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; what a drive reports
+# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of a drive
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
-_MARGIN_M = 0.02  # contacts are watched from this distance on [m]
-_UNDONE_M_S = 1.0  # speed at which an overlap is undone, at most [m/s]
-_SWEEPS = 8
-_MOST_CONTACTS = 24  # contacts at a time
-JUMP_M_S = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where its animation starts
+_MARGIN_M = 0.02  # distance below which contacts are tracked [m]
+_UNDONE_M_S = 1.0  # largest speed at which an overlap is resolved [m/s]
+_SWEEPS = 8  # number of solver iterations over all contacts
+_MOST_CONTACTS = 24  # largest number of simultaneous contacts
+JUMP_M_S = 10.0  # apparent speed above which a moving obstacle has jumped back to the start of its animation [m/s]
 
 
 class KinematicSimulator(Simulator):
-    """The planar robot; see Simulator."""
+    """Planar simulated robot; see Simulator."""
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         super().__init__(robot, **randomisation)
-        found = self._mechanics = m.mechanics(self.robot)
-        self._constants = found.scalars, found.supports, found.parts, wheels.rim_table(self.robot)
-        self._noises = wheels.noises(found.supports)
+        mechanics = self._mechanics = m.mechanics(self.robot)
+        self._constants = mechanics.scalars, mechanics.supports, mechanics.parts, wheels.rim_table(self.robot)
+        self._noises = wheels.noises(mechanics.supports)
         self._friction = self.robot.base.wheel_friction
 
-    def _place(self, pose, new_world):
+    def _place(self, pose: Pose, new_world: bool) -> None:
         if new_world:
             self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
             self._circles[:, :3] = self.world.cylinders
             self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._move_to(pose)
 
-    def _move_to(self, pose):
+    def _move_to(self, pose: Pose) -> None:
         self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._body = np.zeros(SIZE)
         c, s = cos(pose[2]), sin(pose[2])
         com_x, com_y = self._mechanics.com
         self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
 
-    def _drive(self, steps):
+    def _drive(self, steps: int) -> None:
         circles = self._circles
         if self.world.movers:
             now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
@@ -61,7 +61,9 @@ class KinematicSimulator(Simulator):
             velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
         ground, shape = self._ground(), (steps, self._noises)
-        noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)  # Gazebo's wheels turn evenly
+        noise = (
+            self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)
+        )  # Gazebo's wheels have no noise.
         place = self._body, self._rolling, steps, self._schedule(steps), circles, self._boxes
         friction = self._friction * self.drawn.friction
         drive(*place, *self._constants, noise, friction, self.drawn.slip, ground)
@@ -77,12 +79,12 @@ class KinematicSimulator(Simulator):
             self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist, contact > 0.0, False, odometry.imu
         )
 
-    def _schedule(self, steps):
-        """Return (k, 3): from which step on a velocity target holds, and the target [m/s, rad/s]."""
+    def _schedule(self, steps: int) -> np.ndarray:
+        """Return (k, 3) the first step of each velocity target, and the target [m/s, rad/s]."""
         start, command = self._steps, self._command
         rows = [(0, *self._target(start * STEP))]
         step, last = 0, (start + steps - 1) * STEP
-        while True:  # on to the next command or the time-out
+        while True:  # One iteration per command or time-out
             change = command.pending[0][0] if command.pending else inf
             if (start + step) * STEP < command.until - 1e-9:
                 change = min(change, command.until)
@@ -94,9 +96,10 @@ class KinematicSimulator(Simulator):
 
 @kernel
 def _circle_contact(px, py, r, part):
-    """Return the contact of a circle at (px, py) in the body's frame with one part of the outline.
+    """Return the contact of a circle at (px, py) in the body frame with one part of the outline.
 
-    Returns the depth (negative: a gap) [m], the contact point and the direction in which it pushes the robot.
+    Returns:
+        Depth [m] (negative for a gap), contact point [m], and direction in which the contact pushes the robot.
     """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
@@ -104,7 +107,7 @@ def _circle_contact(px, py, r, part):
     gap = hypot(px - qx, py - qy)
     if gap > 0.0:
         return r - gap, x + qx, y + qy, (qx - px) / gap, (qy - py) / gap
-    if a - abs(px) < b - abs(py):  # the centre is under the robot: out by the nearest side
+    if a - abs(px) < b - abs(py):  # The centre is under the robot, so the nearest side pushes.
         sign = 1.0 if px > 0.0 else -1.0
         return r + a - abs(px), x + sign * a, y + py, -sign, 0.0
     sign = 1.0 if py > 0.0 else -1.0
@@ -115,7 +118,7 @@ def _circle_contact(px, py, r, part):
 def _box_contact(px, py, ax, ay, hx, hy, part):
     """Return the contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
 
-    Returns the same as _circle_contact, from the least overlap over four axes.
+    The result is that of _circle_contact, computed from the smallest overlap along four axes.
     """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
@@ -127,7 +130,7 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
         reach = a * abs(ex) + b * abs(ey) + hx * abs(ax * ex + ay * ey) + hy * abs(ax * ey - ay * ex)
         if reach - apart < depth - 1e-9:
             depth, nx, ny, own = reach - apart, -ex, -ey, k < 2
-    if own:  # a corner of the box at one of the part's sides
+    if own:  # A corner of the box touches a side of the part.
         i = 1.0 if nx * ax + ny * ay > 0.0 else -1.0
         j = 1.0 if ny * ax - nx * ay > 0.0 else -1.0
         qx, qy = px + i * hx * ax - j * hy * ay, py + i * hx * ay + j * hy * ax
@@ -137,10 +140,10 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
 
 @kernel
 def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
-    """Fill found (_MOST_CONTACTS, 8) with the contacts of the outline at (x, y), heading (c, s); return their number.
+    """Write the contacts of the outline at (x, y) with heading (c, s) into `found`, and return their number.
 
-    parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0
-    the body, 1 on the wheels), the obstacle's velocity, all in the body's frame.
+    No part (k, 4) of Mechanics extends beyond `reach`. The columns of `found` (_MOST_CONTACTS, 8) are depth, point,
+    direction, part (0: body, from 1: wheels) and velocity of the obstacle, all in the body frame.
     """
     n = 0
     reach = reach + _MARGIN_M
@@ -161,7 +164,7 @@ def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
         hx, hy = 0.5 * boxes[i, 3], 0.5 * boxes[i, 4]
         px, py = c * dx + s * dy, c * dy - s * dx
         cb, sb = cos(boxes[i, 2]), sin(boxes[i, 2])
-        along = abs(cb * dx + sb * dy) - hx  # outside the box by more than the robot's reach?
+        along = abs(cb * dx + sb * dy) - hx
         aside = abs(cb * dy - sb * dx) - hy
         if along > reach or aside > reach:
             continue
@@ -175,11 +178,11 @@ def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
 
 @kernel
 def _press(u, s, w, found, n, rims, scalars):
-    """Return the velocity (u, s, w) after the impulses of n contacts on the moving body, and whether any pressed.
+    """Return the velocity (u, s, w) after the impulses of n contacts, and whether any contact pressed.
 
-    Normal: no approach beyond the gap, a share UNDO of an overlap is undone. Friction: Coulomb's, WHEEL_RUB at
-    wheels and BODY_RUB at the body; a wheel's front and back run up or down the obstacle, which leaves less
-    friction for sliding across.
+    Normal impulses prevent an approach beyond the gap and resolve a share UNDO of an overlap. Coulomb friction acts
+    with WHEEL_RUB at wheels and BODY_RUB at the body. The front or back of a wheel also rubs up or down the obstacle,
+    which leaves less friction against lateral motion.
     """
     mass, inertia = scalars[m.MASS], scalars[m.YAW_INERTIA]
     push, hold = np.zeros(n), np.zeros(n)
@@ -217,7 +220,7 @@ def _press(u, s, w, found, n, rims, scalars):
 
 @kernel
 def _near(obstacles, radii, x, y, span):
-    """Return a copy of the obstacles (n, 5) whose circle, of radii (n,) [m], comes within span [m] of (x, y)."""
+    """Return a copy of the obstacles (n, 5) whose circles of radii (n,) [m] reach within span [m] of (x, y)."""
     dx, dy, far = obstacles[:, 0] - x, obstacles[:, 1] - y, radii + span
     return obstacles[dx * dx + dy * dy < far * far]
 
@@ -228,9 +231,9 @@ def drive(
 ):
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 
-    targets (k, 3): the steps from which velocity targets hold, and these. circles (n, 5) x, y,
-    radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
-    noise (steps, wheels.noises()) standard normal. friction, ground: as wheels.tyres() takes them.
+    `targets` (k, 3) has the first step of each velocity target, and the target. `circles` (n, 5) x, y, radius, velocity
+    and `boxes` (m, 5) are the obstacles. `scalars`, `supports` and `parts` are those of Mechanics, and `table` is
+    wheels.rim_table(). `noise` (steps, wheels.noises()) is standard normal. wheels.tyres() takes `friction`, `ground`.
     """
     reach = scalars[m.REACH]
     span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)

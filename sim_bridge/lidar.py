@@ -1,10 +1,8 @@
-"""An exact planar laser over circles and boxes.
+"""Exact planar laser scanner among circles and boxes, called by Simulator.scan.
 
-Simulator.scan calls it; the tests compare it with brute force.
-
-For each obstacle only the beams within the angle it covers are cut with it, so a scan of 720 beams among
-several hundred cylinders takes some microseconds. No rays are cast into a physics engine (they are slow
-there, and off by a centimetre).
+Only the beams within the angle that an obstacle covers are intersected with the obstacle. A scan of 720 beams among
+several hundred cylinders therefore takes some microseconds. Rays of a physics engine are slow and wrong by up to a
+centimetre. Tests compare the scans with brute force.
 """
 
 from __future__ import annotations
@@ -19,15 +17,15 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.robots.robot import Laser
 
 _NO_MOVERS = np.empty((0, 3))
-# of a fan: first angle, increment, beams in a full turn, least and largest range
+# Indices of a fan: first angle, increment, beams in a full turn, smallest and largest range
 _FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)
 
 
 class Lidar:
-    """The laser in one static world.
+    """Laser scanner in one static world.
 
     Args:
-        laser: Its beams and ranges.
+        laser: Description of the laser.
         cylinders: (n, 3) x, y, radius [m].
         boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
@@ -36,17 +34,19 @@ class Lidar:
         self._fan, self._cos, self._sin = _fan(laser)
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
-        self._order = np.arange(len(self.circles))  # nearest first, as of the last scan
+        self._order = np.arange(len(self.circles))  # circles by distance in the last scan
         self._keys = np.empty(len(self.circles))
         self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = _NO_MOVERS) -> np.ndarray:
-        """Return exact ranges (beams,) float32 [m] of the laser at (x, y), looking along yaw.
+        """Return the exact ranges (beams,) float32 [m] of the laser at (x, y) with heading `yaw`.
 
-        +inf: nothing within range_max; -inf: nearer than range_min, or inside an obstacle. `movers` (k, 3) are further
-        circles x, y, radius, for this scan only.
+        +inf means nothing within range_max, and -inf an obstacle nearer than range_min or around the laser. `movers`
+        (k, 3) are additional circles x, y, radius for this scan only.
         """
-        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:  # put somewhere else
+        if (
+            abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5
+        ):  # The laser has jumped, so the old order is useless.
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
         self._sorted_at = (x, y)
         ranges = np.empty(len(self._cos), dtype=np.float32)
@@ -57,17 +57,17 @@ class Lidar:
 
 @lru_cache(maxsize=16)
 def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the numbers of a fan as _scan takes them, and cosine and sine of its beams."""
+    """Return the parameters of a fan for _scan, and cosine and sine of its beams."""
     first, step = laser.first_angle, laser.increment
-    found = first + step * np.arange(laser.beams)
-    while first > pi:  # so that bearings from -pi to pi lie at most one turn away from the fan
+    angles = first + step * np.arange(laser.beams)
+    while first > pi:  # Bearings from -pi to pi must lie at most one turn away from the fan.
         first -= 2 * pi
     fan = np.array([first, step, round(2 * pi / step), laser.range_min, laser.range_max])
-    return fan, np.cos(found), np.sin(found)
+    return fan, np.cos(angles), np.sin(angles)
 
 
 def box_edges(boxes: np.ndarray) -> np.ndarray:
-    """Return (4 m, 4) end points x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
+    """Return the end points (4 m, 4) x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
     edges = np.empty((4 * len(boxes), 4))
     for i, (x, y, yaw, size_x, size_y) in enumerate(boxes):
         c, s = np.cos(yaw), np.sin(yaw)
@@ -80,9 +80,9 @@ def box_edges(boxes: np.ndarray) -> np.ndarray:
 
 @kernel
 def _bearing(y, x):
-    """Return atan2(y, x) within .0003 rad.
+    """Approximate atan2(y, x) with an error below .0003 rad.
 
-    It only chooses which beams are looked at, and two more are looked at on either side.
+    The result only selects the beams to test, and two more beams are tested on either side.
     """
     ax, ay = abs(x), abs(y)
     big = max(ax, ay)
@@ -100,9 +100,10 @@ def _bearing(y, x):
 
 @kernel
 def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
-    """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame.
+    """Shorten the beams that hit the circle with centre (cx, cy) in the laser frame.
 
-    True where the laser is inside.
+    Returns:
+        True if the laser is inside the circle.
     """
     if d2 <= r * r:
         return True
@@ -110,15 +111,15 @@ def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
     near = d - r
     if near > fan[_FAR]:
         return False
-    q = r / d  # half the angle covered is asin(q); this is never less
-    half = q * (1.0 + q * q * (0.1666667 + q * q * 0.4041297)) + 0.0005
+    q = r / d
+    half = q * (1.0 + q * q * (0.1666667 + q * q * 0.4041297)) + 0.0005  # upper bound of asin(q), the half angle
     middle = _bearing(cy, cx)
     n = best.shape[0]
     lo = int((middle - half - fan[_FIRST]) / fan[_STEP])
     hi = int((middle + half - fan[_FIRST]) / fan[_STEP]) + 1
     full = int(fan[_TURN])
     excess = d2 - r * r
-    for turn in range(-1, 2):  # what lies behind may reach into either end of the fan
+    for turn in range(-1, 2):  # An obstacle behind the laser may reach into either end of the fan.
         first = lo + turn * full
         last = hi + turn * full + 1
         if last < 0 or first >= n:
@@ -136,9 +137,9 @@ def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
 
 @kernel
 def _cut_edge(x0, y0, x1, y1, fan, cos_t, sin_t, best):
-    """Shorten the beams that meet the segment from (x0, y0) to (x1, y1), in the laser's frame."""
+    """Shorten the beams that hit the segment from (x0, y0) to (x1, y1) in the laser frame."""
     a0 = _bearing(y0, x0)
-    span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from one end to the other
+    span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from the first end to the second
     n = best.shape[0]
     lo = int((min(a0, a0 + span) - 0.001 - fan[_FIRST]) / fan[_STEP])
     hi = int((max(a0, a0 + span) + 0.001 - fan[_FIRST]) / fan[_STEP]) + 1
@@ -164,7 +165,7 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ran
     for k in range(circles.shape[0]):
         dx, dy = circles[k, 0] - x, circles[k, 1] - y
         keys[k] = dx * dx + dy * dy
-    for a in range(1, order.shape[0]):  # nearest first, from the last scan's order: nearly sorted
+    for a in range(1, order.shape[0]):  # Insertion sort is fast, because the order of the last scan is nearly right.
         k = order[a]
         b = a - 1
         while b >= 0 and keys[order[b]] > keys[k]:
@@ -184,9 +185,9 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ran
         for e in range(k, k + 4):
             x0, y0 = edges[e, 0] - x, edges[e, 1] - y
             x1, y1 = edges[e, 2] - x, edges[e, 3] - y
-            if x0 * y1 - y0 * x1 > 0.0:  # the laser is on the inner side of this edge
+            if x0 * y1 - y0 * x1 > 0.0:  # The laser is on the inner side of this edge.
                 continue
-            inside = False  # only sides that face the laser can be seen
+            inside = False  # Only sides that face the laser are visible.
             _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, fan, cos_t, sin_t, best)
         covered |= inside
     for i in range(ranges.shape[0]):

@@ -1,7 +1,7 @@
-"""The mechanics of a robot, as both simulators compute with them: masses, supports on the ground, limits.
+"""Mechanics of a robot for both simulators: masses, supports on the ground, limits.
 
-`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_simulator.py take. Lengths [m], masses
-[kg]; places are from the centre of mass unless a name says otherwise.
+`mechanics(robot)` returns the arrays that the kernels of wheels.py and kinematic_simulator.py take. Lengths are in m,
+masses in kg. Positions are relative to the centre of mass unless a name indicates another origin.
 """
 
 from __future__ import annotations
@@ -9,42 +9,46 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import exp, hypot, sqrt
-from typing import Tuple
+from typing import List, Tuple
 
 import numpy as np
 
 from applr_ros1.robots import Robot, geometry
 
 GRAVITY = geometry.GRAVITY
-STEP = 1.0 / 240.0  # both simulators' physics step [s]
+STEP = 1.0 / 240.0  # physics step of both simulators [s]
 
-# the vector of scalars that the kernels take
+# Indices of the vector of scalars that the kernels take
 MASS, YAW_INERTIA, COM_X, COM_Y, COM_HEIGHT, LEVER_X, LEVER_Y, TRACK, REACH = range(9)
 MAX_SPEED, ACCELERATION, YAW_ACCELERATION, PER_V, PER_W = range(9, 14)
 KEEP_WHEEL, KEEP_GRIP, DRAW_WHEEL, DRAW_GRIP, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP = range(14, 21)
 AXLE_Z, WHEEL_RADIUS, FULL_LIFT, OFF_X, OFF_Y = range(21, 26)
 WHEEL_RUB, BODY_RUB, UNDO, TRACK_MULTIPLIER, WHEEL_WIDTH, EDGE_SHIFT, SCALARS = range(26, 33)
 
-# columns of the supports
+# Columns of the supports
 X, Y, LOAD, SIDE, SHARE, SHIFT_X, SHIFT_Y, BASE_X, BASE_Y, COLUMNS = range(10)
 LEFT_SIDE, RIGHT_SIDE, CASTER = 0.0, 1.0, 2.0
-TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
+TABLE = 16  # number of intervals of the table of rim speeds, up to the largest speed and yaw rate
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Numbers and arrays that the simulators need of a robot beside its description.
+    """Numbers and arrays that the simulators derive from the description of a robot.
 
-    mass, com (x, y) in the base frame; base_height: of the base frame above the ground. scalars (SCALARS,): what the
-    kernels take, in the order above. supports (n, COLUMNS): the driven wheels in the order of geometry.wheel_places,
-    then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER, SHARE friction relative to a wheel's,
-    SHIFT_X and SHIFT_Y how the load moves with the acceleration (along LEVER_X, LEVER_Y), BASE_X, BASE_Y the place from
-    the body's centre of mass. parts (k, 4): rectangles that meet obstacles, the body and then the wheels.
+    Attributes:
+        mass, com, body_com: Total mass [kg], its centre (x, y), and the centre of the body in the base frame [m].
+        body_inertia, wheel_inertia: Moments of inertia about x, y, z [kg m^2].
+        base_height: Height of the base frame above the ground [m].
+        scalars: Numbers (SCALARS,) for the kernels, in the order above.
+        supports: Driven wheels in the order of geometry.wheel_places, then casters, (n, COLUMNS): position X, Y, LOAD
+            at rest [N], SIDE of the wheel or CASTER, SHARE of a wheel's friction, load transfer SHIFT_X, SHIFT_Y per
+            acceleration (along LEVER_X, LEVER_Y), position BASE_X, BASE_Y relative to the body's centre of mass.
+        parts: Rectangles (k, 4) of the outline, the body and then the wheels.
     """
 
     mass: float
     com: Tuple[float, float]
-    body_com: Tuple[float, float, float]  # in the base frame
+    body_com: Tuple[float, float, float]
     body_inertia: Tuple[float, float, float]
     wheel_inertia: Tuple[float, float, float]
     base_height: float
@@ -55,7 +59,7 @@ class Mechanics:
 
 @lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> Mechanics:
-    """Return the mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/check.py)."""
+    """Return the mechanics of a robot. Its centre of mass must lie within the supports (see robots/check.py)."""
     base, body = robot.base, robot.body
     n = base.wheels
     mass, com, loads = geometry.balance(robot)
@@ -103,8 +107,8 @@ def mechanics(robot: Robot) -> Mechanics:
     return Mechanics(mass, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
 
 
-def _supports(robot, com, loads):
-    """Return the array of supports, and the levers of the load's shift along x and y [m]."""
+def _supports(robot: Robot, com: Tuple[float, float], loads: np.ndarray) -> Tuple[np.ndarray, List[float]]:
+    """Return the array of supports, and the levers of the load transfer along x and y [m]."""
     base, places = robot.base, geometry.supports(robot.base)
     supports = np.zeros((len(places), COLUMNS))
     supports[:, X], supports[:, Y] = places[:, 0] - com[0], places[:, 1] - com[1]
@@ -113,9 +117,9 @@ def _supports(robot, com, loads):
     supports[:, SIDE] = np.where(wheels, np.where(places[:, 1] > 0.0, LEFT_SIDE, RIGHT_SIDE), CASTER)
     supports[:, SHARE] = np.where(wheels, 1.0, base.caster_friction / base.wheel_friction)
     supports[:, LOAD] = loads
-    if base.wheels == 4:  # a rectangle: the shift of loads is plain
+    if base.wheels == 4:  # Wheels in a rectangle share the load transfer equally.
         supports[:, [SHIFT_X, SHIFT_Y]] = -np.sign(places)
         return supports, [2.0 * base.wheelbase, 2.0 * base.track]
-    centred = places - places.mean(axis=0)  # the least loads that hold a moment
+    centred = places - places.mean(axis=0)  # These are the smallest loads that balance a moment.
     supports[:, [SHIFT_X, SHIFT_Y]] = -centred
     return supports, [float(value) or 1.0 for value in (centred**2).sum(axis=0)]

@@ -1,7 +1,7 @@
-"""Motion of the robot as it believes itself: wheels for the distance, IMU for the heading.
+"""Simulated odometry of both simulators: distance from the wheels, heading from the IMU.
 
-As robot_localization fuses them on the Jackal. Sideways slip and wheels that spin at an obstacle go unnoticed. Both
-simulators call it.
+The robot_localization node of the Jackal fuses them in this way. Lateral slip and wheels that spin at an obstacle are
+not noticed.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from applr_ros1.robots.robot import OdometryErrors
 
 
 class Odometry:
-    """Dead reckoning in frame odom; errors are drawn from the given generator."""
+    """Dead reckoning in frame odom, with errors drawn from the given generator."""
 
     def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0):
-        """Starts at (0, 0, yaw). `scale` multiplies all errors."""
+        """Start at (0, 0, yaw). `scale` multiplies all errors."""
         self.errors, self.rng, self.scale = errors, rng, scale
         self.pose = (0.0, 0.0, yaw)
         self.twist = (0.0, 0.0)
         self.imu = (0.0, 0.0)
         self._gain = 1.0 + scale * errors.scale_error * float(rng.standard_normal())
-        self._heading = yaw  # without the noise of a single reading
-        self._error = 0.0  # of the heading [rad]; none at the start
-        self._behind, self._rate = 0.0, 0.0  # of the filter: behind the wheels [m], its yaw rate [rad/s]
-        self._turned = 0.0  # frame odom against the world
+        self._heading = yaw  # heading without the noise of a single reading [rad]
+        self._error = 0.0  # slow error of the heading [rad]
+        self._behind, self._rate = 0.0, 0.0  # lag of the filter behind the wheels [m], filtered yaw rate [rad/s]
+        self._turned = 0.0  # rotation of frame odom relative to the world [rad]
 
     def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
-        """Make this the pose from now on."""
+        """Set the pose (x, y, yaw) in frame odom, for a robot whose true yaw is `true_yaw` [rad]."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
         self._behind = self._rate = 0.0
         self._turned = self.pose[2] - true_yaw
 
     def update(self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float) -> None:
-        """Take in `duration` [s] in which the wheels turned at `wheel_speed` [m/s], the mean of the four.
+        """Integrate `duration` [s] at the mean wheel speed `wheel_speed` [m/s].
 
-        yaw, yaw_rate and acceleration are the true ones now [rad, rad/s, m/s^2].
+        The arguments yaw, yaw_rate and acceleration are the true values at its end [rad, rad/s, m/s^2].
         """
         errors, normal = self.errors, self.rng.standard_normal
         keep = exp(-duration / errors.heading_time)
@@ -50,7 +50,7 @@ class Odometry:
         turn = normalize_angle_modulo(yaw - old)
         wheel_speed *= self._gain
         ahead, seen_rate = wheel_speed * duration, yaw_rate
-        if errors.lag > 0.0:  # of first order; the heading is the IMU's and does not lag
+        if errors.lag > 0.0:  # The filter is of first order. The heading comes from the IMU and does not lag.
             keep, behind = exp(-duration / errors.lag), self._behind
             self._behind = keep * behind + (1.0 - keep) * errors.lag * wheel_speed
             ahead, wheel_speed = ahead + behind - self._behind, self._behind / errors.lag

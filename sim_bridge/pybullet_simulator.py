@@ -1,32 +1,32 @@
-"""PybulletSimulator: a robot in Bullet's physics at 240 Hz, standing in for Gazebo.
+"""Simulator with Bullet's physics at 240 Hz, PybulletSimulator, a replacement for Gazebo.
 
-Bullet carries the robot on its wheels, and stops, turns, tilts and pushes it at obstacles; the tyres' pull on
-the ground is wheels.py's. In-process and without a window; any number may live in one process. Repeats
-exactly under a seed.
+Bullet computes the support of the wheels and the contacts with obstacles, and wheels.py the friction of the tyres on
+the ground. Any number of simulators may run in one process, without a window. Results are reproducible for a seed.
 """
 
 from __future__ import annotations
 
 from math import atan2, dist
-from typing import Any, Optional
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
+from worlds import Mover
 
 from . import bullet_scene as scene
 from . import mechanics as m
 from . import wheels
-from .simulator import RobotState, Simulator
+from .simulator import Pose, RobotState, Simulator
 
 STEP = m.STEP
-_CLOSING_M_S = 20.0  # [m/s] at which a moving obstacle and the robot come nearer at most
-_MARGIN_M = 0.1  # [m] between two bodies that cannot touch: more than Bullet keeps contacts for, and than it penetrates
+_CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
+_MARGIN_M = 0.1  # distance of two bodies without contact, above Bullet's contact margin and penetration [m]
 
 
 class PybulletSimulator(Simulator):
-    """The robot in Bullet; see Simulator."""
+    """Simulated robot in Bullet; see Simulator."""
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         self._client: Any = None
@@ -37,19 +37,19 @@ class PybulletSimulator(Simulator):
         self._table = wheels.rim_table(self.robot)
         self._lift = np.ones(len(self._mechanics.supports))
         self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN_M
-        self._spin_step = 0.01 * self.robot.base.max_speed  # a smaller change of rim speeds is not passed on [m/s]
+        self._spin_step = 0.01 * self.robot.base.max_speed  # smallest change of rim speeds passed to Bullet [m/s]
 
     def close(self) -> None:
-        """Disconnect from Bullet; can be called again."""
+        """Disconnect from Bullet. Further calls have no effect."""
         if self._client is not None:
             self._p.disconnect(self._client)
             self._client = None
 
-    def __del__(self):
+    def __del__(self) -> None:
         self.close()
 
-    def _place(self, pose, new_world):
-        # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
+    def _place(self, pose: Pose, new_world: bool) -> None:
+        # The scene is rebuilt every time, because Bullet keeps contacts and solver state over a change of position.
         scene.clear(self._p, self._client, STEP)
         self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world)
         self._near = np.zeros(len(self._obstacles), np.bool_)
@@ -59,12 +59,12 @@ class PybulletSimulator(Simulator):
         self._rims = (0.0, 0.0)
         self._spin(0.0, 0.0)
 
-    def _move_to(self, pose):
+    def _move_to(self, pose: Pose) -> None:
         scene.put_robot(self._p, self._client, self._body, self.robot, pose)
         self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._spin(0.0, 0.0)
 
-    def _drive(self, steps):
+    def _drive(self, steps: int) -> None:
         p, client, body, drive = self._p, self._client, self._body, self._drive_state
         scalars, supports = self._mechanics.scalars, self._mechanics.supports
         noise = self._noise.standard_normal((steps, wheels.noises(supports)))
@@ -98,8 +98,8 @@ class PybulletSimulator(Simulator):
         seen, flipped = (odometry.pose, odometry.twist), upright < 0.5
         self.state = RobotState(self._steps * STEP, (x, y, yaw), (u, rate[2]), *seen, contact, flipped, odometry.imu)
 
-    def _place_movers(self, steps, position):
-        """Puts all movers where they will be after so many steps; those that come near until then, as (body, Mover)."""
+    def _place_movers(self, steps: int, position: Sequence[float]) -> List[Tuple[int, Mover]]:
+        """Move all moving obstacles to their positions after `steps`, and return (body, Mover) of those close by."""
         now, then = self.mover_circles(self._steps * STEP), self.mover_circles((self._steps + steps) * STEP)
         reach, near = self._span + _CLOSING_M_S * steps * STEP, []
         for body, mover, here, there in zip(self._movers, self.world.movers, now.tolist(), then.tolist()):
@@ -108,20 +108,20 @@ class PybulletSimulator(Simulator):
                 near.append((body, mover))
         return near
 
-    def _touching(self, position, movers):
-        """Return whether anything but the ground presses on the robot now; movers: those of _place_movers()."""
-        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # asking Bullet is slow
+    def _touching(self, position: Sequence[float], movers: List[Tuple[int, Mover]]) -> bool:
+        """Return whether an obstacle presses on the robot. `movers` is the list of _place_movers()."""
+        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # Queries to Bullet are slow.
             for obstacle, near in zip(self._obstacles, self._near):
                 if near and self._pressing(obstacle):
                     return True
         return any(self._pressing(body) for body, _ in movers)
 
-    def _pressing(self, body):
+    def _pressing(self, body: int) -> bool:
         points = self._p.getContactPoints(self._body, body, physicsClientId=self._client)
-        return any(point[9] > 0.0 for point in points)  # [9]: normal force
+        return any(point[9] > 0.0 for point in points)  # Item 9 is the normal force.
 
-    def _spin(self, left, right):
-        """Turn the wheels with these rim speeds [m/s]: what an obstacle that touches one feels."""
+    def _spin(self, left: float, right: float) -> None:
+        """Turn the wheels at these rim speeds [m/s], which matter to an obstacle that touches a wheel."""
         p = self._p
         self._rims = (left, right)
         base = self.robot.base
@@ -133,7 +133,7 @@ class PybulletSimulator(Simulator):
 
 @kernel
 def _find_near(circles, x, y, span, near):
-    """Marks in near (bodies,) which bodies have a circle (n, 4) within span [m] of (x, y). Returns whether any has."""
+    """Mark in `near` (bodies,) the bodies with a circle (n, 4) within span [m] of (x, y); return whether any is."""
     near[:] = False
     found = False
     for k in range(circles.shape[0]):
@@ -146,10 +146,7 @@ def _find_near(circles, x, y, span, near):
 
 @kernel
 def _axes(qx, qy, qz, qw):
-    """Return cosine and sine of the heading, and the heights of the body's three axes.
-
-    The heights are the third row of the rotation matrix.
-    """
+    """Return cosine and sine of the heading, and the third row of the rotation matrix (the heights of the axes)."""
     ahead_x, ahead_y = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz)
     length = max(np.hypot(ahead_x, ahead_y), 1e-9)
     up = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
@@ -160,10 +157,11 @@ def _axes(qx, qy, qz, qw):
 def _pull(
     drive, v, w, table, scalars, supports, noise, slip, friction, ground, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate
 ):
-    """One step of wheels and tyres.
+    """Simulate wheels and tyres for one step.
 
-    Returns world-frame force (fx, fy) and torque on the body, the point on the ground below the centre of mass where
-    they act, and the rim speeds of the left and right wheels [m/s].
+    Returns:
+        Force (fx, fy) and torque on the body in the world frame, their point of application on the ground below the
+        centre of mass, and the rim speeds of the left and right wheels [m/s].
     """
     c, s, up_x, up_y, up_z = _axes(qx, qy, qz, qw)
     for i in range(supports.shape[0]):
@@ -171,7 +169,10 @@ def _pull(
         height = pz + up_x * x + up_y * y + up_z * scalars[m.AXLE_Z] - scalars[m.WHEEL_RADIUS]
         lift[i] = min(max(1.0 - height / scalars[m.FULL_LIFT], 0.0), 1.0) if up_z > 0.5 else 0.0
     wheels.turn_wheels(drive, v, w, table, scalars, noise, slip, ground)
-    dx, dy = scalars[m.COM_X] - scalars[m.OFF_X], scalars[m.COM_Y] - scalars[m.OFF_Y]  # to the whole centre of mass
+    dx, dy = (
+        scalars[m.COM_X] - scalars[m.OFF_X],
+        scalars[m.COM_Y] - scalars[m.OFF_Y],
+    )  # vector to the centre of total mass
     ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
     du, ds, dw = wheels.tyres(drive, ahead, aside, rate, scalars, supports, friction, lift, ground)
     fx, fy = scalars[m.MASS] / STEP * du, scalars[m.MASS] / STEP * ds
@@ -181,7 +182,7 @@ def _pull(
 
 @kernel
 def _planar(scalars, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
-    """Return x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
+    """Return x, y, yaw and forward speed of base_link, and the vertical component of its z axis (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)
     off_x, off_y = scalars[m.OFF_X], scalars[m.OFF_Y]
     x, y = px - c * off_x + s * off_y, py - s * off_x - c * off_y

@@ -1,18 +1,18 @@
-"""The node /sim_bridge: a simulated robot with the ROS interface of the real one.
+"""Node /sim_bridge: a simulated robot with the ROS interface of the real robot.
 
-Started as `rosrun applr_ros1 sim_bridge.py`.
+Start it with `rosrun applr_ros1 sim_bridge.py`. Names are those of the robot's description, here the Jackal's.
 
-Publishes, under the names in the robot's description, here the Jackal's: /clock (100 Hz); front/scan at the laser's
-rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~collision, ~ground_truth (frame world) at
-the odometry's; ~obstacles (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel (the newest
-command counts).
-Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
-~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor;
-~start ("x y yaw" in the world, instead of the course's), ~paused (begin with the time standing),
-~gazebo (Gazebo's services too: ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map
-(publish a map of the world on map, latched, and its frame).
+Published topics: /clock (100 Hz); front/scan at the laser's rate; odometry/filtered, /tf, /tf_static, imu/data,
+joint_states, collision, ~collision, ~ground_truth (frame world) at the odometry's rate; ~obstacles (latched), ~movers.
+Subscribed topics: cmd_vel and ROBOT_velocity_controller/cmd_vel (the latest command counts).
+Services: ~reset (moves robot and odometry back to the start and clears the costmaps), ~load_world (loads the world
+named by the parameter ~world).
+Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~start ("x y yaw" in
+the world frame instead of the start of the course), ~paused (start with the time stopped), ~gazebo (offer the services
+of ros_gazebo.py), ~tf_prefix (prefix of all frames of the robot), ~map (publish a latched map of the world on map, and
+its frame).
 
-One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
+One thread runs the simulation, and callbacks only store messages. ROS time never goes back, not even at a reset.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import gc
 import threading
 import time
 from math import isfinite
-from typing import Any
+from typing import Any, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -37,19 +37,19 @@ from . import make
 from .ros_topics import BridgeTopics
 from .simulator import warm_up
 
-TICK_S = 0.01  # simulated seconds between clocks; data every second one
-BASE_TIME_S = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
-CONTROL_FREQUENCY_HZ = 20.0  # Hz of a planner that states none, for the lock-step of real_time_factor 0
-PATIENCE_S = 0.25  # wall seconds that the lock-step waits for a command
-IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
+TICK_S = 0.01  # simulated time between two clock messages [s]
+BASE_TIME_S = 1.0  # ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
+CONTROL_FREQUENCY_HZ = 20.0  # default frequency of commands in the lock-step of real_time_factor 0 [Hz]
+PATIENCE_S = 0.25  # wall time that the lock-step waits for a command [s]
+IDLE_FACTOR = 1.0  # real-time factor used in place of 0 without commands, so that planning has its usual time
 
 
 class Bridge:
-    """The node's state: the simulator, the newest velocity command and ROS time."""
+    """State of the node: simulator, latest velocity command and ROS time."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         factor, seed = rospy.get_param("~real_time_factor", 1.0), rospy.get_param("~seed", 0)
-        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0: as fast as it goes
+        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0 means as fast as possible
         self.seed = int(number_within("seed", seed, 0, 2**31 - 1))
         name = rospy.get_param("~simulator", "pybullet")
         self.base_time = BASE_TIME_S
@@ -63,13 +63,13 @@ class Bridge:
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
         with announced(compiling, rospy.loginfo):
             warm_up(self.simulator, world)
-        self.lock = threading.Lock()  # of the simulator
-        self.arrived = threading.Condition()  # of the next four
-        self.newest = None  # newest command (v, w) not yet given to the simulator
-        self.driven = False  # whether velocity commands come in
-        self.period, self.due = 0.0, 0.0  # of the commands [s]; simulated time at which the next one is due
+        self.lock = threading.Lock()  # protects the simulator
+        self.arrived = threading.Condition()  # protects the next four attributes
+        self.newest: Optional[Tuple[float, float]] = None  # latest command (v, w) not yet passed to the simulator
+        self.driven = False  # whether velocity commands arrive
+        self.period, self.due = 0.0, 0.0  # period of commands, simulated time at which the next command is due [s]
         self.touched = False
-        self.running = threading.Event()  # simulated time goes on
+        self.running = threading.Event()  # set while simulated time advances
         if not rospy.get_param("~paused", False):
             self.running.set()
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
@@ -83,29 +83,29 @@ class Bridge:
         self._connect()
         if not rospy.get_param("/use_sim_time", False):
             rospy.logwarn(
-                "sim_bridge: /use_sim_time is not true: nodes that take the computer's time find scans and transforms "
-                "too old; rosparam set /use_sim_time true, then start them"
+                "sim_bridge: /use_sim_time is not true: nodes on wall time reject scans and transforms as too old; "
+                "run `rosparam set /use_sim_time true`, then start them"
             )
         counts = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes, {len(world.movers)} moving"
         run = f"simulator {name}, seed {self.seed}, real time factor {self.factor:g}"
         rospy.loginfo(f"sim_bridge: ready: world {world.name} ({counts}), {run}")
 
-    def _connect(self):
+    def _connect(self) -> None:
         robot = self.simulator.robot
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
             rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
-        rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())
+        rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())  # type: ignore[func-returns-value]
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
-    def _load(self, spec):
-        """Return a world at the robot's scale."""
+    def _load(self, spec: str) -> worlds.World:
+        """Load a world at the robot's scale."""
         return worlds.scaled(worlds.load(spec), self.scale)
 
     def stamp(self) -> rospy.Time:
-        """Return the ROS time of the simulator's present state."""
+        """Return the ROS time of the simulator's current state."""
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
 
-    # -- the simulating thread ---------------------------------------------------------------------
+    # -- simulation thread -------------------------------------------------------------------------
     @until_shutdown()
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
@@ -139,7 +139,7 @@ class Bridge:
             else:
                 pace.wait(TICK_S, self.factor)
 
-    def _take_command(self):
+    def _take_command(self) -> None:
         with self.arrived:
             command, self.newest = self.newest, None
         if command is not None:
@@ -147,11 +147,11 @@ class Bridge:
             now = self.simulator.state.time
             self.due = self.period + (self.due if now <= self.due <= now + 0.5 * self.period else now)
 
-    def _lock_step(self):
-        """Wait for the planner's next command once it is due.
+    def _lock_step(self) -> None:
+        """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.
 
-        So the simulation runs as fast as it can without running ahead of the planner. It waits at most PATIENCE_S; if
-        nothing comes, it does not wait again before the next command.
+        The simulation then runs as fast as possible without running ahead of the planner. After a time-out, it does not
+        wait again before the next command.
         """
         if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:
@@ -159,53 +159,53 @@ class Bridge:
 
     # -- callbacks ---------------------------------------------------------------------------------
     def on_command(self, message: Any) -> None:
-        """Store a velocity command for the simulating thread; refuse one that is not finite."""
+        """Store a velocity command for the simulation thread. Reject a command that is not finite."""
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
-            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) refused: it must be finite")
+            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) rejected: send finite numbers")
             return
-        if not self.driven:  # who commands from now on may do so at another rate
+        if not self.driven:  # The new source of commands may have another frequency.
             self.period = 1.0 / float(rospy.get_param("move_base/controller_frequency", CONTROL_FREQUENCY_HZ))
         with self.arrived:
             self.newest, self.driven = (v, w), True
             self.arrived.notify()
 
-    # -- for Gazebo's services ------------------------------------------------------------------------
+    # -- Gazebo services ------------------------------------------------------------------------------
     def pause(self) -> None:
-        """Stop simulated time. Returns when the step under way is over."""
+        """Stop simulated time, and return after the current step."""
         self.running.clear()
         with self.lock:
             pass
 
     def unpause(self) -> None:
-        """Let simulated time go on."""
+        """Resume simulated time."""
         self.running.set()
 
     def teleport(self, pose: Any) -> None:
-        """Put the robot at pose (x, y, yaw) of the world, standing, while time goes on."""
+        """Place the robot at rest at `pose` (x, y, yaw) in the world frame, while time goes on."""
         with self.lock:
             self.simulator.teleport(pose)
             self.touched = False
             self.topics.publish_frames(self.simulator, self.stamp())
 
     def on_load_world(self, _: Any) -> TriggerResponse:
-        """Service ~load_world: change to the world that the parameter ~world names."""
+        """Handle the service ~load_world: change to the world named by the parameter ~world."""
         try:
             world = self._load(str(rospy.get_param("~world", "")))
         except (ValueError, OSError) as error:
-            rospy.logerr("sim_bridge: world stays %s: %s", self.simulator.world.name, error)
+            rospy.logerr("sim_bridge: no new world, keeping %s: %s", self.simulator.world.name, error)
             return TriggerResponse(False, str(error))
         self._restart(world)
         rospy.loginfo("sim_bridge: world %s", world.name)
         return TriggerResponse(True, f"world {world.name}")
 
-    def _restart(self, world=None):
-        """Begin anew in `world`; without one in the present world, under the next seed."""
+    def _restart(self, world: Optional[worlds.World] = None) -> None:
+        """Restart in `world`, by default in the current world with the next seed."""
         with self.lock:
             if world is None:
                 world, self.seed = self.simulator.world, self.seed + 1
             else:
-                self.start = None  # that of the new world's course
+                self.start = None  # The course of the new world has its own start.
             self.base_time += self.simulator.state.time + TICK_S
             with self.arrived:
                 self.newest, self.driven, self.due = None, False, 0.0
@@ -215,22 +215,22 @@ class Bridge:
             self.topics.publish_state(state, self.stamp(), False)
             self.topics.publish_scan(self.simulator.scan(), self.stamp())
             self.topics.publish_clock(self.stamp())
-        time.sleep(0.05)  # scans from the old place pass before the maps are cleared
+        time.sleep(0.05)  # Scans from the old position must arrive before the maps are cleared.
         _clear_costmaps()
 
 
 class RealTimeRate:
-    """Keeps simulated and wall time in step."""
+    """Synchronises simulated time with wall time."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.begin()
 
     def begin(self) -> None:
-        """Count time from now on."""
+        """Restart the synchronisation at the current time."""
         self.next = time.monotonic()
 
     def wait(self, simulated: float, factor: float, report: bool = True) -> None:
-        """Sleep until wall time has caught up; a delay of more than .2 s is given up and reported."""
+        """Sleep until wall time has caught up. Drop a delay of more than .2 s, and report it."""
         now = time.monotonic()
         self.next += simulated / factor
         if self.next > now:
@@ -238,32 +238,32 @@ class RealTimeRate:
         elif now - self.next > 0.2:
             self.next = now
             if report:
-                busy = f"this machine is too busy for real_time_factor {factor:g}: the simulation runs slower"
-                rospy.logwarn_throttle(60.0, "sim_bridge: " + busy)
+                slow = f"the simulation is slower than real_time_factor {factor:g}: lower it, or end other programs"
+                rospy.logwarn_throttle(60.0, "sim_bridge: " + slow)
 
 
-def _clear_costmaps():
+def _clear_costmaps() -> None:
     """Ask move_base, if there is one, to clear its costmaps."""
     name = rospy.resolve_name("move_base/clear_costmaps")
     try:
         rospy.wait_for_service(name, 0.1)
         rospy.ServiceProxy(name, Empty)()
     except rospy.ROSException:
-        pass  # no move_base: nothing to clear
+        pass  # Without move_base, there is nothing to clear.
     except rospy.ServiceException as error:
         rospy.logwarn("sim_bridge: costmaps not cleared: %s", error)
 
 
 def main() -> int:
-    """Runs until shutdown."""
+    """Run the node until shutdown."""
     init_node("sim_bridge")
     bridge = Bridge()
     gc.collect()
-    gc.freeze()  # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
-    # Not in the main thread: rospy shuts down in the signal's handler there, which would wait for the very lock
-    # that an interrupted publish() holds.
+    gc.freeze()  # A scan of all loaded objects would delay the clock by 100 ms.
+    # rospy shuts down in the signal handler of the main thread. If the simulation ran there, the handler would wait for
+    # the lock of the publish() call that it interrupted.
     spinning = threading.Thread(target=bridge.spin, daemon=True)
     spinning.start()
     while spinning.is_alive():
-        spinning.join(0.5)  # a signal that another thread was given is noticed in between alone
+        spinning.join(0.5)  # Python handles a signal delivered to another thread only between two calls.
     return 0 if rospy.core.is_shutdown_requested() else 1

@@ -1,9 +1,9 @@
-"""Gazebo's services on the simulated robot (parameter ~gazebo of /sim_bridge), as the BARN Challenge calls them.
+"""Gazebo services of the simulated robot (parameter ~gazebo of /sim_bridge), as called by the BARN Challenge.
 
-/gazebo/set_model_state, get_model_state, pause_physics and unpause_physics. /collision and the controller's topic for
-velocity commands come from the bridge itself.
+The services are /gazebo/set_model_state, get_model_state, pause_physics and unpause_physics. The bridge itself provides
+/collision and the controller's topic for velocity commands.
 
-What differs from Gazebo: a requested twist is not taken over, the robot stands after set_model_state; heights are 0.
+Unlike in Gazebo, set_model_state ignores the requested twist and leaves the robot at rest. All heights are 0.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from applr_ros1.common.angles import yaw_of
 
 from .ros_topics import quaternion
 
-WORLD_FRAMES = ("", "world", "map", "/world", "/map")  # of requests: all mean the world
+WORLD_FRAMES = ("", "world", "map", "/world", "/map")  # names of the world frame in requests
 
 
 class GazeboInterface:
-    """Gazebo's services for one Bridge. They run in rospy's threads and take the bridge's lock."""
+    """Gazebo services of one Bridge. They run in rospy's threads and take the bridge's lock."""
 
     def __init__(self, bridge: Any):
         self.bridge, self.robot = bridge, bridge.simulator.robot.name
@@ -36,12 +36,12 @@ class GazeboInterface:
             rospy.Service(name, kind, answer)
 
     def set_model_state(self, request: Any) -> SetModelStateResponse:
-        """Put the robot somewhere else; it stands then, and time goes on."""
+        """Place the robot at rest at the requested pose, while time goes on."""
         state, problem = request.model_state, ""
         if state.model_name != self.robot:
-            problem = f"SetModelState: model [{state.model_name}] does not exist; it is called {self.robot}"
+            problem = f"SetModelState: model [{state.model_name}] does not exist; give {self.robot}"
         elif state.reference_frame not in WORLD_FRAMES:
-            problem = f"SetModelState: reference frame [{state.reference_frame}] is not known; give world"
+            problem = f"SetModelState: reference frame [{state.reference_frame}] is unknown; give world"
         if problem:
             rospy.logwarn("sim_bridge: %s", problem)
             return SetModelStateResponse(False, problem)
@@ -50,7 +50,7 @@ class GazeboInterface:
         return SetModelStateResponse(True, "SetModelState: set model state done")
 
     def get_model_state(self, request: Any) -> GetModelStateResponse:
-        """Return pose and twist of the robot in the world."""
+        """Return pose and twist of the robot in the world frame."""
         with self.bridge.lock:
             state, stamp = self.bridge.simulator.state, self.bridge.stamp()
         answer = GetModelStateResponse()

@@ -1,11 +1,12 @@
-"""Messages of the simulated robot: a RobotState and a scan as the messages of the real one.
+"""Publishers of the simulated robot, which convert a RobotState and a scan to the messages of the real robot.
 
-ros_bridge.py publishes through it. Positions are planar; z is that of the base frame.
+ros_bridge.py publishes through this module. Positions are planar, with the z of the base frame.
 """
 
 from __future__ import annotations
 
 from math import pi
+from typing import Optional
 
 import numpy as np
 import rospy
@@ -27,13 +28,13 @@ from .mechanics import GRAVITY
 from .simulator import RobotState, Simulator
 
 WORLD = "world"
-OBSTACLE_HEIGHT_M = 0.5
-MAP_RESOLUTION_M = 0.05  # m
-WHEELS = {  # names of the joints, left before right
+OBSTACLE_HEIGHT_M = 0.5  # height of the markers of obstacles [m]
+MAP_RESOLUTION_M = 0.05  # resolution of the published map [m]
+WHEELS = {  # names of the wheel joints, left before right
     "skid_steer": ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"),
     "two_wheel": ("wheel_left_joint", "wheel_right_joint"),
 }
-_SLIP = {"skid_steer": 1.5, "two_wheel": 1.0}  # a wheel's way in a turn by that of an axle without slip
+_SLIP = {"skid_steer": 1.5, "two_wheel": 1.0}  # ratio of a wheel's path in a turn to the path without slip
 _COVARIANCE = [0.0] * 36
 for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
     _COVARIANCE[7 * _i] = _value
@@ -41,12 +42,12 @@ _ATTITUDE_COVARIANCE = [1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4]
 
 
 class BridgeTopics:
-    """The publishers. Queued, so that no frozen listener holds the simulation up.
+    """Publishers of one robot, with queues so that a frozen subscriber cannot block the simulation.
 
     Args:
-        robot: Description of the robot; topics and frames have its names.
-        prefix: What the names of the robot's other frames begin with, for several robots on one master.
-        with_map: Whether to publish a map of the world and where it lies, as a map server and localisation do.
+        robot: Description of the robot with the names of topics and frames.
+        prefix: Prefix of the names of the robot's frames, for several robots on one master.
+        with_map: Whether to publish a map of the world and its frame, as a map server and a localisation do.
     """
 
     def __init__(self, robot: Robot, prefix: str = "", with_map: bool = False):
@@ -66,8 +67,8 @@ class BridgeTopics:
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
-        self._turned = [0.0, 0.0]  # of the left and right wheels [rad]
-        self._last = None
+        self._turned = [0.0, 0.0]  # angles of the left and right wheels [rad]
+        self._last: Optional[float] = None  # simulated time of the last update of the angles [s]
 
     def publish_clock(self, stamp: rospy.Time) -> None:
         """Publish simulated time."""
@@ -78,7 +79,7 @@ class BridgeTopics:
         self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))
 
     def publish_state(self, state: RobotState, stamp: rospy.Time, touched: bool) -> None:
-        """Publish everything of one instant but the scan. touched: since the last call."""
+        """Publish all messages of one time except the scan. `touched`: contact since the last call."""
         self.tf.publish([_transform(self.odom_frame, self.base_frame, state.odom_pose, stamp)])
         self.odometry.publish(_odometry(self.odom_frame, self.base_frame, state.odom_pose, state.odom_twist, stamp))
         self.truth.publish(_odometry(WORLD, self.base_frame, state.pose, state.twist, stamp))
@@ -89,10 +90,10 @@ class BridgeTopics:
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish static frames, static obstacles and the map of the world: after every reset and change of world."""
+        """Publish static frames, static obstacles and the map, after every reset and change of world."""
         self.publish_frames(simulator, stamp)
         cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
-        markers = [Marker(action=Marker.DELETEALL)]  # clears moving obstacles too, which publish_movers sends
+        markers = [Marker(action=Marker.DELETEALL)]  # also deletes the markers of publish_movers
         markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
         markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
         markers[0].header.frame_id = WORLD
@@ -105,22 +106,22 @@ class BridgeTopics:
         self._last = None
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish the static frames: the robot's parts, and where odom lies in the world."""
+        """Publish the static frames: the parts of the robot, and the pose of odom in the world."""
         x, y = simulator.odom_origin
         base, prefix = self.base_frame, self.prefix
-        # the map's frame is the world's; all robots share it
+        # The map frame equals the world frame, and all robots share it.
         maps = [] if self.map is None else [_transform(WORLD, self.robot.frames.map, (0.0, 0.0, 0.0), stamp)]
         laser = _transform(base, self.laser_frame, self.robot.laser.pose, stamp, self.robot.laser.height)
         links = [_transform(base, prefix + name, (0.0, 0.0, 0.0), stamp) for name in ("chassis_link", "imu_link")]
         self.tf_static.publish([laser, *links, _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp), *maps])
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish the moving cylinders where they are now, if anyone listens."""
+        """Publish the moving cylinders at the current time, if there are subscribers."""
         circles = simulator.mover_circles().tolist()
         if circles and self.movers.get_num_connections():
             self.movers.publish([_cylinder(row, i, stamp, "movers") for i, row in enumerate(circles)])
 
-    def _publish_joints(self, state, stamp):
+    def _publish_joints(self, state: RobotState, stamp: rospy.Time) -> None:
         now, base = state.time, self.robot.base
         names, half = WHEELS[base.drive], 0.5 * _SLIP[base.drive] * base.track
         if self._last is not None and now > self._last:

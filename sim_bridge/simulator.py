@@ -1,7 +1,7 @@
-"""The one interface of the simulated robot.
+"""Common interface of the simulated robots, PybulletSimulator and KinematicSimulator.
 
-PybulletSimulator and KinematicSimulator implement it; the ROS bridge, the training environment and the evaluation drive
-through it. Time is simulated: nothing here reads a clock.
+The ROS bridge, the training environment and the evaluation drive through this interface. Time is simulated, so no
+function here reads a clock.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .mechanics import STEP
 from .odometry import Odometry
 
 Pose = Tuple[float, float, float]
-Span = Union[float, Tuple[float, float]]  # a number, or (low, high): drawn anew at every reset
+Span = Union[float, Tuple[float, float]]  # constant, or range (low, high) drawn from at every reset
 
 
 class SimulatorError(ApplrError):
-    """A wrong argument to a simulator: one line that says which, its value and what to do."""
+    """Invalid argument of a simulator. The message is one line with problem, value and remedy."""
 
 
 @dataclass
@@ -38,44 +38,44 @@ class RobotState:
     """
 
     time: float = 0.0
-    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # true, world frame
-    twist: Tuple[float, float] = (0.0, 0.0)  # true, along and about the body's axes
-    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # as the odometry believes, frame odom
+    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # true pose in the world frame
+    twist: Tuple[float, float] = (0.0, 0.0)  # true twist in the body frame
+    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # pose estimated by the odometry, in frame odom
     odom_twist: Tuple[float, float] = (0.0, 0.0)
-    contact: bool = False  # touched anything since the last advance() began
+    contact: bool = False  # whether the robot touched an obstacle during the last advance()
     flipped: bool = False
     imu: Tuple[float, float] = (0.0, 0.0)  # forward acceleration [m/s^2], yaw rate [rad/s]
 
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Differences from the nominal robot.
+    """Deviations from the nominal robot.
 
-    Each is a number or a (low, high) span drawn at reset from the seed.
+    Each is a number, or a range (low, high) from which a number is drawn at reset.
     """
 
-    start_xy: float = 0.0  # the start is moved by up to this much along x and y [m]
-    start_yaw: float = 0.0  # and turned by up to this much [rad]
-    scan_noise: Span = 1.0  # multiplies the laser's noise
-    latency: Span = 0.0  # from command() to the wheels [s]
-    friction: Span = 1.0  # multiplies the wheels' friction
-    slip: Span = 1.0  # multiplies slip and drift beyond what physics gives
-    ground: Span = 1.0  # share of the robot's own ground, 1 or more all of it; the rest is plain
-    odometry: Span = 1.0  # multiplies the odometry's errors
+    start_xy: float = 0.0  # largest shift of the start along x and y [m]
+    start_yaw: float = 0.0  # largest rotation of the start [rad]
+    scan_noise: Span = 1.0  # factor of the laser's noise
+    latency: Span = 0.0  # delay from command() to the wheels [s]
+    friction: Span = 1.0  # factor of the wheels' friction
+    slip: Span = 1.0  # factor of the random slip and drift
+    ground: Span = 1.0  # share of the robot's own ground, at most 1; the remainder is plain ground
+    odometry: Span = 1.0  # factor of the odometry's errors
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, value in vars(self).items():
             low, high = value if isinstance(value, (tuple, list)) else (value, value)
             if not 0 <= low <= high:
-                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0 or a span (low, high)")
+                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0 or a range (low, high)")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
-        """One robot: the same fields, every span replaced by a number drawn uniformly from it."""
+        """Return a copy in which each range is replaced by a number drawn uniformly from it."""
 
-        def pick(span):
+        def pick(span: Span) -> float:
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        names = [name for name in vars(self) if not name.startswith("start_")]  # in this order
+        names = [name for name in vars(self) if not name.startswith("start_")]  # The order fixes the draws of a seed.
         return replace(self, **{name: pick(getattr(self, name)) for name in names})
 
 
@@ -83,24 +83,24 @@ class Randomisation:
 class _Command:
     v: float = 0.0
     w: float = 0.0
-    until: float = -1.0  # sim time at which the base stops by itself
-    # (effective from, v, w) held back by the latency
+    until: float = -1.0  # simulated time at which the base stops on its own [s]
+    # Commands (start time, v, w) delayed by the latency
     pending: List[Tuple[float, float, float]] = field(default_factory=list)
 
 
 class Simulator(ABC):
     """One robot in one world.
 
-    Frames: the world's own, and `odom`, whose origin is the start position and whose axes stay parallel to
-    the world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
+    The origin of frame `odom` is the start position, and its axes are parallel to those of the world, as for Gazebo's
+    Jackal. A rotated start therefore does not move a goal in frame `odom`.
 
     Args:
-        robot: Description of the robot; the Jackal without one.
+        robot: Description of the robot; the Jackal by default.
         **randomisation: Fields of Randomisation.
     """
 
-    world: World  # since the last reset()
-    drawn: Any  # the Randomisation of this reset: every span replaced by a number
+    world: World  # world of the last reset()
+    drawn: Any  # Randomisation of this reset, with every range replaced by a number
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         self.robot = load("jackal") if robot is None else robot
@@ -110,11 +110,11 @@ class Simulator(ABC):
         self._lidar: Any = None
         self._command = _Command()
 
-    # -- for everybody -----------------------------------------------------------------------------
+    # -- public ------------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, start: Optional[Sequence[float]] = None) -> RobotState:
-        """Put the robot at `start` (world frame, default the course's) at time 0, standing.
+        """Place the robot at rest at `start` in the world frame, by default the start of the course, and set time to 0.
 
-        The same world, seed and commands give the same states and scans, to the last bit.
+        The same world, seed and commands give bit-identical states and scans.
         """
         place = tuple(float(value) for value in (world.course.start if start is None else start))
         self._rng = np.random.default_rng(seed)
@@ -140,16 +140,16 @@ class Simulator(ABC):
         return self.state
 
     def command(self, v: float, w: float) -> None:
-        """Take the newest velocity command [m/s, rad/s]. The base stops its command timeout after the last one."""
+        """Set the velocity command [m/s, rad/s]. The base stops when its command timeout has passed."""
         if not (isfinite(v) and isfinite(w)):
-            raise SimulatorError(f"command ({v!r}, {w!r}): velocities must be finite")
+            raise SimulatorError(f"command ({v!r}, {w!r}) is not finite: give finite velocities")
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
         self._command.pending.append((self.state.time + self.drawn.latency + self.robot.simulation.command_delay, v, w))
 
     def advance(self, duration: float) -> RobotState:
-        """Let `duration` seconds pass (rounded to whole physics steps by what has passed in total)."""
+        """Simulate `duration` [s]. The total time is rounded to whole physics steps."""
         self._elapsed += duration
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps > 0:
@@ -157,10 +157,9 @@ class Simulator(ABC):
         return self.state
 
     def scan(self) -> np.ndarray:
-        """Return ranges (beams,) float32 [m] from the laser at the present instant.
+        """Return the laser ranges (beams,) float32 [m] at the current time, with new noise at each call.
 
-        +inf where nothing returns and -inf nearer than range_min (REP 117, as Gazebo's laser does). Each call draws new
-        noise.
+        As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
         pose = self.state.pose
         laser = self.robot.laser
@@ -171,19 +170,19 @@ class Simulator(ABC):
         return np.add(ranges, noise, out=ranges)
 
     def to_odom(self, pose: Pose) -> Pose:
-        """Return a pose (x, y, yaw) of the world frame in frame odom."""
+        """Transform a pose (x, y, yaw) from the world frame to frame odom."""
         return pose[0] - self.odom_origin[0], pose[1] - self.odom_origin[1], pose[2]
 
     def set_odometry(self, pose: Pose) -> None:
-        """Make the odometry believe in `pose` (x, y, yaw) of frame odom; the robot stays where it is."""
+        """Set the pose (x, y, yaw) of the odometry in frame odom without moving the robot."""
         self._odometry.set(pose, self.state.pose[2])
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
     def teleport(self, pose: Sequence[float]) -> RobotState:
-        """Put the robot at `pose` (x, y, yaw) of the world frame, standing; time and commands go on.
+        """Place the robot at rest at `pose` (x, y, yaw) in the world frame, while time and commands go on.
 
-        The odometry notices nothing of the way: its position stays, as in Gazebo, where it comes from the wheels. Its
-        heading follows, since that comes from the IMU.
+        As in Gazebo, the position of the odometry is unchanged, because it comes from the wheels. Its heading follows,
+        because it comes from the IMU.
         """
         x, y, yaw = float(pose[0]), float(pose[1]), angles.normalize_angle(float(pose[2]))
         self._move_to((x, y, yaw))
@@ -194,7 +193,7 @@ class Simulator(ABC):
         return self.state
 
     def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
-        """Return (k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
+        """Return the moving cylinders (k, 3) x, y, radius of the world, now or at a simulated time [s]."""
         movers = self.world.movers
         if not movers:
             return _NO_CIRCLES
@@ -202,24 +201,24 @@ class Simulator(ABC):
         return np.array([(*mover.position(time), mover.radius) for mover in movers], dtype=np.float64)
 
     def close(self) -> None:
-        """Give back what the simulator holds. It can be called twice, but nothing else after it."""
+        """Release all resources. Only `close` itself may be called afterwards."""
         self._lidar = None
 
-    # -- for the implementations -------------------------------------------------------------------
+    # -- implemented by derived classes ------------------------------------------------------------
     @abstractmethod
-    def _place(self, pose, new_world: bool) -> None:
-        """Let the robot stand at `pose` in self.world."""
+    def _place(self, pose: Pose, new_world: bool) -> None:
+        """Build self.world, and place the robot at rest at `pose`."""
 
     @abstractmethod
     def _move_to(self, pose: Pose) -> None:
-        """Put the robot at `pose`, standing, in the middle of a drive; the caller renews self.state."""
+        """Place the robot at rest at `pose` while time goes on. The caller updates self.state."""
 
     @abstractmethod
     def _drive(self, steps: int) -> None:
-        """Move on by `steps` of STEP, renew self._steps and self.state; the wheels are asked for `_target(time)`."""
+        """Simulate `steps` of STEP towards `_target(time)`, and update self._steps and self.state."""
 
     def _ground(self) -> float:
-        """Return what wheels.tyres() takes for the ground of this reset."""
+        """Return the argument `ground` of wheels.tyres() for this reset."""
         return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
 
     def _target(self, time: float):
@@ -235,7 +234,7 @@ _NO_CIRCLES = np.empty((0, 3))
 
 
 def warm_up(simulator: Simulator, world: World) -> None:
-    """Have a simulator compile or load all its kernels; it needs a reset afterwards."""
+    """Compile or load all kernels of a simulator. The simulator must be reset afterwards."""
     simulator.reset(world, 0)
     simulator.command(0.5, 0.5)
     for _ in range(10):

@@ -1,16 +1,15 @@
-"""Driven wheels that move a robot: velocity controller, wheel speeds, friction of tyres and casters on the ground.
+"""Driven wheels of both simulators: velocity controller, wheel speeds, friction of tyres and casters on the ground.
 
-Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between wheels and
-ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the commanded rate depending
-on the heading (its cone variant: .2 to 1.0). Here each tyre pulls against its slip with Coulomb's force, in any
-direction. That is ground `plain`; ground `gazebo` is the friction of Gazebo's Jackal (`_pyramid`), which comes and
-goes with the wheels' angles.
+Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a turn in place runs at
+.9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with the cone variant). Here each tyre applies
+Coulomb's force against its slip in any direction. This is ground `plain`. Ground `gazebo` is the friction of Gazebo's
+Jackal (`_pyramid`), which varies with the wheels' angles.
 
-With forces opposed to slip a skid-steered turn in place needs wheels faster than the turning body by
-1 + (wheel base / track)^2, 1.49 for the Jackal (Clearpath's separation multiplier: 1.5), less when a fast curve presses
-the robot outwards: `rim_table` holds what every (v, w) needs. The Jackal's centre of mass lies ahead of the wheels'
-middle, so the front grips better and it turns about a point ahead of base_link: the drift of a turn in place. Two
-driven wheels need no more than their track says; casters slide with their own friction.
+If forces oppose the slip, a skid-steered turn in place needs wheels faster than the turning body by
+1 + (wheel base / track)^2, which is 1.49 for the Jackal (Clearpath's separation multiplier is 1.5). In a fast curve the
+factor is smaller. `rim_table` has the factor of every (v, w). The Jackal's centre of mass lies ahead of the wheels'
+centre, so its front slips less and the robot turns about a point ahead of base_link: a turn in place drifts. Two driven
+wheels need no factor, and casters slide with their own friction.
 """
 
 from __future__ import annotations
@@ -27,33 +26,33 @@ from applr_ros1.robots import Robot
 from . import mechanics as m
 from .mechanics import STEP
 
-# the state of the drive: the ramped command, rim speeds, pull on the body, angles of the left and right wheels [rad],
-# then the noise of each side and each support
+# Indices of the state of the drive: ramped command, rim speeds, acceleration of the body by the tyres, angles of the
+# left and right wheels [rad], noise of each side, noise of each support
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
-_KEEP_PULL = exp(-STEP / 0.02)
-_JAM_SHARE = 0.1  # a wheel on Gazebo's ground is pressed down by at most ten times its load
-_STICK_M_S = 0.01  # slip speed below which Gazebo's friction holds less than its full force [m/s]
+_KEEP_PULL = exp(-STEP / 0.02)  # decay per step of the filtered acceleration, whose time constant is 20 ms
+_JAM_SHARE = 0.1  # inverse of the largest ratio of a wheel's contact force to its load on Gazebo's ground
+_STICK_M_S = 0.01  # slip speed below which Gazebo's friction is less than its full force [m/s]
 
 
 def new_drive(supports: np.ndarray, seed: Sequence[int]) -> np.ndarray:
-    """Return the state of a drive that stands; its wheels' angles are drawn from the seed."""
+    """Return the state of a drive at rest. The angles of its wheels are drawn from the seed."""
     drive = np.zeros(GRIP_NOISE + len(supports))
     drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
     return drive
 
 
 def noises(supports: np.ndarray) -> int:
-    """Return how many standard normal numbers a step takes: one for each side, one for each support."""
+    """Return the number of normal random numbers per step, one for each side and one for each support."""
     return 2 + len(supports)
 
 
 @kernel(error_model="numpy", forceinline=True)
 def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
-    """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
+    """Run one step of the velocity controller towards (v, w) [m/s, rad/s] within its acceleration limits.
 
-    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (noises(),) standard normal; `slip`
-    scales all unevenness. `ground`: see tyres(); Gazebo's controller knows a constant multiplier of the track instead
-    of the table, and its wheels turn evenly.
+    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. `table` is rim_table(), `noise` (noises(),) is standard normal,
+    and `slip` scales all random errors. For `ground`, see tyres(). Gazebo's controller has a constant multiplier of the
+    track instead of the table, and its wheels have no noise.
     """
     rate = scalars[m.ACCELERATION] * STEP
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
@@ -83,7 +82,7 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
 
 @kernel
 def _rims(v, w, table, scalars):
-    """Return the mean and half difference of the rim speeds for (v, w), bilinear in the table."""
+    """Return the mean and half the difference of the rim speeds for (v, w) by bilinear interpolation of the table."""
     sign = 1.0 if v > 0.0 else -1.0
     a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
     b = min(abs(w) * scalars[m.PER_W], table.shape[1] - 1.001)
@@ -97,16 +96,16 @@ def _rims(v, w, table, scalars):
 
 @kernel(error_model="numpy", forceinline=True)
 def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
-    """Change (du, ds, dw) of the body's velocity by its tyres and casters in one step.
+    """Return the change (du, ds, dw) of the body's velocity by tyres and casters in one step.
 
-    The centre of mass moves at (u, s) ahead and to the left [m/s], the body turns at w [rad/s]. scalars, supports: of
-    Mechanics. `friction` of the wheels on the ground; lift (n,): share of its load that each support carries.
-    `ground`: 0 plain, 1 Gazebo's, and the weighted mean of both between.
+    The centre of mass moves at (u, s) ahead and to the left [m/s], and the body turns at w [rad/s]. `scalars` and
+    `supports` are those of Mechanics, `friction` is that of the wheels, and `lift` (n,) is the share of its load that
+    each support carries. `ground` is 0 for plain ground and 1 for Gazebo's; values in between weight both.
 
-    Coulomb's friction, smooth below the tyres' creep, solved for the velocity at the step's end (two passes), so that
-    it is stable and holds a standing robot still. The load shifts between the supports with the acceleration.
+    Coulomb friction, smoothed below the tyres' creep, is solved implicitly for the velocity at the end of the step in
+    two passes. The solution is stable and keeps a robot at rest. Acceleration transfers load between the supports.
     """
-    if supports.shape[0] == 4:  # a constant count lets the compiler unroll the loop
+    if supports.shape[0] == 4:  # A constant count lets the compiler unroll the loop.
         return _tyres(4, drive, u, s, w, scalars, supports, friction, lift, ground)
     return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift, ground)
 
@@ -120,7 +119,7 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
     turned = ((cos(left), sin(left)), (cos(right), sin(right)))
     du, ds, dw = 0.0, 0.0, 0.0
     for _ in range(2):
-        # (M + sum k J'J) d = -sum k J' slip, for d = (du, ds, dw), with k = step * force / slip of each support
+        # Solve (M + sum k J'J) d = -sum k J' slip for d = (du, ds, dw), with k = step * force / slip of each support.
         a00, a11, a22, a02, a12 = mass, mass, inertia, 0.0, 0.0
         b0, b1, b2 = 0.0, 0.0, 0.0
         for i in range(n):
@@ -175,11 +174,12 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
 
 @kernel(error_model="numpy")
 def _pyramid(slip_x, slip_y, c, sn, friction):
-    """Force over slip, ahead and aside, of one edge of a wheel on Gazebo's ground, for a unit of friction times load.
+    """Return force over slip, ahead and aside, of one wheel edge on Gazebo's ground per unit of friction times load.
 
-    The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle of cosine c and sine sn). ODE takes it as
-    the first direction of its friction pyramid without laying it on the ground: both directions hold with a share |c|,
-    and a part of the first force presses the wheel down or lifts it. From a friction of 1 on it would jam.
+    The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle with cosine c and sine sn). ODE uses this
+    vector as the first direction of its friction pyramid without projecting it onto the ground. Both directions act
+    with a share |c|, and part of the first force presses the wheel down or lifts it. The wheel would jam from a
+    friction of 1 on.
     """
     ahead = slip_x * c
     over_x, over_y = max(abs(ahead), _STICK_M_S), max(abs(slip_y * c), _STICK_M_S)
@@ -189,15 +189,15 @@ def _pyramid(slip_x, slip_y, c, sn, friction):
 
 @lru_cache(maxsize=64)
 def rim_table(robot: Robot) -> np.ndarray:
-    """Rim speeds that make the robot drive what was commanded on nominal, even, plain ground: (17, 17, 2).
+    """Return the table (17, 17, 2) of rim speeds that realise a command on nominal, even, plain ground.
 
-    Entry (i, j) belongs to i/16 of the largest speed and j/16 of the largest yaw rate: what to add to the speed, and
-    the multiplier of the track. Curves beyond the tyres' grip (v w above grip_limit) take the multiplier of the
-    tightest curve at that speed that they can hold. Found by driving; takes some 50 ms.
+    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the largest speed and j/16
+    of the largest yaw rate. Curves beyond the tyres' friction limit (v w above grip_limit) take the multiplier of the
+    tightest feasible curve at that speed. The table is computed by simulated driving in about 50 ms.
     """
-    base, found = robot.base, m.mechanics(robot)
+    base, mechanics = robot.base, m.mechanics(robot)
     steps = base.max_speed / m.TABLE, base.max_yaw_rate / m.TABLE
-    return _rim_table(*steps, robot.simulation.grip_limit, found.scalars, found.supports, base.wheel_friction)
+    return _rim_table(*steps, robot.simulation.grip_limit, mechanics.scalars, mechanics.supports, base.wheel_friction)
 
 
 @kernel
@@ -215,7 +215,7 @@ def _rim_table(v_step, w_step, grip_limit, scalars, supports, friction):
 
 @kernel
 def _settle(v, w, scalars, supports, friction):
-    """Drive at (v, w) and correct the rims until body and command agree: (to add to v, multiplier)."""
+    """Drive at (v, w), adjust the rim speeds until body and command agree, and return (addition to v, multiplier)."""
     drive, lift = np.zeros(GRIP_NOISE + supports.shape[0]), np.ones(supports.shape[0])
     half = 0.5 * scalars[m.TRACK]
     ahead, side = v, 1.3 * half * w

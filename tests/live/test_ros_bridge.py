@@ -178,7 +178,7 @@ def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
 
 
 def test_commands_that_are_no_numbers_are_refused_and_do_not_drive(robot):
-    robot.drive(float("nan"), 0.0, lambda: "refused: it must be finite" in robot.process.text)
+    robot.drive(float("nan"), 0.0, lambda: "rejected: send finite numbers" in robot.process.text)
     later = robot.now + 0.3
     robot.drive(0.3, float("inf"), lambda: robot.now > later)
     assert abs(robot.speed) < 0.02
