@@ -1,12 +1,14 @@
 """The learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward.
 
-Importing this package makes the environment known to Gymnasium under the name ID.
+Importing this package registers the environment with Gymnasium under the name ID.
 """
-# Imports common; sim_bridge, worlds and applr_ros1 without nodes.
+# Imports common, sim_bridge, worlds and applr_ros1 without nodes.
 
 from gymnasium.envs.registration import register
 
 from applr_ros1.policy.decision import PERIOD
 
 ID = "applr_ros1/Navigation-v0"
-register(ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD})  # the paper's
+register(
+    ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD}
+)  # default: the decision period of the paper

@@ -1,14 +1,14 @@
-"""The paper's meta-environment for Gymnasium: id "applr_ros1/Navigation-v0". Actors train in it; any RL library can.
+"""Gymnasium environment "applr_ros1/Navigation-v0": the paper's meta-environment, for actors and any RL library.
 
 State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's parameters, (8,) for the
-Jackal. One step is one decision period (2 s of simulated time in the paper: 40 cycles of the very MoveBase that the ROS
-node runs). Course, limit and ends are those of episode.py.
+Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 cycles of the MoveBase that the ROS
+node runs. episode.py defines courses, time limits and ends of episodes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Sequence, Tuple, Union
 
 import gymnasium
 import numpy as np
@@ -24,28 +24,29 @@ from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
 from training.replay.trajectory import TransitionLayout
+from worlds import World
 
 
 class ApplrEnv(gymnasium.Env):
-    """The learning problem as a Gymnasium environment; a step is one decision period.
+    """Learning problem as a Gymnasium environment; a step is one decision period.
 
     Args:
-        worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
-            commas between them).
-        limit: decisions until the episode is truncated; None: as many as fit into 100 s.
-        end_on_collision: a collision ends the episode, terminated, as a failure.
-        end_on_stall: so does a stall (policy/actor.py).
-        critics_know_more: the observation ends with numbers for the critics alone (privileged.py).
-        settings: fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...;
-            period must be given, and is the paper's 2 s where gymnasium.make gets none.
+        worlds: worlds to drive in: a list of World, or a specification ("generated:train", a file, a folder; several
+            are separated by commas).
+        limit: number of decisions until the episode is truncated; None: as many as fit into 100 s.
+        end_on_collision: whether a collision terminates the episode as a failure.
+        end_on_stall: whether a stall (policy/actor.py) does so.
+        critics_know_more: whether the observation ends with numbers for the critics alone (privileged.py).
+        settings: fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...
+            period is required; gymnasium.make defaults to the paper's 2 s.
 
     Raises:
-        ApplrError: of one line, for what cannot be.
+        ApplrError: An argument is invalid.
     """
 
     def __init__(
         self,
-        worlds="generated:train",
+        worlds: Union[str, Sequence[World]] = "generated:train",
         *,
         limit: Optional[int] = None,
         end_on_collision: bool = False,
@@ -55,7 +56,7 @@ class ApplrEnv(gymnasium.Env):
     ):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
-            raise ApplrError("period: give the decision period in seconds")
+            raise ApplrError("period is missing: give the decision period in seconds")
         self.worlds = load_worlds(worlds)
         robot = self.settings.robot
         self.episode = Episode(
@@ -79,8 +80,8 @@ class ApplrEnv(gymnasium.Env):
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
-    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
-        """Begin a course in the world of the index options["world"], else in one that is drawn."""
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[np.ndarray, Dict]:
+        """Begin a course in the world of index options["world"], or in a random world without this option."""
         super().reset(seed=seed)
         index = (options or {}).get("world")
         world = self.worlds[int(self.np_random.integers(len(self.worlds))) if index is None else index]
@@ -93,8 +94,8 @@ class ApplrEnv(gymnasium.Env):
         self.encoding.reset()
         return self._observation(), self._info(outcome)
 
-    def step(self, action):
-        """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
+    def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
+        """Drive one decision period. terminated: goal or final failure; truncated: time limit (to be bootstrapped)."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))
@@ -111,7 +112,7 @@ class ApplrEnv(gymnasium.Env):
             return seen
         return np.append(seen, privileged.privileged(self.episode, self.encoding.scale))
 
-    def close(self):
+    def close(self) -> None:
         """Close the simulator."""
         self.episode.simulator.close()
 
@@ -119,6 +120,6 @@ class ApplrEnv(gymnasium.Env):
         return {"world": self.episode.world.name, **vars(outcome)}
 
 
-def load_worlds(spec):
-    """The worlds of a specification, several with commas between them; a list of World stays as it is."""
+def load_worlds(spec: Union[str, Sequence[World]]) -> Sequence[World]:
+    """Return the worlds of a specification (several are separated by commas). A list of World is returned unchanged."""
     return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)

@@ -1,7 +1,7 @@
-"""One trial: a robot drives one course while parameters change once per decision period.
+"""Episode: a robot drives one course while its parameters change once per decision period.
 
-The loop that joins MoveBase and a Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and the
-searches all drive through it.
+Episode connects MoveBase to a Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and the
+parameter searches all drive with Episode.
 """
 
 from __future__ import annotations
@@ -10,19 +10,21 @@ import math
 import zlib
 from dataclasses import replace
 from functools import partial
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import transform_point
+from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
 from applr_ros1.movers.prediction import Prediction
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context, Seen
@@ -30,16 +32,18 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.robot import Laser
+from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import CLEAR, Outcome, Trace
+from worlds import World
 
-CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
-TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
+CONTROL_PERIOD = 0.05  # duration of a control cycle [s]: the Jackal's 20 Hz. Slower parts of MoveBase skip cycles.
+TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
 
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """A parameter tree of move_base with `meter_scoring` false, whatever it says: what is learned here counts per cell.
+    """Return move_base's parameter tree with `meter_scoring` false, because everything learned here counts per cell.
 
-    The applr node rescales what it sends to a planner that counts per metre (applr_ros1/nodes/applr/meter_scoring.py).
+    The applr node rescales parameters for a planner that counts per metre (applr_ros1/nodes/applr/meter_scoring.py).
     """
     planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
     return dict(parameters, TrajectoryPlannerROS=planner)
@@ -48,25 +52,26 @@ def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
 class Episode:
     """Drives courses, one after the other, with one planner in one simulator.
 
-    simulator       sim_bridge.Simulator
-    move_base       applr_ros1.planner.move_base.MoveBase; what it draws, it draws at each reset; with its parameter
-                    applr/movers it gets where moving obstacles will be
-    limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
-    period          decision period [s]; the paper's is 2 s
-    end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
-    end_on_stall    a robot that has hardly moved for a while has failed (policy/actor.py)
-    robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
-    monitor         whether the robot's collision monitor stands between the planner and the base
-    escapes         whether that monitor makes the motions of escape that a C++-like planner lacks
+    The goal is sent once, as by the authors' and the BARN runner. If the planner aborts the goal, the robot would stand
+    until the limit. The trial therefore ends at once, as a failure that took the whole limit.
 
-    The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
-    until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
+    Args:
+        simulator: Simulator of the robot.
+        move_base: Planner. A random planner fidelity is drawn at each reset. With its parameter applr/movers, the
+            costmaps receive predicted obstacle points.
+        robot: Description of the robot. Its laser scans at its own rate, at most once per control cycle.
+        period: Decision period [s]; 2 in the paper.
+        limit: Number of decisions until the time limit; None: as many as fit into TIME_LIMIT.
+        end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's protocol.
+        monitor: Whether the robot's collision monitor stands between the planner and the base.
+        end_on_stall: Whether a robot that has hardly moved for a while has failed (policy/actor.py).
+        escapes: Whether the monitor makes the escape motions that a C++-like planner lacks.
     """
 
     def __init__(
         self,
-        simulator,
-        move_base,
+        simulator: Simulator,
+        move_base: MoveBase,
         robot: Robot = JACKAL,
         *,
         period: float,
@@ -81,8 +86,10 @@ class Episode:
         self.prediction = Prediction(robot) if move_base.parameters["applr"]["movers"] else None
         self.robot, self.space = robot, space_of(robot)
         self.nearest = partial(nearest, lowest=robot.laser.range_min)
-        self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
-        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
+        self.layout = layout_of(robot)  # beams of the policy's scans; may be replaced between two trials
+        self._scan_period = robot.laser.period_in(
+            CONTROL_PERIOD
+        )  # interval between scans [s]; 0: a scan in every cycle
         self.end_on_collision, self.escapes = end_on_collision, escapes
         self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)
@@ -91,47 +98,47 @@ class Episode:
         self.trace = Trace()
 
     def set_period(self, period: float) -> None:
-        """Take another decision period [s] from the next decision on, a whole number of control cycles.
+        """Change the decision period [s], a whole number of control cycles, from the next decision on.
 
         Raises:
-            ApplrError: It is not such a number, or longer than 10 s.
+            ApplrError: The period is not a whole number of control cycles, or is longer than 10 s.
         """
         cycles = round(period / CONTROL_PERIOD)
         if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
-            raise ApplrError(f"decision period of {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s")
+            raise ApplrError(f"decision period is {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s")
         self.period, self.cycles = float(period), cycles
 
     @property
     def limit(self) -> int:
-        """Decisions until a trial is over as timed out."""
+        """Number of decisions after which a trial times out."""
         return max(1, round(self.time_limit / self.period))
 
     # -- the trial ---------------------------------------------------------------------------------
-    def reset(self, world, seed: int, theta=None) -> Outcome:
-        """Put robot, maps and planner back, restore theta_0 (or `theta`), look once and send the goal.
+    def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
+        """Reset robot, maps and planner, set theta_0 (or `theta`), observe once and send the goal.
 
-        As the authors' reset: model and odometry to the start, costmaps cleared, theta_0, goal. One idle cycle
-        passes so that the first observation has a map and a plan; the clock starts when the goal is sent.
+        The order is that of the authors' reset: model and odometry at the start, costmaps cleared, theta_0, goal. One
+        idle cycle gives the first observation a map and a plan. The clock starts when the goal is sent.
         """
         self.world = world
         state = self.simulator.reset(world, seed)
-        # a planner that is drawn differs from world to world, whatever the seeds are
+        # The name in the seed makes a random planner fidelity differ from world to world.
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         if self.monitor is not None:
             self.monitor.reset()
         if self.prediction is not None:
             self.prediction.reset()
         self.trace = Trace()
-        self._acceleration = None
+        self._acceleration: Optional[float] = None
         self._jerks = self._turns = self._clearances = 0.0
         self._cycles = 0
         self._scan_due = state.time
-        self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
+        self._ranges = np.empty(0, np.float32)  # latest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._tolerance = self.move_base.goal_tolerance
         lacks = self.escapes and self.move_base.variant == CPP_LIKE
         self._stalled = StalledPlanner(self._tolerance) if lacks else None
-        self._planned = -math.inf  # when the newest plan was made [s]
+        self._planned = -math.inf  # time of the latest plan [s]
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state
@@ -139,14 +146,14 @@ class Episode:
         self.stall.reset()
         self.stall.update(0.0, *state.pose[:2])
         self.move_base.set_goal(self.goal, state.time)
-        self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # of the coming decision, as its scan is
+        self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # plan of the next decision
         self._scanned = self.simulator.scan()
         near = self.nearest(self._scanned)
         self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
         return self.outcome
 
-    def decide(self, theta) -> Outcome:
-        """Drive one decision period (less where the course ends) with parameters theta (n,), and say how it went."""
+    def decide(self, theta: np.ndarray) -> Outcome:
+        """Drive one decision period, or less if the course ends, with parameters theta (n,); return the outcome."""
         was = self.outcome
         if was is None or was.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
@@ -182,12 +189,12 @@ class Episode:
         return now
 
     def context(self) -> Context:
-        """Return the input of a method for the next decision."""
+        """Return the context in which a method makes the next decision."""
         assert self.outcome is not None, "reset() comes first"
         return Context.of(self.outcome.theta, self.seen(), self.space, self.layout)
 
     def seen(self) -> Seen:
-        """Return what the next decision is made from."""
+        """Return the inputs of the next decision."""
         state, laser = self.simulator.state, self.robot.laser
         assert self.outcome is not None, "reset() comes first"
         scan = self._scanned, laser.first_angle + laser.pose[2], laser.increment
@@ -195,21 +202,21 @@ class Episode:
         return Seen(scan, self.outcome.time_s, *motion)
 
     def movers(self) -> np.ndarray:
-        """(k, 4) x, y, vx, vy of what the tracker sees moving, in the odometry's frame [m, m/s]."""
+        """Return the tracked moving obstacles as (k, 4) x, y, vx, vy in the odometry's frame [m, m/s]."""
         if self.prediction is None:
             return np.zeros((0, 4))
         seen = self.prediction.movers
         return np.column_stack([seen.x, seen.y, seen.vx, seen.vy])
 
     # -- parameters --------------------------------------------------------------------------------
-    def apply(self, theta) -> np.ndarray:
-        """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force."""
+    def apply(self, theta: np.ndarray) -> np.ndarray:
+        """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the values in force."""
         has = send(self.space.requests(theta), self.move_base)
         return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
-    def _cycle(self):
-        """Scan, plan, command, drive; returns (planner's cycle, new state)."""
+    def _cycle(self) -> Tuple[Cycle, RobotState]:
+        """Scan, plan, command and drive; return the planner's cycle and the new state."""
         simulator, state = self.simulator, self.simulator.state
         scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
         sensed: Optional[Sensed] = scan
@@ -231,16 +238,16 @@ class Episode:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)
 
-    def _escape(self, state, command):
-        """Return the motion that the monitor drives in place of a C++-like planner's command; None for the command."""
+    def _escape(self, state: RobotState, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
+        """Return the escape motion that replaces a C++-like planner's command, or None to keep the command."""
         if self._stalled is None:
             return None
         (x, y, _), (end_x, end_y, _) = self.move_base.global_plan[[0, -1]]
         left = math.hypot(end_x - x, end_y - y) if state.time - self._planned <= FRESH_S else None
         return self._stalled.instead(state.time, command, self.move_base.goal, left)
 
-    def _scan(self, state) -> LaserScan:
-        """A new scan of the simulated laser."""
+    def _scan(self, state: RobotState) -> LaserScan:
+        """Take a new scan of the simulated laser."""
         self._scan_due += self._scan_period
         self._ranges = self.simulator.scan()
         laser, pose = self.robot.laser, laser_pose(state.odom_pose, self.robot.laser)
@@ -269,18 +276,18 @@ class Episode:
         self.trace.twist.append(tuple(state.twist))
         self._judge(now, cycle, state)
 
-    def _called_within(self, cycle, state) -> Optional[float]:
-        """Return the planner's tolerance [m] where it takes the goal's place for reached, or says so, else None.
+    def _called_within(self, cycle: Cycle, state: RobotState) -> Optional[float]:
+        """Return the planner's goal tolerance [m] if the goal is reached by odometry or by its result, else None.
 
-        It goes by odometry, and has still to stop and to turn there; the time of a recorded drive ends here, too. Where
-        its plan ends beside an occupied goal, as default_tolerance lets it, it has only its word.
+        The planner has still to stop and turn at the goal, but the time of a recorded drive ends here, too. If the plan
+        ends beside an occupied goal, as default_tolerance allows, only the planner's result counts.
         """
         left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
-        said = cycle.result is not None and cycle.result[0] == "succeeded"
-        return self._tolerance if said or left <= self._tolerance else None
+        reported = cycle.result is not None and cycle.result[0] == "succeeded"
+        return self._tolerance if reported or left <= self._tolerance else None
 
-    def _judge(self, now: Outcome, cycle, state) -> None:
-        """Note whether the course has ended, by its rule (Course.arrived)."""
+    def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
+        """Set success, failure and reason in the outcome if the course has ended (Course.arrived)."""
         if self.world.course.arrived(state.pose[0], state.pose[1], self._called_within(cycle, state)):
             now.success, now.reason = True, "finished"
         elif state.flipped:
@@ -292,20 +299,20 @@ class Episode:
             now.aborted, now.reason = True, "planner %s: %s" % (status, text)
 
 
-def progress(goal, p, q) -> Tuple[float, float]:
-    """The paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
+def progress(goal: Sequence[float], p: Sequence[float], q: Sequence[float]) -> Tuple[float, float]:
+    """Return the paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
     gx, gy = goal[0] - p[0], goal[1] - p[1]
     distance = math.hypot(gx, gy)
     along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
     return along, q[1] - p[1]
 
 
-def laser_pose(pose, laser: Laser) -> Tuple[float, float, float]:
-    """A laser's pose for a robot at pose (x, y, yaw)."""
+def laser_pose(pose: Pose, laser: Laser) -> Pose:
+    """Return the pose of the laser of a robot at pose (x, y, yaw)."""
     return (*transform_point(pose, *laser.pose[:2]), pose[2] + laser.pose[2])
 
 
 def nearest(ranges: np.ndarray, lowest: float) -> float:
-    """d(o): the smallest range [m], at least `lowest` (-inf: too near to tell) and inf where nothing returns."""
+    """Return d(o), the smallest range [m]: at least `lowest` (-inf means too near to measure), inf without a return."""
     low = float(np.fmin.reduce(ranges))
     return math.inf if math.isnan(low) else max(lowest, low)

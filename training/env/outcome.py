@@ -1,6 +1,6 @@
 """Outcome of a trial: its state after a decision, and the driven path.
 
-episode.py fills both; rewards, evaluations, datasets and pictures read them.
+episode.py writes both. Rewards, evaluations, datasets and pictures read them.
 """
 
 from __future__ import annotations
@@ -11,33 +11,36 @@ from typing import List, Tuple
 
 import numpy as np
 
-CLEAR = 3.0  # widths of the body beyond which an obstacle is not near
+CLEAR = 3.0  # distance beyond which an obstacle does not count as near [widths of the body]
 
 
 @dataclass
 class Outcome:
     """State of a trial after a decision (or after reset, when most fields are zero).
 
+    The fields from progress to seconds are those of the last decision, the following ones those of the whole trial.
+
     Attributes:
-        theta: (n,) what the planner really has.
-        progress: Of this decision, as all up to `seconds`: metres driven towards the goal (the paper's R_p).
-        progress_y: Metres driven along y.
-        last_scan_min: Smallest range of the scan at its end [m], never under range_min.
-        decision_min: Smallest range of all its scans [m].
+        theta: (n,) parameters in force in the planner.
+        progress: Distance driven towards the goal [m] (the paper's R_p).
+        progress_y: Distance driven along y [m].
+        last_scan_min: Smallest range of the last scan [m], never below range_min.
+        decision_min: Smallest range of all scans [m].
         contact: Whether the robot touched anything.
-        seconds: Simulated time that it took: the decision period, less where the course ended.
-        success: Of the trial so far, as all below: whether the robot has arrived.
-        flipped: Whether it lies on its side.
-        collided: Whether it has touched anything.
-        aborted: Whether the planner gave up, or stopped off the goal.
-        timeout: Whether the limit has passed; also set for an abort, which stands until the limit.
-        time_s: Seconds since the goal was sent; the full limit where it timed out.
-        decisions: Number of them.
-        path_length_m: Way driven.
-        min_clearance_m: Lowest range.
-        mean_clearance_m: Mean over time of the lowest range, which counts as at most CLEAR widths of the body.
-        mean_jerk: Mean magnitude of the change of acceleration [m/s^3].
-        mean_turn: The same of the yaw acceleration.
+        seconds: Simulated duration [s]: the decision period, or less if the course ended.
+        success: Whether the robot has arrived.
+        flipped: Whether the robot lies on its side.
+        collided: Whether the robot has touched anything.
+        aborted: Whether the planner gave up, or stopped away from the goal.
+        timeout: Whether the limit has passed. Also set after an abort, because the robot then stands until the limit.
+        time_s: Time since the goal was sent [s]; the full limit after a timeout.
+        decisions: Number of decisions.
+        path_length_m: Length of the driven path.
+        min_clearance_m: Smallest range.
+        mean_clearance_m: Mean over time of the smallest range, capped at CLEAR widths of the body.
+        mean_jerk: Mean magnitude of the jerk [m/s^3].
+        mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
+        reason: Why the trial is over, in words.
     """
 
     theta: np.ndarray
@@ -59,20 +62,20 @@ class Outcome:
     mean_clearance_m: float = 0.0
     mean_jerk: float = 0.0
     mean_turn: float = 0.0
-    reason: str = ""  # in words, why the trial is over
+    reason: str = ""
 
     @property
     def over(self) -> bool:
-        """Return whether the episode has ended, for whatever reason."""
+        """Return whether the trial has ended, for any reason."""
         return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
 
 
 @dataclass
 class Trace:
-    """Driven path, a row per control cycle, for pictures."""
+    """Driven path for pictures, one row per control cycle."""
 
     time: List[float] = field(default_factory=list)
-    pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame
-    twist: List[Tuple[float, float]] = field(default_factory=list)
-    theta: List[np.ndarray] = field(default_factory=list)  # a row per decision over the parameters
-    decided: List[float] = field(default_factory=list)  # when it was made
+    pose: List[Tuple[float, ...]] = field(default_factory=list)  # true pose in the world frame
+    twist: List[Tuple[float, ...]] = field(default_factory=list)
+    theta: List[np.ndarray] = field(default_factory=list)  # parameters of each decision
+    decided: List[float] = field(default_factory=list)  # time of each decision [s]

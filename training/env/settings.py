@@ -1,4 +1,4 @@
-"""Settings of drives, which evaluations and trainings share, and the protocols, the rules of drives."""
+"""Settings of drives, shared by evaluations and trainings, and protocols (the rules of drives)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from training.env.episode import TIME_LIMIT, counting_cells
 from training.env.reward import Reward
 from worlds import World, barn
 
-PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"  # protocols
+PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"  # names of the protocols
 
 
 def under(protocol: str, world: World) -> World:
-    """The world with the protocol's course.
+    """Return the world with the protocol's course.
 
-    A world of moving obstacles has the BARN Challenge's course for it under both, one that is none of BARN's its own.
+    A dynamic world keeps the BARN Challenge's course under both protocols; a world that is not BARN's keeps its own.
     """
     if protocol == PAPER or not barn.fill_of(world.cylinders)[[0, -1]].all():
         return world
@@ -39,31 +39,32 @@ class DriveSettings(Options):
     simulator: SimulatorName = "kinematic"
     protocol: Literal["paper", "barn-challenge", "drawn"] = option(PAPER,
         "Rules of a drive: paper, the paper's course, on which a contact does not end the drive; barn-challenge, the "
-        "BARN Challenge's course of 10 m, on which it does; or, in training alone, drawn, which takes one of the two "
-        "courses in each episode, while barn-challenge holds in the evaluations.")
+        "BARN Challenge's course of 10 m, on which a contact ends the drive; or, only in training, drawn, which draws "
+        "one of the two courses in each episode and evaluates with barn-challenge.")
     planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
-        "Planner to drive with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
-        "drawn, which takes one of the two in each drive. Evaluations of a training with drawn use ours.")
+        "Planner fidelity: ours; cpp-like, which reproduces the defects of the C++ move_base that affect success; or "
+        "drawn, which draws one of the two in each drive. Evaluations of a training with drawn use ours.")
     monitor: bool = option(False,
-        "Put the collision monitor between the planner and the base, as the launch file does. Without it the base gets "
-        "every command of the planner as it is.")
+        "Put the collision monitor between the planner and the base, as the launch file does. Without the monitor, the "
+        "base receives every command of the planner unchanged.")
     movers: bool = option(False,
-        "Track what moves in the scans and mark where it will be in the costmaps, as the launch file does "
-        "(docs/explanation/movers.md).")
+        "Track moving obstacles in the scans and mark their predicted positions in the costmaps, as the launch file "
+        "does (docs/explanation/movers.md).")
     # fmt: on
 
 
 class TrialSettings(DriveSettings):
-    """Settings of trials and training episodes, which identify them as JSON for workers.
+    """Settings of trials and training episodes, which workers receive as JSON.
 
     Attributes:
-        observation: Encoding of what a learnt policy sees and does, and of the reward (applr_ros1/policy/encoding.py).
-        base: Values of the parameters that an action of the dimensionless encoding does not choose; else the defaults.
-        period: Decision period [s]; in trials None means each method's own.
+        observation: Encoding of observations and actions (applr_ros1/policy/encoding.py), whose units the reward uses.
+        base: Values of the parameters that an action of the dimensionless encoding does not choose; others keep their
+            defaults.
+        period: Decision period [s]. In trials, None means the period of each method.
         reward: Coefficients of the reward.
         randomisation: Fields of sim_bridge.Randomisation, drawn at each reset.
-        loaded: Whether move_base starts with the set of a static method, as with a parameter file, instead of getting
-            it by reconfigure. The monitor makes no motions of escape then, which a C++ move_base lacks.
+        loaded: Whether move_base starts with the parameter set of a static method, as from a parameter file, instead of
+            getting the set by reconfigure. The monitor then makes no escape motions, which a C++ move_base lacks.
         time_limit: Time after which a trial ends and counts as failed [s].
     """
 
@@ -80,7 +81,7 @@ class TrialSettings(DriveSettings):
         return ENCODINGS[self.observation](self.robot, self.period, self.base)
 
     def planner_parameters(self, robot: Robot) -> Dict[str, Any]:
-        """Return the planner's parameter tree of a robot's files; its distance biases count per cell."""
+        """Return the planner's parameter tree from a robot's files, with distance biases that count per cell."""
         parameters = counting_cells(robot.parameters())
         parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
         return parameters

@@ -1,4 +1,4 @@
-"""The trial loop, the reward and the environment: the paper's MDP, both checkers, repeatable."""
+"""Tests of the episode loop, the reward and the environment: the paper's MDP, Gymnasium's checker, repeatability."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ from worlds import Course, Mover, World
 
 
 class FakeMoveBase:
-    """Drives commands (v, w) of a second each, the last one for ever, and after `end` cycles says `result`."""
+    """Drives each command (v, w) for a second, the last one forever, and reports `result` after `end` cycles."""
 
     goal = None
 
@@ -42,11 +42,13 @@ class FakeMoveBase:
         return self.global_plan
 
     def configuration(self, server):
-        return {}  # nothing that is asked for is in force
+        return {}  # No requested value is in force.
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # a planner with its own mind
+        return (
+            {**values, "vx_samples": 7} if "vx_samples" in values else values
+        )  # a planner that changes a requested value
 
     def report_held(self, held):
         self.held.append(held)
@@ -62,7 +64,7 @@ class FakeMoveBase:
 
 
 def straight(obstacle=None):
-    """A course of 4 m to the north."""
+    """Return a world with a course of 4 m to the north."""
     cylinders = np.array([obstacle]) if obstacle else np.zeros((0, 3))
     path = np.array([(1.0, 2.0), (1.0, 6.0)])
     course = Course((1.0, 2.0, math.pi / 2), (1.0, 10.0, math.pi / 2), 6.0, 0.4, path)
@@ -112,7 +114,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert {s for s, _ in base.requests} == set(SPACE.servers)
     planner = dict(base.requests)["TrajectoryPlannerROS"]
     assert (planner["max_vel_theta"], planner["min_vel_theta"], planner["vx_samples"]) == (1.57, -1.57, 6)
-    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # what the planner really has
+    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # value in force in the planner
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
@@ -121,12 +123,12 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert observation[720] == pytest.approx(episode.context().phi / math.pi)
 
 
-def test_the_local_goal_is_seen_from_the_robot():
+def test_the_local_goal_is_relative_to_the_robot():
     episode = trial()
     assert episode.context().phi == pytest.approx(-math.pi / 4, abs=0.02)  # plan: north-east, robot: north
     episode.move_base.global_plan = np.zeros((0, 3))
     episode.decide(SPACE.theta0)
-    assert episode.context().phi == pytest.approx(0.0, abs=0.05)  # no plan: straight to the goal
+    assert episode.context().phi == pytest.approx(0.0, abs=0.05)  # Without a plan, the local goal is the goal.
 
 
 WALL = (1.0, 4.0, 0.2)
@@ -135,12 +137,12 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
 
 @pytest.mark.parametrize(
     ("options", "fails", "ends"),
-    [  # a planner that gives up would stand there until the limit; "succeeded" off the goal is the same
+    [  # A planner that gives up would stand there until the limit, as after "succeeded" away from the goal.
         ({"end": 50, "result": ("aborted", "why")}, True, {**GIVEN_UP, "reason": "planner aborted: why"}),
         ({"end": 50, "result": ("succeeded", "why")}, True, {**GIVEN_UP, "reason": "planner succeeded: why"}),
-        # the limit of time is no failure for good
+        # The time limit is not a final failure.
         ({"v": 0.0, "limit": 5}, False, {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False}),
-        # a stall is one if that is asked for: 0.85 m in 8 s are 0.106 m/s
+        # A stall is a failure if requested. The threshold of 0.85 m in 8 s is 0.106 m/s.
         ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
         ({"v": 0.0, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
         ({"v": 0.10, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
@@ -154,7 +156,7 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
             True,
             {"decisions": 4, "reason": "planner aborted: why"},
         ),
-        # contacts are counted, and end a trial where the protocol says so
+        # Contacts are recorded, and end a trial if the protocol requires it.
         ({"obstacle": WALL, "limit": 4}, False, {"collided": True, "timeout": True, "success": False}),
         ({"obstacle": WALL, "end_on_collision": True}, True, {"collided": True, "reason": "contact"}),
     ],
@@ -175,17 +177,21 @@ REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
     ("planner_ends", "off", "left", "result", "reason"),
     [
         (True, 0.4, 0.0, None, "finished"),
-        (False, 0.4, 0.0, None, "time limit"),  # a circle of its own
-        (True, 0.9, 0.0, None, "time limit"),  # odometry is lost
+        (False, 0.4, 0.0, None, "time limit"),  # The course has a goal circle of its own.
+        (True, 0.9, 0.0, None, "time limit"),  # The odometry is lost.
         (True, 0.0, 0.6, REACHED, "finished"),
         (True, 0.0, 0.9, REACHED, "planner succeeded: Goal reached."),
         (True, 0.0, 0.6, GIVES_UP, "planner aborted: why"),
     ],
 )
-def test_where_a_course_has_no_finish_the_planner_calls_it_done(planner_ends, off, left, result, reason):
-    """By odometry, which is `off` [m] sideways of the true place; or by its word, `left` [m] before the goal.
+def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(planner_ends, off, left, result, reason):
+    """The planner arrives by odometry, which is off sideways, or by its result, which it reports before the goal.
 
-    The robot drives over its goal, 4 m ahead, at 0.5 m/s. .25 m are the planner's tolerance.
+    The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
+
+    Args:
+        off: Error of the odometry [m].
+        left: Distance to the goal when the planner reports its result [m].
     """
     goal, more = (1.0, 6.0, math.pi / 2), {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
     world = replace(straight(), course=replace(straight().course, goal=goal, **more))
@@ -197,10 +203,12 @@ def test_where_a_course_has_no_finish_the_planner_calls_it_done(planner_ends, of
     last = drive(episode)[-1]
     assert (last.success, last.reason) == (reason == "finished", reason)
     if last.success and off:
-        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), "as soon as it is within its tolerance"
+        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), (
+            "the course ends as soon as the robot is within the tolerance"
+        )
 
 
-def test_a_laser_of_5_hz_is_seen_in_every_fourth_cycle():
+def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
     robot = robots.load("turtlebot3_burger")
     planner = FakeMoveBase((0.1, 0.0))
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
@@ -220,8 +228,8 @@ GOLDEN = (
 )
 
 
-def test_what_every_decision_of_a_drive_says():
-    """It passes a post within the first decision, touches one in the second, backs off, and turns; goal to the left."""
+def test_outcome_of_each_decision_of_a_drive():
+    """The robot passes a post, touches another one, backs off and turns, one per decision. The goal is to the left."""
     course = straight().course
     course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
     world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
@@ -231,12 +239,12 @@ def test_what_every_decision_of_a_drive_says():
     for row in GOLDEN:
         outcome = episode.decide(SPACE.theta0)
         seen = episode.context()
-        found = {**vars(outcome), "phi": seen.phi, "mean_range": np.minimum(seen.ranges, 5.0).mean()}
-        assert {name: float(found[name]) for name in FIELDS} == pytest.approx(dict(zip(FIELDS, row)), abs=6e-3)
+        values = {**vars(outcome), "phi": seen.phi, "mean_range": np.minimum(seen.ranges, 5.0).mean()}
+        assert {name: float(values[name]) for name in FIELDS} == pytest.approx(dict(zip(FIELDS, row)), abs=6e-3)
 
 
-def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
-    """A free course is driven as without one; before a wall the robot stands, and the planner knows why."""
+def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
+    """The monitor does not affect a free course. Before a wall it stops the robot and informs the planner."""
     free = trial(monitor=True)
     assert drive(free)[-1].success
     assert not any(free.move_base.held[1:])
@@ -248,16 +256,16 @@ def test_the_monitor_sees_the_scans_and_the_planner_hears_what_it_holds():
 @pytest.mark.parametrize(
     ("variant", "escapes", "moves"), [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)]
 )
-def test_beside_a_cpp_like_planner_that_finds_no_command_the_monitor_moves_the_robot(variant, escapes, moves):
-    """Ours makes such motions itself."""
+def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(variant, escapes, moves):
+    """Our planner makes such motions without the monitor."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
     given, judge = [], episode.monitor.filter
     episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
     drive(episode)
-    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), "the planner may creep, the monitor not"
+    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), "only the planner's commands may creep"
     driven = {twist for twist in episode.trace.twist if twist != (0.0, 0.0)}
     assert bool(driven) == moves
-    assert {episode.trace.twist[i] for i in range(39)} == {(0.0, 0.0)}, "two seconds are the planner's"
+    assert {episode.trace.twist[i] for i in range(39)} == {(0.0, 0.0)}, "the monitor waits two seconds for the planner"
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():
@@ -291,11 +299,11 @@ def test_reward_terms():
 def test_distance_is_bounded_both_ways():
     clear = Reward(c_c=1.0)
     assert earned(clear, replace(STEP, last_scan_min=math.inf))[1]["clearance"] == -0.5
-    for lowest in (0.1, 0.0):  # a laser whose range_min is 0 may say so
+    for lowest in (0.1, 0.0):  # A laser whose range_min is 0 may report 0.
         assert earned(clear, replace(STEP, last_scan_min=lowest))[1]["clearance"] == pytest.approx(-10.0)
 
 
-def test_a_failure_pays_for_the_time_it_stands_still():
+def test_a_failure_pays_for_the_time_until_the_limit():
     fallen = replace(STEP, flipped=True, decisions=45)
     assert earned(Reward(), fallen)[1]["time"] == -6.0
     assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - 20.0
@@ -303,8 +311,8 @@ def test_a_failure_pays_for_the_time_it_stands_still():
     assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
 
 
-def test_times_are_counted_at_the_pace_of_the_robot():
-    """Four times as slow as the Jackal: a course costs the same, and a failure is as dear beside it."""
+def test_times_are_scaled_by_the_pace_of_the_robot():
+    """For a robot four times slower than the Jackal, a course and a failure have the same relative cost."""
     everything = Reward(exact_time=True, c_c=0.1)
     _, terms = earned(everything, STEP, pace=4.0)
     assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0))))
@@ -313,7 +321,9 @@ def test_times_are_counted_at_the_pace_of_the_robot():
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
-    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # what is left until the limit
+    assert (
+        earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
+    )  # The time left until the limit is the smaller one.
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
     judged = Reward(exact_time=True).judge(husky, episode)
@@ -330,7 +340,7 @@ def env():
     made.close()
 
 
-def test_made_by_the_packages_name_it_passes_the_check():
+def test_the_environment_made_by_name_passes_gymnasiums_check():
     from gymnasium.utils.env_checker import check_env
 
     name = "training.env:applr_ros1/Navigation-v0"
@@ -339,7 +349,7 @@ def test_made_by_the_packages_name_it_passes_the_check():
     made.close()
 
 
-def test_same_seed_same_episode(env):
+def test_the_same_seed_gives_the_same_episode(env):
     def run(seed):
         rng = np.random.default_rng(0)
         observation, info = env.reset(seed=seed)
@@ -360,7 +370,7 @@ def test_same_seed_same_episode(env):
     assert {env.reset(seed=s, options={"world": 1})[1]["world"] for s in range(6)} == {"generated:1"}
 
 
-def test_theta_in_the_observation_is_the_planners_own(env):
+def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
     observation, _, _, _, info = env.step(action)
@@ -373,7 +383,7 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     assert set(info["reward"]) == set(TERMS)
 
 
-def test_decision_period_changes_the_steps_not_what_a_second_costs():
+def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second():
     from training.env.env import ApplrEnv
 
     for period, limit in ((2.0, 50), (0.5, 200)):
@@ -394,7 +404,7 @@ def test_decision_period_changes_the_steps_not_what_a_second_costs():
 
 
 @pytest.mark.parametrize("movers", [False, True])
-def test_the_costmaps_get_where_moving_obstacles_will_be_if_the_settings_say_so(movers):
+def test_the_costmaps_get_predicted_obstacle_points_if_the_settings_request_them(movers):
     from training.env.env import ApplrEnv
 
     def marked():
@@ -404,14 +414,14 @@ def test_the_costmaps_get_where_moving_obstacles_will_be_if_the_settings_say_so(
     env = ApplrEnv("dynamic:401", period=1.0, movers=movers)
     for _ in range(2):
         env.reset(seed=0)
-        assert marked() == 0, "the tracker has seen nothing yet"
+        assert marked() == 0, "the tracker has no moving obstacle yet"
         for _ in range(3):
             env.step(np.zeros(env.action_space.shape, np.float32))
         assert (marked() > 20) == movers
     env.close()
 
 
-def test_a_course_begins_with_no_scan_of_the_one_before():
+def test_a_course_begins_without_a_scan_of_the_previous_course():
     settings = {"simulator": "kinematic", "observation": "dimensionless", "period": 1.0}
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
@@ -423,23 +433,23 @@ def test_a_course_begins_with_no_scan_of_the_one_before():
     env.close()
 
 
-def test_a_policy_is_told_where_a_mover_is_from_a_robot_that_turns():
-    """It begins at (1, 2) in the world, which is the odometry's origin, and looks back to the left in the end."""
+def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
+    """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2 rad."""
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
     simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase((0.0, 0.6))
     planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
     episode, encoding = Episode(simulator, planner, period=0.5), DimensionlessEncoding(robots.JACKAL, 0.5)
     episode.layout = encoding.layout
-    told = {}
+    entries = {}
     for movers in ((), (walker,)):
         episode.reset(replace(straight(), movers=movers), 0)
         drive(episode, most=3)
-        told[len(movers)] = encoding.observe(episode.context())[-12:]
-    assert told[0].tolist() == [1.0, 0.0, 0.0, 0.0] * 3
-    assert told[1][4:].tolist() == [1.0, 0.0, 0.0, 0.0] * 2
+        entries[len(movers)] = encoding.observe(episode.context())[-12:]
+    assert entries[0].tolist() == [1.0, 0.0, 0.0, 0.0] * 3
+    assert entries[1][4:].tolist() == [1.0, 0.0, 0.0, 0.0] * 2
     state = simulator.state
     assert state.pose[2] > 2.0
     x, y = transform_point(inverse(state.pose), *walker.position(state.time))
     vx, vy = transform_point((0.0, 0.0, -state.pose[2]), 1.25, 0.0)
-    seen = told[1][:4] * ([15.0 * encoding.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
+    seen = entries[1][:4] * ([15.0 * encoding.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
     np.testing.assert_allclose(seen, [x, y, vx, vy], atol=0.2)
