@@ -1,2 +1,2 @@
 """The classical planner of move_base: costmaps, navfn, the two local planners, recoveries, MoveBase."""
-# Imports numpy, numba and common alone; no ROS.
+# This package imports only numpy, numba and applr_ros1.common, never ROS.

@@ -1,12 +1,12 @@
-"""Grids of the number of steps to a plan or to its end, flooded only as far as somebody asks.
+"""Distance grids: number of steps from each cell to the plan or to its end, flooded only as far as needed.
 
-Called by both local planners. Rules: base_local_planner/map_grid.cpp. `settle` goes on until one cell's value is final,
-`complete` to the end; the numbers are the same.
+Used by both local planners. The rules are those of base_local_planner/map_grid.cpp. `settle` floods until the value
+of one cell is final, `complete` floods the whole map. Both give the same values.
 
-A grid is three arrays. distance: flat int32, (ny + 2) rows of (nx + 2) cells and one more: the map inside a border of
-walls, so that a flood needs no bounds tests. With N = nx * ny a cell holds its distance, N if it is a wall, or N + 1
-("unseen") if no flood has come to it (yet). The one cell more is never reached: settling it completes the flood.
-queue: the cells in the order of their distances; ends: [next to expand, first free place] in it.
+A grid consists of three arrays. distance: flat int32, (ny + 2) rows of (nx + 2) cells, plus one extra cell. The border
+of walls around the map makes bounds tests unnecessary. With N = nx * ny, a cell holds its distance, N if it is a wall,
+or N + 1 ("unseen") if the flood has not reached it (yet). The flood never reaches the extra cell, so that settling it
+completes the flood. queue: cells in order of distance. ends: [next cell to expand, first free slot] of the queue.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, world_to_map
 
 
 def allocate(nx: int, ny: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(distance, queue, ends) for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+    """Return (distance, queue, ends) for a map of nx by ny cells. A planner reuses these arrays in every cycle."""
     distance = np.full((nx + 2) * (ny + 2) + 1, nx * ny, np.int32)
     distance[-1] = nx * ny + 1
     return distance, np.zeros(nx * ny + 8, np.uint32), np.zeros(2, np.int64)
@@ -29,7 +29,7 @@ def allocate(nx: int, ny: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @kernel
 def reset(distance, ends, cells):
-    """Walls where the costmap `cells` (ny, nx) has 253 and above, all else unseen; nothing to expand."""
+    """Make costmap cells (ny, nx) of 253 and above walls and all others unseen, and empty the queue."""
     ny, nx = cells.shape
     wall = np.int32(nx * ny)
     unseen = np.int32(nx * ny + 1)
@@ -42,7 +42,7 @@ def reset(distance, ends, cells):
 
 @kernel
 def start_at(distance, queue, ends, k):
-    """Begin the flood at the cell k, wall or not."""
+    """Start the flood at cell k, which may be a wall."""
     distance[k] = 0
     queue[ends[1]] = k
     ends[1] += 1
@@ -50,10 +50,11 @@ def start_at(distance, queue, ends, k):
 
 @kernel
 def start_at_plan(distance, queue, ends, cells, ox, oy, resolution, plan, whole):
-    """Begin the flood at the cells of the plan (n, 2) [m], made as dense as the map; returns the last one (x, y).
+    """Start the flood at the plan (n, 2) [m], resampled to the map's resolution, and return its last cell (x, y).
 
-    The plan begins at the first point that is on the map and known, and ends before the next one that is not: (-1, -1)
-    if there is none. whole: at all of its cells, else at the last alone. map_grid.cpp:106, 141.
+    The usable plan begins at the first point that is on the map and known, and ends before the next one that is not.
+    Without usable points, the result is (-1, -1). If `whole` is set, the flood starts at all of its cells, otherwise
+    only at the last one. map_grid.cpp:106, 141.
     """
     ny, nx = cells.shape
     goal_x = goal_y = -1
@@ -89,10 +90,10 @@ def start_at_plan(distance, queue, ends, cells, ox, oy, resolution, plan, whole)
 
 @kernel
 def settle(distance, queue, ends, stride, unseen, cell, limit):
-    """Flood on until `cell` has its value; returns it: a distance, a wall's value, or `unseen`.
+    """Flood until `cell` is final and return its value: a distance, the value of a wall, or `unseen`.
 
-    `unseen` means that nothing is left to flood, so that the cell cannot be reached, or (ends[0] < ends[1]) that
-    its distance is above `limit`. 4-connected, one step a cell, never into walls. map_grid.cpp:222.
+    `unseen` means that the flood is complete without reaching the cell, or, if ends[0] < ends[1], that its distance
+    exceeds `limit`. The flood is 4-connected, one step per cell, and never enters walls. map_grid.cpp:222.
     """
     one = np.uintp(1)
     side = np.uintp(stride)
@@ -129,7 +130,7 @@ def settle(distance, queue, ends, stride, unseen, cell, limit):
 
 @kernel
 def at_least(distance, queue, ends, nx, ny, cell, limit):
-    """The value of `cell`, walls as N; limit + 1 where the flood would have to go beyond the limit for it."""
+    """Return the value of `cell` (N for a wall), or limit + 1 if the flood would exceed the limit to reach it."""
     value = settle(distance, queue, ends, nx + 2, nx * ny + 1, cell, limit)
     if value > nx * ny and ends[0] < ends[1]:
         return limit + 1
@@ -138,9 +139,9 @@ def at_least(distance, queue, ends, nx, ny, cell, limit):
 
 @kernel
 def final_distance(distance, queue, ends, stride, n, cell):
-    """The value that C++ holds at `cell`: a distance, N for a wall the flood touches, N + 1 where it never comes."""
+    """Return the value of `cell` in C++: distance, N for a wall touched by the flood, N + 1 if never reached."""
     value = settle(distance, queue, ends, stride, n + 1, cell, n + 1)
-    if value == n:  # a wall: whether the flood touches it depends on its neighbours
+    if value == n:  # The flood touches a wall only if it reaches one of its neighbours.
         for neighbour in (cell - 1, cell + 1, cell - stride, cell + stride):
             if settle(distance, queue, ends, stride, n + 1, neighbour, n + 1) < n:
                 break
@@ -150,9 +151,9 @@ def final_distance(distance, queue, ends, stride, n, cell):
 
 @kernel
 def complete(distance, queue, ends, nx, ny, out):
-    """Flood to the end and write the grid as C++ holds it into `out` (ny, nx) int32.
+    """Flood the whole map and write the grid to `out` (ny, nx) int32 as C++ stores it.
 
-    N: a wall that the flood touched; N + 1: whatever it never came to.
+    Walls that the flood touched are N, cells that it never reached are N + 1.
     """
     stride = nx + 2
     unseen = nx * ny + 1
@@ -164,7 +165,7 @@ def complete(distance, queue, ends, nx, ny, out):
 
 @kernel
 def _final_value(distance, k, stride, n):
-    """Return what C++ holds at the cell k, once k and its four neighbours are settled."""
+    """Return the C++ value of cell k after the cell and its four neighbours are settled."""
     value = int(distance[k])
     if value == n and not (
         distance[k - 1] < n or distance[k + 1] < n or distance[k - stride] < n or distance[k + stride] < n

@@ -1,60 +1,64 @@
-"""Small motions, one after the other, of a robot with a collision monitor that is stuck.
+"""Escape motions: a sequence of short motions for a robot that its collision monitor blocks.
 
-C++ knows no monitor. Its local planner backs out whenever it finds no legal trajectory, whatever stands behind, and
-samples no forward velocity before it has come out; with a monitor before the base the robot would stand there for
-ever. And where the monitor stops the robot nearer to an obstacle than the planner's footprint allows, the planner finds
-no command at all. The state machine asks an Escape in each control cycle; without a monitor that reports, and with
-planner "cpp-like", it never does anything. Beside a C++ move_base the monitor asks one (monitor/stalled_planner.py).
+C++ has no collision monitor. Its local planner backs out whenever it finds no legal trajectory, regardless of
+obstacles behind the robot, and samples no forward velocity until it has backed out. If a monitor blocked the way back,
+the robot would stand there forever. If the monitor stops the robot closer to an obstacle than the planner's footprint
+allows, the planner finds no command at all.
+
+The state machine asks an Escape in each control cycle. Without reports of a monitor, or with planner fidelity
+"cpp-like", the Escape does nothing. Next to a C++ move_base, the monitor uses an Escape (monitor/stalled_planner.py).
 """
 
 from __future__ import annotations
 
 from typing import Optional, Tuple
 
-HELD = 0.5  # s for which the planner's commands are held back before something else is tried
-BLOCKED = 2.0  # s for which the planner finds no command before something else is tried
-TRIED = 0.15  # s after which a motion that is held back, too, gives way to the next one
-MOVED = 0.5  # s of a motion that comes through; then the planner chooses again
-PASSED = 1.0  # s of the planner's own commands coming through, after which the robot counts as free
-TRIES = 24  # motions without getting free, after which a recovery is due
-V, W = 0.1, 0.4  # m/s, rad/s
+HELD = 0.5  # time for which the monitor blocks the planner's commands before the first escape motion [s]
+BLOCKED = 2.0  # time for which the planner finds no command before the first escape motion [s]
+TRIED = 0.15  # time after which a blocked escape motion gives way to the next one [s]
+MOVED = 0.5  # duration of an escape motion that is not blocked [s]
+PASSED = 1.0  # time of unblocked planner commands after which the robot counts as free [s]
+TRIES = 24  # number of unsuccessful escape motions after which a recovery is due
+V, W = 0.1, 0.4  # speed and turn rate of the escape motions [m/s, rad/s]
 MOTIONS = ((0.0, W), (0.0, -W), (-V, W), (-V, -W), (V, W), (V, -W), (V, 0.0), (-V, 0.0))
 
 
 class Escape:
-    """Small motions, none of which looks at the costmap: what may be driven is for the monitor to say."""
+    """Sequence of escape motions. They ignore the costmap, because the collision monitor decides what is safe."""
 
-    def __init__(self):
-        self._held: Optional[bool] = None  # the newest word of the monitor; None: there is none
+    def __init__(self) -> None:
+        self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
         self._next = 0  # index of the next motion
-        self.is_held = False  # whether the robot has not got free since it was first held back
+        self.is_held = False  # whether the robot is not yet free after its first escape motion
         self.restart()
 
     def restart(self) -> None:
-        """Begin to count anew: a recovery has been made."""
-        self._since: Optional[float] = None  # since when the planner's commands are held back
-        self._free_since: Optional[float] = None  # since when they come through
-        self._motion: Optional[Tuple[float, float]] = None  # under way
+        """Reset timers and counters after a recovery."""
+        self._since: Optional[float] = None  # start of the blockage [s]
+        self._free_since: Optional[float] = None  # start of unblocked planner commands [s]
+        self._motion: Optional[Tuple[float, float]] = None  # motion under way
         self._began = 0.0
         self._tries = 0
 
     def give_way(self) -> None:
-        """End the motion under way: the planner, which had no command, has one."""
+        """End the motion under way because the planner has found a command again."""
         self._motion = self._since = None
 
     def report(self, held: bool) -> None:
-        """Note if next to nothing of the last command came through."""
+        """Record whether the monitor blocked nearly all of the last command."""
         self._held = bool(held)
 
     @property
     def is_exhausted(self) -> bool:
-        """True if so many motions did not help that a recovery is due."""
+        """True if TRIES motions were unsuccessful and a recovery is due."""
         return self._tries >= TRIES
 
     def instead(self, now: float, blocked: bool) -> Optional[Tuple[float, float]]:
-        """The motion (v [m/s], w [rad/s]) to be driven at `now` [s]; None for the planner's own command.
+        """Return the escape motion (v [m/s], w [rad/s]) at time `now` [s], or None to use the planner's command.
 
-        blocked: the planner has found none.
+        Args:
+            now: time [s].
+            blocked: whether the planner found no command.
         """
         if self._held is None:
             return None

@@ -1,4 +1,4 @@
-"""Makes MoveBase's costmaps and its local planner from its parameters. Called by move_base.py."""
+"""Factory for the costmaps and the local planner of MoveBase, built from its parameters. Called by move_base.py."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
 from applr_ros1.planner.costmap.static_layer import StaticParameters
 from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import namespace
 from applr_ros1.planner.parameters.layers import INFLATION_LAYER, STATIC_LAYER, layers, sources
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
@@ -25,14 +26,15 @@ LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] 
 }
 
 
-def make_local_planner(full: Dict[str, Any], config) -> LocalPlanner:
-    """The local planner that base_local_planner names, with the values in force.
+def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlanner:
+    """Return the local planner named by base_local_planner, with the values in force.
 
-    What a planner reads once when it starts, the footprint of TrajectoryPlannerROS among it, has its start-up value.
+    Parameters that a planner reads only at start-up, like the footprint of TrajectoryPlannerROS, have their start-up
+    values.
 
     Args:
-        full: the complete parameter tree.
-        config: the Configuration in force.
+        full: complete parameter tree.
+        config: configuration in force.
     """
     plugin = full["base_local_planner"]
     place = namespace(plugin)
@@ -45,13 +47,13 @@ def make_local_planner(full: Dict[str, Any], config) -> LocalPlanner:
     return planner
 
 
-def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:
-    """An empty map with the layers of its parameters.
+def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Costmap:
+    """Return an empty costmap with the layers listed in its parameters.
 
     Args:
         name: "local_costmap" or "global_costmap".
-        static: its branch of the complete parameter tree.
-        config: the Configuration in force.
+        static: branch of this costmap in the complete parameter tree.
+        config: configuration in force.
     """
     now = config[name]
     return Costmap(
@@ -67,7 +69,7 @@ def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:
 
 
 def _describe(layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
-    """A layer from its branch of the complete tree and the values in force."""
+    """Return the description of a layer, from its branch of the complete tree and its values in force."""
     if layer.kind == INFLATION_LAYER:
         return LayerDescription(layer.name, InflationParameters(**now))
     if layer.kind == STATIC_LAYER:

@@ -1,7 +1,7 @@
-"""The interface of a local planner to MoveBase: it follows a plan with velocity commands and tells when it is there.
+"""Interface of the local planners to MoveBase: follow a plan with velocity commands and report a reached goal.
 
-Implemented by trajectory/local_planner.py and dwa/local_planner.py; factory.py chooses by base_local_planner, as
-pluginlib does in C++. tests/planner/test_local_planner_contract.py checks that every planner keeps this contract.
+trajectory/local_planner.py and dwa/local_planner.py implement it. factory.py chooses by base_local_planner, as
+pluginlib does in C++. tests/planner/test_local_planner_contract.py checks every planner against this contract.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ Command = Tuple[float, float]
 
 
 class LocalPlanner(abc.ABC):
-    """Made with the values by name of its server and of its static parameters.
+    """Local planner, constructed from its server's and its static parameters by name.
 
-    Time, pose, velocity and map are arguments; nothing is fetched. Angles are in rad, lengths in m. It keeps state
-    between calls (the plan, latches, flags), all of which `reset` clears.
+    Time, pose, velocity and costmap are arguments, so a planner never fetches data itself. Angles are in rad, lengths
+    in m. A planner keeps state between calls (plan, latches, flags), which `reset` clears.
 
     Attributes:
-        remembers_reached: whether a goal found reached stays so until the next plan or reconfigure, to be read by
-            C++'s move_base in its next cycle; otherwise that asks anew in each cycle.
+        remembers_reached: whether a goal once reached stays reached until the next plan or reconfigure, because C++'s
+            move_base reads the flag only in its next cycle. Otherwise move_base asks anew in each cycle.
         goal_reached: whether the last compute_velocity found the goal reached.
-        cropped_plan: (n, 3) x, y, yaw: the part of the plan that the last command followed, empty if there was none.
+        cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if there was none.
     """
 
     remembers_reached: bool = False
@@ -34,53 +34,57 @@ class LocalPlanner(abc.ABC):
     cropped_plan: np.ndarray
 
     @abc.abstractmethod
-    def set_plan(self, plan) -> None:
-        """Follow this plan (n, 3) x, y, yaw from now on; n may be 0. goal_reached is cleared."""
+    def set_plan(self, plan: np.ndarray) -> None:
+        """Follow the plan (n, 3) x, y, yaw from now on and clear goal_reached. n may be 0."""
 
     @abc.abstractmethod
     def compute_velocity(self, pose, twist, costmap, local_origin: Optional[Pose] = None) -> Tuple[bool, Command]:
-        """(ok, (v, w)) for this cycle.
+        """Return (ok, (v, w)) for this cycle.
 
         Args:
-            pose: (x, y, yaw) of the robot in the costmap's frame.
-            twist: (v, w) as measured.
-            costmap: with cells (ny, nx) uint8, origin (x, y), resolution and footprint (k, 2); it is not changed.
-            local_origin: pose (x, y, yaw) of the costmap's frame in the plan's (localisation moves one against the
-                other); None where they are one.
+            pose: robot pose (x, y, yaw) in the costmap's frame.
+            twist: measured velocity (v, w).
+            costmap: map with cells (ny, nx) uint8, origin (x, y), resolution and footprint (k, 2). It is not modified.
+            local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, as corrected by localisation.
+                None if both are the same frame.
 
         Returns:
-            ok False: no valid command, the velocity is zero. So for a pose or twist that is not finite, and without a
-            plan. At the goal: True, zero velocity, and goal_reached is set.
+            If there is no valid command, ok is False and the velocity zero. Examples are a pose or twist that is not
+            finite, and a missing plan. At the goal, ok is True, the velocity zero and goal_reached set.
         """
 
     @abc.abstractmethod
     def reconfigure(self, params: Dict[str, Any]) -> None:
-        """Take over new values of the server by name. ValueError, one line, refuses them and changes nothing."""
+        """Apply new server parameters by name.
+
+        Raises:
+            ValueError: a value is invalid. Nothing is changed. The message has one line.
+        """
 
     @abc.abstractmethod
     def reset(self) -> None:
-        """As a new object (training episodes): no plan, no latch, no flag. Parameters stay."""
+        """Clear plan, latches and flags, as in a new object (for training episodes). Parameters stay."""
 
     def end_escape(self) -> None:
-        """Choose among all velocities again, if it was backing out: the way back is blocked."""
-        return  # a planner that does not back out has nothing to do
+        """Stop backing out and choose among all velocities again, because the way back is blocked."""
+        return  # Planners that never back out have nothing to do.
 
     def refusals(self, costmap) -> Dict[str, int]:
-        """Why the last cycle's samples gave no command: how many there were, and how many each critic refused.
+        """Return why the last cycle's samples gave no command: their number, and how many each critic rejected.
 
-        Empty where there was a command, or nothing was sampled. costmap: as that cycle saw it.
+        Empty if there was a command or nothing was sampled. `costmap` must be the one of that cycle.
         """
         return {}
 
     @property
     @abc.abstractmethod
     def local_plan(self) -> np.ndarray:
-        """(k, 3) x, y, yaw: the points of the trajectory that was chosen; empty if none was."""
+        """Points (k, 3) x, y, yaw of the chosen trajectory, empty if none was chosen."""
 
     @abc.abstractmethod
     def cost_cloud(self, costmap) -> np.ndarray:
-        """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
+        """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the last cycle's cells, for display."""
 
     def trajectory_cloud(self, costmap) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of points of the last cycle's legal trajectories; empty without any."""
+        """Return points (k, 5) float32 x, y, z, theta, cost of the last cycle's legal trajectories."""
         return np.zeros((0, 5), np.float32)

@@ -1,33 +1,36 @@
-"""Helpers of the make_plan service: the freed square about the robot, and where else to try near a goal.
+"""Helpers of the make_plan service: clearing a square around the robot, and candidate points near a goal.
 
-Called by MoveBase.make_plan. Rules: move_base/move_base.cpp, planService and clearCostmapWindows.
+Called by MoveBase.make_plan. The rules are those of planService and clearCostmapWindows in move_base/move_base.cpp.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
-MOST_STEPS = 100000  # along one axis; goals farther from the map than that are not looked around
+MOST_STEPS = 100000  # maximum number of search steps along one axis, reached only by goals far off the map
 
 
-def free_square(costmap, pose, half_side: float) -> None:
-    """Make the square of 2 * half_side [m] about the pose free in the master map, if it lies wholly on it."""
+def free_square(costmap: Any, pose: Sequence[float], half_side: float) -> None:
+    """Free the square of side 2 * half_side [m] around the pose in the master grid, if it is entirely on the map."""
     low = costmap.world_to_map(pose[0] - half_side, pose[1] - half_side)
     high = costmap.world_to_map(pose[0] + half_side, pose[1] + half_side)
     if min(low + high) >= 0:
         costmap.set_free(low[0], low[1], high[0] + 1, high[1] + 1)
 
 
-def reachable_near(costmap, start, goal, tolerance: float, allow_unknown: bool) -> np.ndarray:
-    """The points (n, 2) [m] that make_plan tries, in its order, without those that navfn cannot reach.
+def reachable_near(
+    costmap: Any, start: Sequence[float], goal: Sequence[float], tolerance: float, allow_unknown: bool
+) -> np.ndarray:
+    """Return the points (n, 2) [m] near the goal that navfn can reach, in the order in which C++ tries them.
 
-    C++ plans to each point of growing squares about the goal in turn, in steps of three cells (less for a smaller
-    tolerance) added up in float32; one flood here leaves out the hopeless ones.
+    C++ plans to each point of growing squares around the goal. Its step is three cells, or less for a smaller
+    tolerance, and is summed in float32. One flood here removes the unreachable points.
     """
     sx, sy = costmap.world_to_map(start[0], start[1])
     if sx < 0:
@@ -44,12 +47,12 @@ def reachable_near(costmap, start, goal, tolerance: float, allow_unknown: bool) 
     rows, columns = np.nonzero(_reachable(costmap.cells, sx, sy, allow_unknown)[np.ix_(my, mx)])
     squares = np.maximum(y_index[rows], x_index[columns])
     order = np.lexsort((x_sign[columns], y_sign[rows], x_index[columns], y_index[rows], squares))
-    order = order[squares[order] > 0]  # square 0 is the goal itself, tried already
+    order = order[squares[order] > 0]  # Square 0 is the goal itself, which has been tried already.
     return np.stack([x[columns[order]], y[rows[order]]], axis=1)
 
 
-def _on_map(centre, offsets, origin, length):
-    """Coordinates centre -+ offsets on the map along one axis, with the offsets' indices and signs."""
+def _on_map(centre: float, offsets: np.ndarray, origin: float, length: float) -> Tuple[np.ndarray, ...]:
+    """Return the coordinates centre -+ offsets on the map along one axis, with indices and signs of the offsets."""
     index = np.arange(len(offsets))
     value = np.concatenate([centre - offsets[1:], centre + offsets])
     index, sign = np.concatenate([index[1:], index]), np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))])
@@ -63,7 +66,7 @@ def _cells(values, costmap, axis):
 
 @kernel
 def _reachable(cells, sx, sy, allow_unknown):
-    """(ny, nx) bool: the cells a flood can come to from (sx, sy): 4-connected, the map's border shut."""
+    """Return (ny, nx) bool: cells that a 4-connected flood from (sx, sy) reaches. The map's border is closed."""
     ny, nx = cells.shape
     reached = np.zeros((ny, nx), np.bool_)
     stack = np.empty(nx * ny, np.int64)

@@ -1,13 +1,13 @@
-"""The whole move_base without ROS, in steps: costmaps, planners, recoveries, parameters, requests.
+"""move_base without ROS, advanced in steps: costmaps, planners, recoveries, parameters and requests.
 
-The ROS node and the training environment step the same object. One thread, no clock and no randomness of its own:
-calls get their time, resets their seed. What happens to a goal is state_machine.py.
+The ROS node and the training environment step the same class. It runs in one thread and has neither a clock nor a
+random source: the time is an argument of each call, the seed one of `reset`. state_machine.py handles the goals.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -33,31 +33,38 @@ INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 
 
 class MoveBase:
-    """`params`: a nested ROS parameter tree; what it leaves out has its default (planner/parameters).
+    """Complete move_base, advanced by `step`.
 
-    planner: see variant.py. seed: an int, or a sequence of them, that decides what is "drawn" until the first reset,
-    and when a C++-like planner is late. Its attribute local_planner_name is the local planner's name space.
+    Args:
+        params: nested ROS parameter tree. Missing parameters have their defaults (planner/parameters).
+        planner: planner fidelity, see variant.py.
+        seed: int or sequence of ints. Until the first reset, it decides what "drawn" gives and when a C++-like
+            planner is late.
 
-    Raises ParameterError or ApplrError (one line) for what cannot be run.
+    Attributes:
+        local_planner_name: namespace of the local planner.
+
+    Raises:
+        ParameterError, ApplrError: the parameters cannot be used. The message has one line.
     """
 
-    def __init__(self, params: Dict[str, Any], planner: str = OURS, seed=0):
+    def __init__(self, params: Dict[str, Any], planner: str = OURS, seed: Union[int, Sequence[int]] = 0):
         self.parameters = complete(params)
         self.local_planner_name = namespace(self.parameters["base_local_planner"])
         self._config = Configuration(self.parameters)
         self._planner = planner
         self._seed = seed
         self._maps: Dict[str, StaticMap] = {}
-        self._outlines: Dict[str, np.ndarray] = {}  # unpadded (n, 2) [m], of costmaps that were given one by topic
+        self._outlines: Dict[str, np.ndarray] = {}  # unpadded footprints (n, 2) [m] received by topic
         self._build()
 
-    # -- the parts -------------------------------------------------------------------------------------------
+    # -- components ------------------------------------------------------------------------------------------
     def _build(self) -> None:
-        """Fresh maps, planners and state from the configuration in force."""
+        """Create costmaps, planners and state from the configuration in force."""
         self.global_costmap, self.local_costmap = (
             make_costmap(name, self.parameters[name], self._config) for name in COSTMAPS
         )
-        self.variant = draw(self._planner, self._seed)  # what is in force
+        self.variant = draw(self._planner, self._seed)  # planner fidelity in force
         like_cpp = self.variant == CPP_LIKE
         local_planner = make_local_planner(self.parameters, self._config)
         self.navfn = Navfn()
@@ -74,7 +81,7 @@ class MoveBase:
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
-        self.local_origin: Optional[Pose] = None  # of the last step
+        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame, as of the last step
         for topic, given in self._maps.items():
             self._show_map(topic, given)
         for name in self._outlines:
@@ -88,7 +95,7 @@ class MoveBase:
 
     @property
     def frequency(self) -> float:
-        """Rate at which step() wants to be called [Hz]: that of its fastest part."""
+        """Rate at which step() must be called [Hz]: the highest rate of its components."""
         settings = self._config[""]
         return max(
             [settings["controller_frequency"], settings["planner_frequency"]]
@@ -97,7 +104,7 @@ class MoveBase:
 
     @property
     def local_planner(self) -> LocalPlanner:
-        """The local planner in use; another one may take its place."""
+        """Local planner in use. It can be replaced."""
         return self._components.local_planner
 
     @local_planner.setter
@@ -106,15 +113,15 @@ class MoveBase:
 
     @property
     def goal_tolerance(self) -> float:
-        """Distance from a goal [m] within which the local planner takes the goal's place for reached."""
+        """Distance to the goal within which the local planner takes the position as reached [m]."""
         name = self.local_planner_name
         return {**self.parameters[name], **self._config[name]}["xy_goal_tolerance"]
 
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
-        """A goal (x, y, yaw) in the global frame; replaces the present one.
+        """Set the goal (x, y, yaw) in the global frame, which replaces the current one.
 
-        Its end shows in a Cycle's result. One that is not finite ends as aborted at the next step.
+        The result appears in a later Cycle. A goal that is not finite is aborted at the next step.
         """
         x, y, yaw = (float(v) for v in goal)
         if not all(math.isfinite(v) for v in (x, y, yaw)):
@@ -123,21 +130,25 @@ class MoveBase:
             self._machine.set_goal((x, y, yaw), now)
 
     def refuse_goal(self, text: str) -> None:
-        """End as aborted, with `text`, at the next step: for a goal that cannot be used."""
+        """Abort with `text` at the next step, because the goal cannot be used."""
         self._machine.refuse_goal(text)
 
     def cancel(self, now: float) -> None:
-        """Give up the goal at the next step, whatever is under way."""
+        """Cancel the goal at the next step, in any state."""
         self._machine.cancel()
 
     def report_held(self, held: bool) -> None:
-        """Note if a collision monitor let next to nothing of the last command through (Verdict.blocked)."""
+        """Record whether a collision monitor blocked nearly all of the last command (Verdict.blocked)."""
         self._machine.report_held(held)
 
-    def reset(self, now: float, restore: bool = True, seed=None) -> None:
-        """As a new object: empty maps, no goal, no memory. `restore`: also the start-up parameters.
+    def reset(self, now: float, restore: bool = True, seed: Union[int, Sequence[int], None] = None) -> None:
+        """Reset to the state of a new object: empty maps, no goal, no memory.
 
-        seed (an int, or a sequence of them): draws anew what is "drawn"; None: it stays as it was drawn.
+        Args:
+            now: time [s].
+            restore: whether to restore the start-up parameters, too.
+            seed: int or sequence of ints with which the planner fidelity "drawn" is drawn anew. None keeps the last
+                seed.
         """
         self._seed = self._seed if seed is None else seed
         if restore:
@@ -146,7 +157,7 @@ class MoveBase:
         self._build()
 
     def clear_costmaps(self) -> None:
-        """Empty both maps, local first; the last scan marks again at the next update."""
+        """Clear both costmaps, the local one first. The last scan marks again at the next update."""
         self.local_costmap.clear()
         self.global_costmap.clear()
 
@@ -158,7 +169,7 @@ class MoveBase:
 
     @property
     def map_topics(self) -> Dict[str, bool]:
-        """{topic: whether a static layer takes updates of that map, too} of the maps that static layers want."""
+        """Topics of the maps that static layers need: {topic: whether a static layer takes updates, too}."""
         wanted: Dict[str, bool] = {}
         for costmap in self.costmaps.values():
             for layer in costmap.static_layers:
@@ -168,14 +179,15 @@ class MoveBase:
 
     @property
     def missing_map(self) -> str:
-        """The topic of a map that a static layer still waits for, or ""."""
+        """Topic of a map that a static layer still waits for, or "" if there is none."""
         layers = [layer for costmap in self.costmaps.values() for layer in costmap.static_layers]
         return next((layer.parameters.map_topic for layer in layers if layer.is_waiting), "")
 
     def set_map(self, given: StaticMap, topic: str = "") -> None:
-        """A map for the static layers that listen to `topic`, or to the first of map_topics. It outlasts a reset.
+        """Set the map of static layers that listen to `topic` (default: first of map_topics). It survives a reset.
 
-        ApplrError for one that cannot be used: nothing has changed.
+        Raises:
+            ApplrError: the map cannot be used. Nothing is changed.
         """
         topic = topic or next(iter(self.map_topics), "")
         given = given.checked()
@@ -197,17 +209,17 @@ class MoveBase:
             listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
             if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
                 raise ApplrError(
-                    f"the map on {topic} is in frame {given.frame}: {name} rolls and can show one in "
-                    f"{' or '.join(self._global_frames)} alone"
+                    f"the map on {topic} is in frame {given.frame}, which the rolling {name} cannot use: publish it in "
+                    f"{' or '.join(self._global_frames)}"
                 )
 
     @property
-    def _global_frames(self):
-        """The frames of the global and of the local costmap."""
+    def _global_frames(self) -> Tuple[str, ...]:
+        """Frames of the global and of the local costmap."""
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 that changed in the map of a topic. ApplrError where they are not on it."""
+        """Apply changed occupancies (h, w) int8 at cell (x, y) of a topic's map. ApplrError if they are off the map."""
         for costmap in self.costmaps.values():
             costmap.update_map(topic, x, y, cells)
         if self.map_topics.get(topic):
@@ -222,16 +234,16 @@ class MoveBase:
         scan: Optional[Sensed] = None,
         local_origin: Optional[Pose] = None,
     ) -> Cycle:
-        """One turn at time `now` [s]. Components run when their frequency says so.
+        """Advance to time `now` [s]. Each component runs when it is due by its frequency.
 
         Args:
             now: time [s].
-            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known, or if
-                `local_origin` is not: then the global costmap of another frame takes no observation.
-            twist: (v, w) as driven.
-            scan: what is new from the first source's topic, or {topic: observation}; None if nothing is.
-            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one's, as localisation has it;
-                None where the two are one.
+            pose: robot pose (x, y, yaw) in the local costmap's frame. None if this pose or `local_origin` is unknown. A
+                global costmap in another frame then takes no observations.
+            twist: driven velocity (v, w).
+            scan: new observation on the first source's topic, or {topic: observation}. None if there is nothing new.
+            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, from localisation. None if
+                both are the same frame.
         """
         cycle = Cycle()
         self.local_origin = local_origin
@@ -258,7 +270,7 @@ class MoveBase:
         cycle.updated = local, world
 
     def _place_maps(self) -> None:
-        """Tell the static layers where their costmap lies in a map of the other costmap's frame."""
+        """Give each static layer the pose of its costmap in a map that is in the other costmap's frame."""
         world, local = self._global_frames
         local_origin = self.local_origin or (0.0, 0.0, 0.0)
         placements = (self.global_costmap, local, inverse(local_origin)), (self.local_costmap, world, local_origin)
@@ -267,22 +279,22 @@ class MoveBase:
                 layer.placement = placement if layer.map_frame == other else None
 
     def in_global_frame(self, pose: Pose) -> Pose:
-        """A pose (x, y, yaw) of the local costmap's frame in the global costmap's, as the last step had them."""
+        """Transform a pose (x, y, yaw) from the local to the global costmap's frame, as of the last step."""
         return pose if self.local_origin is None else compose(self.local_origin, pose)
 
     @property
     def sources(self) -> Dict[str, str]:
-        """{topic: data type} of the observation sources, those of the local costmap first."""
+        """Data types of the observation sources by topic, those of the local costmap first."""
         return self._router.data_types
 
     @property
     def ray_origins(self) -> Dict[str, str]:
-        """{topic: frame at whose origin the rays start} of the sources that give one."""
+        """Frames at whose origins the rays start, by topic, for the sources that name one."""
         return self._router.ray_origins
 
     @property
     def goal(self) -> Optional[Pose]:
-        """The goal (x, y, yaw) under way in the global frame, or None."""
+        """Current goal (x, y, yaw) in the global frame, or None."""
         return self._machine.goal
 
     @property
@@ -292,26 +304,26 @@ class MoveBase:
 
     @property
     def global_plan(self) -> np.ndarray:
-        """(n, 3) x, y [m], yaw [rad]: the newest plan that was found."""
+        """Latest global plan (n, 3): x, y [m], yaw [rad]."""
         return self._machine.global_plan
 
     @property
     def state(self) -> str:
-        """One of the words "planning", "controlling" and "clearing"."""
+        """State of the goal: "planning", "controlling" or "clearing"."""
         return self._machine.state
 
     # -- plans on request ------------------------------------------------------------------------------------
     def plan(self, start: Pose, goal: Pose, tolerance: Optional[float] = None) -> np.ndarray:
-        """A navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, (0, 3) if none (NavfnROS)."""
+        """Return a navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, or (0, 3) if there is none."""
         settings = self.parameters["NavfnROS"]
         tolerance = settings["default_tolerance"] if tolerance is None else tolerance
         return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"])
 
     def make_plan(self, start: Pose, goal: Pose, tolerance: float = 0.0) -> np.ndarray:
-        """move_base's make_plan: to the goal, else to the first free point of growing squares about it.
+        """Return a plan (n, 3) to the goal, or to the first reachable point of growing squares around it (make_plan).
 
-        (n, 3); (0, 3) if nothing within `tolerance` [m] can be reached. While a goal is active the node
-        refuses the service, and this leaves the maps as they are.
+        The plan is (0, 3) if nothing within `tolerance` [m] can be reached. While a goal is active, the node refuses
+        the service and this method leaves the costmaps unchanged.
         """
         if not all(math.isfinite(v) for v in tuple(start) + tuple(goal)):
             return NO_PLAN
@@ -336,19 +348,22 @@ class MoveBase:
     # -- parameters ------------------------------------------------------------------------------------------
     @property
     def servers(self) -> Dict[str, Server]:
-        """The dynamic_reconfigure servers by name, "" for move_base's own."""
+        """dynamic_reconfigure servers by name. move_base's own server has the name ""."""
         return servers(self.parameters)
 
     def configuration(self, server: str) -> Dict[str, Any]:
-        """The values in force of one server ("", "TrajectoryPlannerROS", "local_costmap", ...), not to be changed."""
+        """Return the values in force of a server ("", "TrajectoryPlannerROS", ...). The caller must not modify them."""
         return self._config[server]
 
     def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
-        """Take `values` (out of bounds: clamped), return what is in force. ParameterError refuses them whole.
+        """Apply `values`, clamped to their bounds, and return the values in force.
 
-        As in C++, every call of a costmap's server, unchanged values or not, empties that map, unless a static layer's
-        map decides its size, and makes its update due at once (Costmap2DROS::reconfigureCB). Calls of the layers'
-        servers and of the others leave both maps as they are.
+        As in C++, each call of a costmap's server clears the costmap, even with unchanged values, and makes its update
+        due at once (Costmap2DROS::reconfigureCB). A costmap whose size comes from a static layer's map is not cleared.
+        Calls of the layers' servers and of all others leave both costmaps unchanged.
+
+        Raises:
+            ParameterError: a value is invalid. All values are rejected.
         """
         new, old = self._config.request(server, values), self._config[server]
         changed = {name for name in new if new[name] != old[name]}
@@ -365,20 +380,20 @@ class MoveBase:
         return dict(new)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:
-        """The values one server started with: theta_0 where the parameter files gave it."""
+        """Return the start-up values of a server: theta_0 as far as the parameter files set it."""
         return self._config.start_up(server)
 
     def set_footprint(self, name: str, vertices) -> None:
-        """An unpadded outline (n, 2) [m] for one costmap, as its footprint topic gives it.
+        """Set the unpadded footprint (n, 2) [m] of a costmap, as received on its footprint topic.
 
-        It holds until `footprint` or `robot_radius` is changed, as in C++, or until the start-up parameters are
+        As in C++, it applies until `footprint` or `robot_radius` changes, or until the start-up parameters are
         restored.
         """
         self._outlines[name] = footprint.parse([list(map(float, point)) for point in vertices])
         self._show_footprint(name)
 
     def _show_footprint(self, name: str) -> None:
-        """Has a costmap use its outline: the one given by topic, else that of its parameters."""
+        """Apply a costmap's footprint: the one received by topic, otherwise the one in its parameters."""
         if name in self._outlines:
             outline = footprint.pad(self._outlines[name], self._config[name]["footprint_padding"])
         else:
@@ -387,7 +402,7 @@ class MoveBase:
 
     def _reconfigure_costmap(self, name, changed) -> None:
         now = self._config[name]
-        self._timers[name] = Timer()  # C++ ends the thread of the map's updates and starts another
+        self._timers[name] = Timer()  # C++ restarts the thread that updates the map.
         self._timers[name].set_frequency(now["update_frequency"])
         self.costmaps[name].resize(now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"]))
         if changed & {"footprint", "robot_radius"}:

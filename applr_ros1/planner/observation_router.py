@@ -1,4 +1,4 @@
-"""The way of sensors' readings into the obstacle layers: who listens to which topic, and which source is silent.
+"""Router of sensor observations to the obstacle layers by topic, with detection of silent sources.
 
 Called by MoveBase.
 """
@@ -17,25 +17,25 @@ Sensed = Union[Observation, Mapping[str, Observation]]
 
 
 class _Listener(NamedTuple):
-    """A source of an obstacle layer that listens to a topic."""
+    """Observation buffer of an obstacle layer that listens to a topic."""
 
     buffer: ObservationBuffer
-    is_global: bool  # of the global costmap
+    is_global: bool  # whether the buffer belongs to the global costmap
 
 
 class ObservationRouter:
-    """The sources of both costmaps by topic.
+    """Router of observations to the sources of both costmaps, by topic.
 
     Args:
-        local_costmap: the costmap on which the robot drives; its sources stop the robot when they fall silent.
-        global_costmap: the other one.
-        timeout: age [s] of the newest message at which a source counts as silent; 0 switches that off. It counts for
-            laser scans and for what clears, but for predictions: these are forgotten then, and else C++ would mark
-            them for ever. Other sources may have nothing to say.
+        local_costmap: costmap in which the robot drives. The robot stops when one of its sources falls silent.
+        global_costmap: costmap of the global planner.
+        timeout: age of the latest message at which a source counts as silent [s], 0 to disable. It applies to laser
+            scans and clearing sources, because other sources may have nothing to report. Predictions that old are
+            forgotten instead, whereas C++ would mark them forever.
 
     Attributes:
-        data_types: {topic: data type} of all sources, those of the local costmap first.
-        ray_origins: {topic: frame at whose origin the rays start} of the sources that give one.
+        data_types: data types of all sources by topic, those of the local costmap first.
+        ray_origins: frames at whose origins the rays start, by topic, for the sources that name one.
     """
 
     def __init__(self, local_costmap: Costmap, global_costmap: Costmap, timeout: float):
@@ -44,7 +44,7 @@ class ObservationRouter:
         self.data_types: Dict[str, str] = {}
         self.ray_origins: Dict[str, str] = {}
         self._stamps: Dict[str, float] = {}
-        self._last = -math.inf  # the time of the last observations or question
+        self._last = -math.inf  # time of the last call [s]
         for costmap, is_global in ((local_costmap, False), (global_costmap, True)):
             for layer in costmap.obstacle_layers:
                 for buffer in layer.buffers:
@@ -55,14 +55,14 @@ class ObservationRouter:
                         self.ray_origins.setdefault(topic, buffer.source.sensor_frame)
 
     def take(self, sensed: Sensed, now: float, local_origin: Optional[Pose], placed: bool = True) -> None:
-        """Hand observations to the sources that listen to their topics; those older than the last one are left out.
+        """Pass observations to the sources on their topics. Observations older than the latest one are dropped.
 
         Args:
             sensed: {topic: observation}, or one observation of the first topic.
             now: time [s].
             local_origin: as in MoveBase.step.
-            placed: whether it is known where the local costmap's frame lies in the global one; else only the local
-                costmap's sources get the observations.
+            placed: whether the pose of the local costmap's frame in the global one is known. If not, only the sources
+                of the local costmap get the observations.
         """
         self._follow_clock(now)
         if not isinstance(sensed, Mapping):
@@ -72,13 +72,13 @@ class ObservationRouter:
                 continue
             self._stamps[topic] = observation.stamp
             self._hand_on(topic, observation, now, local_origin, placed)
-        if 0.0 < self._timeout < now - self._stamps.get(PREDICTED, now):  # of what moved once nobody says more
+        if 0.0 < self._timeout < now - self._stamps.get(PREDICTED, now):  # Outdated predictions are forgotten.
             del self._stamps[PREDICTED]
             for listener in self._listeners[PREDICTED]:
                 listener.buffer.forget()
 
     def _hand_on(self, topic, observation, now, local_origin, placed):
-        clouds: dict = {}  # one projection serves all sources with the same frame and the same view of +inf
+        clouds: dict = {}  # projections, shared by sources with the same frame and treatment of +inf
         for buffer, is_global in self._listeners.get(topic, ()):
             if is_global and not placed:
                 continue
@@ -89,7 +89,7 @@ class ObservationRouter:
             buffer.take(clouds[key], now)
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:
-        """(topic, time [s] after which) of a source of the local costmap that has been silent for too long, or None."""
+        """Return (topic, timeout [s]) of a source of the local costmap that has been silent for too long, or None."""
         self._follow_clock(now)
         for layer in self._local.obstacle_layers:
             for buffer in layer.buffers:
@@ -104,7 +104,7 @@ class ObservationRouter:
         return None
 
     def _follow_clock(self, now: float) -> None:
-        """A clock that steps back voids what came before it: by the new time that would be from the future."""
+        """Drop all observations when the clock steps back, because their stamps would be in the future."""
         if now < self._last:
             self._stamps.clear()
             for listeners in self._listeners.values():

@@ -1,6 +1,6 @@
-"""The part of the global plan that lies around the robot, and what of its beginning is behind.
+"""Cropping of the global plan to the surroundings of the robot, and pruning of the points behind it.
 
-Called by both local planners. Rules: base_local_planner/goal_functions.cpp:77, 96.
+Called by both local planners. The rules are those of base_local_planner/goal_functions.cpp:77, 96.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.kernels import kernel
 
-NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
+NEAR = 1.0  # distance from which on leading points of the plan are pruned [m]
 
 
 def half_size(costmap: Any) -> float:
-    """The larger half [m] of the map's two sides."""
+    """Return half of the longer side of the map [m]."""
     ny, nx = costmap.cells.shape
     return max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0)
 
@@ -25,12 +25,18 @@ def half_size(costmap: Any) -> float:
 def cut_plan(
     plan: np.ndarray, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None
 ) -> Tuple[np.ndarray, int]:
-    """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows, in the costmap's frame.
+    """Return the part (k, 3) of the plan that a robot at x, y [m] follows, in the costmap's frame, and `dropped`.
 
-    From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the
-    leading points that are NEAR or farther away; that many (`dropped`) are also to go from the front of the stored
-    plan, even where the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's,
-    None if they are one.
+    The part reaches from the first point within `limit` [m] up to and including the first point beyond it.
+
+    Args:
+        plan: poses (n, 3).
+        x: x coordinate of the robot in the costmap's frame [m].
+        y: y coordinate of the robot in the costmap's frame [m].
+        limit: radius around the robot [m].
+        prune: whether to drop the leading points that are NEAR or farther away. The caller then removes `dropped`
+            points from the front of the stored plan, even if the cut begins later.
+        local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if they are the same.
     """
     if local_origin is None:
         first, last = within(plan, x, y, limit)
@@ -44,7 +50,7 @@ def cut_plan(
 
 @kernel
 def within(plan, x, y, limit):
-    """(first, last) of the points that are kept: plan[first:last]."""
+    """Return (first, last), so that plan[first:last] is the part to keep."""
     n = plan.shape[0]
     first = 0
     while first < n and _squared_distance(plan, first, x, y) > limit * limit:
@@ -59,7 +65,7 @@ def within(plan, x, y, limit):
 
 @kernel
 def leading_far(plan, x, y):
-    """Count the first points that are NEAR or farther away."""
+    """Count the leading points that are NEAR or farther away."""
     far = 0
     while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
         far += 1
@@ -74,7 +80,7 @@ def _squared_distance(plan, i, x, y):
 
 
 def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
-    """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
+    """Return the poses (n, 3), transformed by a pose if given. Angles pass through quaternion and matrix, as in tf."""
     moved = poses.copy()
     if local_origin is not None:
         moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])
@@ -84,7 +90,7 @@ def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
 
 @kernel
 def _through_matrix(yaws, turn):
-    """Turn the angles (n,) in place, on the way that tf takes: quaternion, matrix, quaternion."""
+    """Rotate the angles (n,) in place as tf does: quaternion, matrix, quaternion."""
     for i in range(yaws.shape[0]):
         z = math.sin(yaws[i] / 2)
         w = math.cos(yaws[i] / 2)

@@ -1,7 +1,7 @@
-"""Recoveries of a move_base that is stuck: clear the maps away from the robot, or turn once in place and look.
+"""Recovery behaviours of a stuck move_base: clear the costmaps away from the robot, or rotate once in place.
 
-MoveBase holds one object per behaviour and calls step() once per control turn until it says it is over, so a
-rotation can be cancelled between two turns.
+MoveBase holds one object per behaviour and calls step() once per control cycle until it returns None, so a rotation
+can be cancelled between two cycles.
 """
 
 from __future__ import annotations
@@ -13,27 +13,34 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
 from applr_ros1.planner.sampling_planner import angle_difference
 
-PATIENCE = 4.0  # a rotation that takes this many times its unhindered time is over (C++ would turn for ever)
+PATIENCE = 4.0  # time limit of a rotation as a multiple of its unhindered time (C++ has no limit)
 
 
 class ClearCostmapRecovery:
-    """Forgets obstacles outside a square of `side` metres about the robot, in both maps, global first.
+    """Clearing of obstacles outside a square around the robot, in both costmaps, global first.
 
-    Unlike C++ it clears the obstacle layer whatever its name is. The last scan stays and marks again. like_cpp: it
-    looks for a layer named "obstacles", does not find it (the Jackal's is "obstacles_layer"), and clears nothing.
+    Unlike C++, it clears the obstacle layer whatever its name is. The last scan stays and marks again.
+
+    Args:
+        name: name of the behaviour.
+        side: side of the square [m].
+        like_cpp: clear nothing, as C++ does on the Jackal: it looks for "obstacles" but the layer is "obstacles_layer".
     """
 
     def __init__(self, name: str, side: float, like_cpp: bool = False):
         self.name, self.side, self._clears = name, side, not like_cpp
 
     def start(self, now: float, pose: Pose) -> None:
-        """Begin at time `now` [s]; nothing has to be remembered."""
+        """Begin at time `now` [s]. The behaviour has no state."""
         pass
 
     def step(
         self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
     ) -> Optional[Tuple[float, float]]:
-        """Always None: over within its first turn. global_pose: in the global costmap's frame, None: as pose."""
+        """Clear the costmaps and return None: the behaviour ends within its first cycle.
+
+        global_pose: pose in the global costmap's frame, or None if it equals `pose`.
+        """
         if self._clears:
             global_costmap.clear_outside(global_pose or pose, self.side)
             local_costmap.clear_outside(pose, self.side)
@@ -41,11 +48,10 @@ class ClearCostmapRecovery:
 
 
 class RotateRecovery:
-    """One turn anticlockwise in place (rotate_recovery.cpp:93). Its limits are read once.
+    """One anticlockwise rotation in place (rotate_recovery.cpp:93). Its limits are read only once.
 
-    Half a turn and a whole one are noticed within `tolerance`, as in C++ at its 20 Hz, and also where a slower control
-    rate steps across.
-    like_cpp: a turn that does not come round goes on for ever.
+    Half a turn and a full turn are detected within `tolerance`, as in C++ at its 20 Hz, and also if a slower control
+    rate steps over them. With like_cpp, a rotation that does not complete goes on forever.
     """
 
     def __init__(self, name: str, planner: dict, sim_granularity: float = 0.017, like_cpp: bool = False):
@@ -59,7 +65,7 @@ class RotateRecovery:
         self._half = False
 
     def start(self, now: float, pose: Pose) -> None:
-        """Remember where the turn begins."""
+        """Record the yaw at which the rotation begins."""
         self._start = self._angle = pose[2]
         self._turned, self._half = 0.0, False
         self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
@@ -67,7 +73,7 @@ class RotateRecovery:
     def step(
         self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
     ) -> Optional[Tuple[float, float]]:
-        """The next command (0, w); None when the turn is complete, blocked or takes too long."""
+        """Return the next command (0, w), or None when the rotation is complete, blocked or takes too long."""
         x, y, yaw = pose
         done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
         self._turned += angle_difference(self._angle, yaw)
@@ -90,10 +96,10 @@ class RotateRecovery:
 
 
 def build(parameters: dict, like_cpp: bool = False) -> list:
-    """The behaviours in order, from a complete parameter tree. Read at start-up only, as in C++.
+    """Return the behaviours in order, from a complete parameter tree. They are read only at start-up, as in C++.
 
-    The default ones have no rotations without `clearing_rotation_allowed`; a list given instead of them is taken as it
-    is (move_base.cpp, loadRecoveryBehaviors). like_cpp: as the C++ behaviours, which clear nothing on the Jackal.
+    The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used unchanged
+    (move_base.cpp, loadRecoveryBehaviors). like_cpp: behave like C++, which clears nothing on the Jackal.
     """
     listed = parameters["recovery_behaviors"]
     usual = listed == DEFAULT_RECOVERIES

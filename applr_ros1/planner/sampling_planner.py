@@ -1,8 +1,8 @@
-"""The common part of the two planners that sample velocities.
+"""Common base of the two local planners that sample velocities, trajectory/ and dwa/.
 
-Called by trajectory/ and dwa/: the class that both derive from, with parameters and memory between cycles; what a cycle
-chose; its costs for display; angles as C++ ROS handles them, to the last bit; and the heap in which samples wait, the
-one with the least bound of its cost on top and of equal ones the first sampled.
+It consists of the base class with parameters and memory between cycles, the choice of a cycle, clouds of costs for
+display, and angles handled as in C++ ROS, to the last bit. A heap orders the samples by the lower bound of their cost,
+and equal ones by sampling order.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
 
-LARGEST_TURN = 0.5  # [rad] a step for closed forms: the chord's formula fails near a full turn
+LARGEST_TURN = 0.5  # largest turn per step for closed forms [rad], because the chord formula fails near a full turn
 
 
 @kernel
 def through_quaternion(yaw):
-    """An angle after its way through a quaternion: in (-pi, pi], last bits may differ."""
+    """Return an angle after conversion to a quaternion and back: in (-pi, pi], last bits may differ."""
     z = math.sin(yaw / 2)
     w = math.cos(yaw / 2)
     return math.atan2(2 * (w * z), w * w - z * z)
@@ -28,14 +28,14 @@ def through_quaternion(yaw):
 
 @kernel
 def angle_difference(a, b):
-    """The angle from a to b, in (-pi, pi]."""
+    """Return the angle from a to b, in (-pi, pi]."""
     r = np.fmod(b - a + math.pi, 2.0 * math.pi)
     return r + math.pi if r <= 0.0 else r - math.pi
 
 
 @kernel
 def small_turn(a):
-    """(cos a, sin a) by their series, for |a| <= .25 good to about 1e-15."""
+    """Return (cos a, sin a) from their series, accurate to about 1e-15 for |a| <= .25."""
     t = a * a
     return (
         1 - t / 2 * (1 - t / 12 * (1 - t / 30 * (1 - t / 56))),
@@ -64,20 +64,20 @@ def _before(keys, a, b):
 
 
 def record(reals: str, integers: str, after: str = "") -> np.dtype:
-    """The type of a record with float64 fields, then int64 fields, then float64 fields; names separated by blanks."""
+    """Return the dtype of a record of float64, int64 and again float64 fields. Names are separated by blanks."""
     fields = [(name, np.float64) for name in reals.split()] + [(name, np.int64) for name in integers.split()]
     return np.dtype(fields + [(name, np.float64) for name in after.split()])
 
 
 class Choice:
-    """The choice of a cycle.
+    """Trajectory and command chosen in one cycle.
 
     Attributes:
-        cost: below 0 means no valid command.
+        cost: cost of the trajectory, negative if there is no valid command.
         vx, vy, w: velocity of the trajectory [m/s, rad/s].
-        drive: the command (vx, vy, w), zero if there is none; its w went through a quaternion.
-        count: how many points the trajectory has.
-        sample: its number in the order of sampling, -1 if there is none or where samples are not numbered.
+        drive: command (vx, vy, w), zero if there is none. Its w went through a quaternion.
+        count: number of points of the trajectory.
+        sample: number in the order of sampling, -1 if there is none or samples are not numbered.
     """
 
     __slots__ = ("cost", "vx", "vy", "w", "drive", "count", "sample", "_roll_out", "_points")
@@ -90,7 +90,7 @@ class Choice:
 
     @property
     def points(self) -> np.ndarray:
-        """The trajectory's poses (count, 3) x, y [m], yaw [rad]. Made when first asked for: training never looks."""
+        """Poses (count, 3) x, y [m], yaw [rad] of the trajectory, computed on first use: training never needs them."""
         if self._points is None:
             self._points = np.empty((self.count, 3))
             if self.count:
@@ -99,17 +99,17 @@ class Choice:
 
 
 class SamplingPlanner:
-    """One velocity for one cycle. A planner derives from it, names its records and bounds, and does the search.
+    """Base class of planners that sample one velocity per cycle. A subclass defines records and bounds, and searches.
 
     Attributes:
-        PARAMETERS, STATE: types of the records that its kernels take.
-        SAMPLES: those that are numbers of samples; values below 1 become 1.
+        PARAMETERS, STATE: dtypes of the records that the kernels take.
+        SAMPLES: names of the parameters that are numbers of samples. Values below 1 become 1.
     """
 
     PARAMETERS: np.dtype
     STATE: np.dtype
     SAMPLES: Tuple[str, ...]
-    DERIVED: Tuple[str, ...] = ("sim_period",)  # fields of PARAMETERS that are no parameter of the server
+    DERIVED: Tuple[str, ...] = ("sim_period",)  # computed fields of PARAMETERS, not parameters of the server
 
     def __init__(self, params: Mapping[str, Any]):
         self._resolution: Any = None
@@ -122,29 +122,29 @@ class SamplingPlanner:
         self.reconfigure(params)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Take over the server's checked values by name, some or all of them, between two cycles."""
+        """Apply checked values of the server by name, some or all of them, between two cycles."""
         names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
         self._values = dict(self._values, **{name: params[name] for name in names if name in params})
         self._values.update({name: max(int(self._values[name]), 1) for name in self.SAMPLES})
         self._scratch = self._allocate_scratch(*(self._values[name] for name in self.SAMPLES))
         self._take_parameters()
 
-    def _take_parameters(self):
-        made = np.zeros(1, self.PARAMETERS)  # a new record: choices of earlier cycles keep theirs
+    def _take_parameters(self) -> None:
+        made = np.zeros(1, self.PARAMETERS)  # Choices of earlier cycles keep the old record.
         for name, value in self._values.items():
             made[name] = value
         self._derive(made, self._resolution)
         self._params = made
 
-    def _derive(self, made, resolution) -> None:
-        """Fill the fields that follow from others and from the map's resolution [m], None before the first map."""
+    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
+        """Compute the derived fields from the others and the map resolution [m], None before the first map."""
         raise NotImplementedError
 
     def _allocate_scratch(self, *samples: int) -> Any:
         raise NotImplementedError
 
     def _fits(self, costmap: Any) -> bool:
-        """Return true if size and resolution are as before; else take them over, for new grids and tables."""
+        """Return whether the map's size and resolution are unchanged. If not, store them for new grids and tables."""
         resolution = float(costmap.resolution)
         if costmap.cells.shape == self._shape and resolution == self._resolution:
             return True
@@ -154,7 +154,7 @@ class SamplingPlanner:
 
     @property
     def state(self) -> List[float]:
-        """The memory between cycles in the order of STATE, which can be assigned."""
+        """Memory between cycles in the order of STATE. It can be assigned."""
         return list(self._state[0].item())
 
     @state.setter
@@ -163,27 +163,27 @@ class SamplingPlanner:
 
     @property
     def start(self) -> np.ndarray:
-        """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
+        """Pose and velocity (6,) used in the last cycle: wrapped and rounded to float32."""
         return self._scratch.start.copy()
 
     def reset(self) -> None:
-        """Forget the memory between cycles, as a new object (training episodes)."""
+        """Clear the memory between cycles, as in a new object (for training episodes)."""
         self._state[:] = np.zeros(1, self.STATE)
 
 
 def cost_cloud(
     costmap: Any, path: np.ndarray, goal: np.ndarray, inside: np.ndarray, weights: Tuple[float, float, float]
 ) -> np.ndarray:
-    """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of the cells that the robot's centre may be in.
+    """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the cells free for the robot's centre.
 
-    For display, column by column (MapGridVisualizer::publishCostCloud).
+    The cloud is for display, in column order (MapGridVisualizer::publishCostCloud).
 
     Args:
-        costmap: with cells (ny, nx), origin and resolution.
-        path: (ny, nx) int32, distances to the plan in cells.
-        goal: (ny, nx) int32, distances to the plan's end in cells.
-        inside: (ny, nx) bool, False for cells that are left out in any case.
-        weights: of path, goal and obstacle cost in the total.
+        costmap: map with cells (ny, nx), origin and resolution.
+        path: (ny, nx) int32, distances to the plan [cells].
+        goal: (ny, nx) int32, distances to the plan's end [cells].
+        inside: (ny, nx) bool, False for cells to leave out in any case.
+        weights: weights of path, goal and obstacle cost in the total.
     """
     inside = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
     column, row = np.nonzero(inside.T)
@@ -199,7 +199,7 @@ def cost_cloud(
 
 
 def trajectory_cloud(points: np.ndarray) -> np.ndarray:
-    """(k, 5) float32: x, y, z, theta, cost of the points (k, 4) x, y, theta, cost of trajectories, for display."""
+    """Return (k, 5) float32 x, y, z, theta, cost from trajectory points (k, 4) x, y, theta, cost, for display."""
     cloud = np.zeros((len(points), 5), np.float32)
     cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
     return cloud

@@ -1,11 +1,11 @@
-"""move_base's states for one goal: planning turns, control turns, recoveries. MoveBase holds one and steps it.
+"""State machine of move_base for one goal: planning turns, control turns, recoveries. MoveBase owns and steps it.
 
-Rules: move_base/move_base.cpp (planThread, executeCycle). Where C++ has a defect that is not copied, a comment says so;
-with planner "cpp-like" (variant.py) those that success depends on are copied:
+The rules are those of move_base/move_base.cpp (planThread, executeCycle). A comment marks each C++ defect that is not
+copied. With planner fidelity "cpp-like" (variant.py), the defects that affect success are copied:
 
-- A plan that is found sets the state to controlling even from clearing. As long as plans keep succeeding, a robot that
-  is stuck comes to its due recovery only in the rare cycle without a plan before it.
-- Each new plan clears "goal reached" before it is read: the robot stands at its goal until such a cycle comes.
+- Finding a plan sets the state to controlling, even from clearing. As long as planning succeeds, a stuck robot gets
+  its due recovery only in the rare cycle that no plan precedes.
+- Each new plan clears "goal reached" before it is read: the robot stands at its goal until a cycle without a new plan.
 - The rotation ends without a zero command.
 - recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no time limit.
 """
@@ -24,37 +24,37 @@ from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.recovery import ClearCostmapRecovery, RotateRecovery
 
-EARLY = 0.2  # of a period: a step that comes this much early still counts, so that jitter skips no turn
+EARLY = 0.2  # share of a period by which a step may come early and still count, so that jitter skips no turn
 
 
 class Timer:
-    """Keeps its phase while it is asked often enough; a late turn is not repeated. 0 Hz is never due."""
+    """Periodic timer that keeps its phase if polled often enough. Missed turns are skipped, 0 Hz is never due."""
 
     __slots__ = ("_period", "_next")
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._period, self._next = math.inf, -math.inf
 
     def set_frequency(self, frequency: float) -> None:
-        """Take a new frequency [Hz]; the same again changes nothing, another one is due at once."""
+        """Set the frequency [Hz]. A changed frequency makes the timer due at once."""
         period = 1.0 / frequency if frequency > 0.0 else math.inf
         if period != self._period:
             self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """Return true if the turn is to be taken now; taking it starts the next period."""
+        """Return whether a turn is due, and if so, start the next period."""
         period = self._period
         if period == math.inf:
             return False
         wait = self._next - now
         if EARLY * period < wait <= period * (1.0 + EARLY):
             return False
-        # a turn missed, the first turn, or a clock that went back: start anew from here
+        # The phase starts anew at the first turn, after a missed turn, and if the clock went back.
         self._next = now + period if not -period < wait <= EARLY * period else self._next + period
         return True
 
     def restart(self, now: float) -> None:
-        """The next turn is due one period from now."""
+        """Make the next turn due one period from now."""
         self._next = now + self._period
 
 
@@ -66,36 +66,38 @@ PLANNING, CONTROLLING, CLEARING, IDLE = "planning", "controlling", "clearing", "
 NO_PLAN = np.zeros((0, 3))
 REACHED = "Goal reached."
 NO_CONTROL, NO_PATH, OSCILLATING = (
-    what + " Even after executing recovery behaviors."
-    for what in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
+    cause + " Even after executing recovery behaviors."
+    for cause in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
 )
-NEARER = 0.5  # m that the robot has to come nearer to its goal for a recovery to count as progress
-# "cpp-like": the share of control cycles that no plan precedes. C++ plans and controls in two threads of 20 Hz each;
-# there a due recovery was skipped for 6 to 11 s, and success reported 12 to 18 s late: about one cycle in 200.
+NEARER = 0.5  # decrease of the distance to the goal from which on a recovery counts as progress [m]
+# share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
+# It skipped due recoveries for 6 to 11 s and reported success 12 to 18 s late, so about one cycle in 200.
 LATE = 1.0 / 200.0
 
 
 @dataclass
 class Cycle:
-    """The outcome of one step. `command` (v [m/s], w [rad/s]) or None: then nothing is published."""
+    """Outcome of one step. Nothing is published if `command` (v [m/s], w [rad/s]) is None."""
 
     command: Optional[Twist] = None
     state: str = IDLE
     result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
-    recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of a recovery that begins
-    planned: bool = False  # the global planner ran
-    new_plan: bool = False  # it found a plan: .global_plan
-    controlled: bool = False  # the local planner ran
-    updated: Tuple[bool, bool] = (False, False)  # the (local, global) costmap had an update
-    stale: bool = False  # a source has been silent for too long: standing still
-    silent: Optional[Tuple[str, float]] = None  # its topic and the time [s] after which it counts as silent
+    recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of the recovery that begins
+    planned: bool = False  # whether the global planner ran
+    new_plan: bool = False  # whether it found a plan, see StateMachine.global_plan
+    controlled: bool = False  # whether the local planner ran
+    updated: Tuple[bool, bool] = (False, False)  # whether the (local, global) costmap was updated
+    stale: bool = False  # whether the robot stands because a source is silent
+    silent: Optional[Tuple[str, float]] = None  # topic and timeout [s] of the silent source
 
 
 @dataclass
 class Components:
-    """The parts that the state machine drives with.
+    """Components that the state machine drives with.
 
-    plan: (start, goal) in the global frame -> (n, 3), (0, 3) if none. recovery_rounds: of applr/recovery_rounds.
+    Attributes:
+        plan: function from (start, goal) in the global frame to a plan (n, 3), which is (0, 3) if there is none.
+        recovery_rounds: value of applr/recovery_rounds.
     """
 
     local_planner: LocalPlanner
@@ -107,16 +109,16 @@ class Components:
 
 
 class CycleInput(NamedTuple):
-    """The inputs of one step.
+    """Inputs of one step.
 
     Attributes:
-        time: [s].
-        local_pose: the robot's (x, y, yaw) in the local costmap's frame, None where it is not known.
-        global_pose: the same in the global costmap's frame.
-        local_origin: pose of the local costmap's frame in the global one's; None where the two are one.
+        time: current time [s].
+        local_pose: robot pose (x, y, yaw) in the local costmap's frame, None if unknown.
+        global_pose: robot pose in the global costmap's frame.
+        local_origin: pose of the local costmap's frame in the global one, None if both are the same frame.
         twist: measured (v [m/s], w [rad/s]).
-        settings: move_base's own parameters in force.
-        scan_is_stale: there is no usable scan.
+        settings: values in force of move_base's own server.
+        scan_is_stale: whether there is no usable scan.
     """
 
     time: float
@@ -129,9 +131,9 @@ class CycleInput(NamedTuple):
 
 
 class StateMachine:
-    """The goal under way, the state it is in, and how long it has been without a plan or a command.
+    """State machine for one goal, with the times since its last plan and command.
 
-    random: for the timing of a C++-like planner; None for ours.
+    random: random source for the timing of a C++-like planner, None for planner fidelity "ours".
     """
 
     def __init__(self, components: Components, random: Optional[Random] = None):
@@ -140,11 +142,11 @@ class StateMachine:
         self._like_cpp = random is not None
         self._planner_timer, self._control_timer = Timer(), Timer()
         self.goal: Optional[Pose] = None
-        self.goal_number = 0  # grows with every goal: a plan belongs to the goal it was made for
+        self.goal_number = 0  # number of goals so far: a plan is valid only for its own goal
         self.global_plan = NO_PLAN
         self.state = PLANNING
         self._trigger = PLANNING
-        self._index = 0  # of the next recovery
+        self._index = 0  # index of the next recovery
         self._behaviour: Optional[Behaviour] = None  # the recovery under way
         self._run_planner = self._woken = self._new_plan = False
         self._cancelled = self._announce_stop = False
@@ -152,7 +154,7 @@ class StateMachine:
         self._retries = 0
         self._oscillation_pose = (0.0, 0.0)
         self._last_plan = self._last_control = self._last_oscillation = 0.0
-        self._rounds, self._nearest = 0, math.inf  # how often the first recovery came since the robot was nearest [m]
+        self._rounds, self._nearest = 0, math.inf  # starts of the first recovery since the least distance [m]
         self._escape = Escape()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
@@ -162,30 +164,30 @@ class StateMachine:
 
     # -- goals -----------------------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
-        """A finite goal (x, y, yaw) in the global frame; replaces the present one."""
+        """Set a finite goal (x, y, yaw) in the global frame, which replaces the current one."""
         if self.goal is None:
             self._announce_stop = True
         else:
-            self._announce_stop |= self._behaviour is not None  # a rotation under way ends here
+            self._announce_stop |= self._behaviour is not None  # A rotation under way ends here.
             self._index, self.state, self._behaviour = 0, PLANNING, None
         self.goal = goal
         self.goal_number += 1
-        self._new_plan = False  # what was planned for another goal is never driven for this one
+        self._new_plan = False  # A plan for the previous goal is never driven for this one.
         self._cancelled, self._refused = False, None
         self._run_planner = self._woken = True
         self._rounds, self._nearest, self._escape = 0, math.inf, Escape()
         self._restart_patience(now)
 
     def refuse_goal(self, text: str) -> None:
-        """End as aborted, with `text`, at the next step."""
+        """Abort with `text` at the next step."""
         self._refused, self._cancelled = text, False
 
     def cancel(self) -> None:
-        """Give up the goal at the next step."""
+        """Cancel the goal at the next step."""
         self._cancelled = self.goal is not None
 
     def report_held(self, held: bool) -> None:
-        """Note if a collision monitor let next to nothing of the last command through; C++ has no such input."""
+        """Record whether a collision monitor blocked nearly all of the last command. C++ has no such input."""
         if not self._like_cpp:
             self._escape.report(held)
 
@@ -194,12 +196,12 @@ class StateMachine:
         self._retries = 0
 
     def step(self, given: CycleInput, cycle: Cycle) -> None:
-        """The planner's and the controller's turns, where they are due, written into `cycle`."""
+        """Run the planner's and the controller's turn if they are due, and write the outcome to `cycle`."""
         if self._refused is not None:
             was_driving = self.goal is not None
             self._end(cycle, "aborted", self._refused)
             if not was_driving:
-                cycle.command = None  # as in C++: who else drives the base meanwhile is not disturbed
+                cycle.command = None  # As in C++, another driver of the base is not disturbed.
         elif self._cancelled:
             self._end(cycle, "preempted", "")
         elif self.goal is not None:
@@ -221,7 +223,7 @@ class StateMachine:
     def _planning_turn(self, given: CycleInput, cycle: Cycle) -> None:
         if not self._run_planner:
             return
-        # with planner_frequency 0 a failing planner waits for the control turn (C++ spins)
+        # With planner_frequency 0, a failing planner waits for the control turn, whereas C++ spins.
         due = given.settings["planner_frequency"] > 0.0 and self._planner_timer.due(given.time)
         if self._woken or due:
             if not due:
@@ -229,7 +231,7 @@ class StateMachine:
             self._plan(given, cycle)
 
     def _plan(self, given: CycleInput, cycle: Cycle) -> None:
-        """Planner thread, one round."""
+        """Run one round of the planner thread."""
         now, settings = given.time, given.settings
         self._woken, cycle.planned = False, True
         global_pose = given.global_pose
@@ -238,7 +240,7 @@ class StateMachine:
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
             self._last_plan, self._retries = now, 0
             skipped = self._like_cpp and self.state == CLEARING and self._behaviour is None
-            if self.state == PLANNING or skipped:  # C++ also leaves "clearing" here and so skips a due recovery
+            if self.state == PLANNING or skipped:  # C++ leaves "clearing" here, too, and so skips a due recovery.
                 self.state = CONTROLLING
             if settings["planner_frequency"] <= 0.0:
                 self._run_planner = False
@@ -251,7 +253,7 @@ class StateMachine:
 
     # -- the controller's turn -------------------------------------------------------------------------------
     def _control(self, given: CycleInput, cycle: Cycle) -> None:
-        """executeCycle, in its order."""
+        """Run the stages of executeCycle in their order."""
         now, global_pose, settings = given.time, given.global_pose, given.settings
         if (
             global_pose is not None
@@ -291,7 +293,7 @@ class StateMachine:
                 pose, given.twist, self._components.local_costmap, given.local_origin
             )
             cycle.controlled = True
-        motion = self._get_out(now, not ok)
+        motion = self._escape_motion(now, not ok)
         if self._escape.is_exhausted:
             cycle.command = STOP
             self.state, self._trigger = CLEARING, CONTROLLING
@@ -302,7 +304,7 @@ class StateMachine:
             self._last_control, cycle.command = now, command
             if self._trigger == CONTROLLING and not self._escape.is_held:
                 self._index = 0
-            # read in the cycle that finds it: in C++ the next new plan clears it before it is read
+            # The flag is read in the same cycle, because in C++ the next new plan clears it first.
             if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
                 self._end(cycle, "succeeded", REACHED)
             return
@@ -313,15 +315,15 @@ class StateMachine:
             self._last_plan, self._retries = now, 0
             self.state, self._run_planner, self._woken = PLANNING, True, True
 
-    def _get_out(self, now, blocked):
-        """The motion that gets the robot out of where a monitor holds it; None for the local planner's command."""
+    def _escape_motion(self, now: float, blocked: bool) -> Optional[Twist]:
+        """Return the motion that frees a robot blocked by its monitor, or None for the local planner's command."""
         motion = self._escape.instead(now, blocked)
         if motion is not None:
             self._components.local_planner.end_escape()
         return motion
 
     def _recover(self, given: CycleInput, cycle: Cycle) -> None:
-        """One turn of the recovery under way, or the next one; aborts when there is none left."""
+        """Run one turn of the current recovery, or begin the next one. Abort if none is left."""
         now, pose, components = given.time, given.local_pose, self._components
         if pose is None:
             cycle.command = STOP
@@ -343,15 +345,15 @@ class StateMachine:
         self._behaviour = None
         self._escape.restart()
         if not self._like_cpp:
-            cycle.command = STOP  # C++ leaves the base with the rotation's last command
+            cycle.command = STOP  # C++ leaves the rotation's last command in force.
         self._last_oscillation = self._last_plan = now
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
 
     def _rounds_are_over(self, global_pose) -> bool:
-        """Return true if the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
+        """Return whether the recoveries began recovery_rounds times without bringing the robot nearer to its goal.
 
-        In C++ a valid command lets them begin anew for ever: around a goal that is sealed, each conservative reset
-        opens the maps, the robot sets out, sees the obstacles again and comes back to the first recovery.
+        In C++, each valid command restarts the sequence, without a limit. At an enclosed goal, each conservative reset
+        opens the maps. The robot then sets out, detects the obstacles again and returns to the first recovery.
         """
         if self._index > 0:
             return False
@@ -362,7 +364,7 @@ class StateMachine:
         return 0 < self._components.recovery_rounds < self._rounds
 
     def _end(self, cycle, status, text) -> None:
-        """Reset: the goal is over, the robot stands."""
+        """End the goal with a result: reset the state and stop the robot."""
         cycle.command, cycle.result, cycle.state = STOP, (status, text), IDLE
         self.goal, self._behaviour, self._refused = None, None, None
         self._run_planner = self._cancelled = self._announce_stop = self._new_plan = False

@@ -1,7 +1,7 @@
-"""Compiles (or loads) every numba kernel of the planner before it has to drive.
+"""Compilation, or loading from disk, of every numba kernel of the planner before it drives.
 
-Called by the move_base node before it says that it is ready, and by whoever measures times. The first start on a
-machine takes about a minute, later ones a few seconds: common/kernels.py tells where the machine code is kept.
+The move_base node calls it before it reports that it is ready, and benchmarks call it before they measure. The first
+start on a machine takes about a minute, later ones a few seconds. common/kernels.py documents the cache's location.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 
-FOOTPRINT = "[[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]"  # m
+FOOTPRINT = "[[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]"  # vertices of the throw-away robot's footprint [m]
 
 
 def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
-    """Drive a throw-away MoveBase with default parameters and a laser through all that it does.
+    """Exercise all functions of a throw-away MoveBase with default parameters and a laser.
 
     Args:
-        base_local_planner: the local planner that is going to drive.
+        base_local_planner: local planner that is going to drive.
     """
     dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
     costmap = {"observation_sources": "scan", "scan": {"data_type": "LaserScan"}, "footprint": FOOTPRINT}
@@ -31,7 +31,7 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
             "global_costmap": dict(costmap, width=40, height=40, origin_x=-20.0, origin_y=-20.0, static_map=False),
         }
     )
-    ranges = np.full(101, np.inf, np.float32)  # any scan compiles the same kernels
+    ranges = np.full(101, np.inf, np.float32)  # Any scan compiles the same kernels.
     ranges[40:60:2] = 1.5
     goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))  # ahead, here but turned, off the map
     now = 0.0
@@ -41,7 +41,7 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
             pose = 0.01 * step, 0.0, 0.3 * step
             scan = LaserScan(now, -2.0, 0.04, 0.1, 30.0, ranges, pose)
             cycle = move_base.step(now, pose, (0.1, 0.0), scan)
-            if cycle.controlled:  # what is only shown has kernels too
+            if cycle.controlled:  # Outputs for display have kernels, too.
                 len(move_base.local_planner.local_plan)
                 move_base.local_planner.cost_cloud(move_base.local_costmap)
                 move_base.local_planner.trajectory_cloud(move_base.local_costmap)

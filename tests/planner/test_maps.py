@@ -330,7 +330,7 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     tree = quick()
     tree["local_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
     made = MoveBase(tree)
-    with pytest.raises(ApplrError, match="frame cellar: local_costmap rolls and can show one in odom"):
+    with pytest.raises(ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"):
         made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
     made.reset(1.0)  # what was refused is not kept
     tree["local_costmap"]["global_frame"] = "/odom"
