@@ -1,2 +1,2 @@
 """TrajectoryPlannerROS of base_local_planner: sampled velocities, scored roll-outs, and the choice among them."""
-# Imports costmap/ and the modules that both local planners share.
+# This package imports costmap/ and the modules that both local planners share.

@@ -1,11 +1,11 @@
-"""Finds the best forward sample of a cycle without rolling out those that cannot be it.
+"""Search for the best forward sample of a cycle without rolling out the samples that cannot win.
 
-Called by sampling.py. Samples wait in a heap by a lower bound of their cost; the lowest is scored, and
-scoring ends where no bound is left that beats the best cost. docs/explanation/planner.md, section 6.4.
+Called by sampling.py. Samples wait in a heap, ordered by a lower bound of their cost. The sample with the lowest bound
+is scored next, and the search ends when no bound beats the best cost. docs/explanation/planner.md, section 6.4.
 
-Poses for bounds come from closed forms and differ from the exact ones by rounding errors, so a cell is used only where
-the pose is far enough from a cell border to be sure of it: a bound is never above the exact cost, and no result depends
-on the closed forms.
+Poses for bounds come from closed forms, which differ from the exact poses by rounding errors. A cell is therefore used
+only if the pose is far enough from a cell border. A bound never exceeds the exact cost, and no result depends on the
+closed forms.
 """
 
 import math
@@ -25,12 +25,12 @@ from applr_ros1.planner.trajectory.scoring import (
     terms,
 )
 
-MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10
+MARGIN = 1e-6  # distance to a border that makes a cell certain [cells]; closed forms are accurate to about 1e-10
 
 
 @kernel
 def ramp(p, start, c, s, vx, w, dt, moves):
-    """(moves made, x, y, c, s) where the sample (vx, w) first has its velocities, or after `moves`.
+    """Return (moves, x, y, c, s) when the sample (vx, w) first reaches its velocities, or after `moves` moves.
 
     c, s: cosine and sine of the heading, at the start and at the end.
     """
@@ -54,9 +54,9 @@ def ramp(p, start, c, s, vx, w, dt, moves):
 
 @kernel
 def along_arc(x, y, c, s, length, turn, n):
-    """(x, y) after n moves of `length` [m] and `turn` [rad] each: the chord of the polygon that they make.
+    """Return (x, y) after n moves of `length` [m] and `turn` [rad] each, as the chord of the resulting polygon.
 
-    c, s: cosine and sine of the heading at the start; |turn| <= LARGEST_TURN.
+    c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
@@ -68,7 +68,7 @@ def along_arc(x, y, c, s, length, turn, n):
 
 @kernel
 def exact_end(p, start, vx, w, steps):
-    """(x, y) of the last scored point, step by step as scoring.score_below."""
+    """Return (x, y) of the last scored point, computed step by step like scoring.score_below."""
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
     for _ in range(steps - 1):
@@ -82,7 +82,7 @@ def exact_end(p, start, vx, w, steps):
 
 @kernel(error_model="numpy")
 def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
-    """Cell (x, y) of the sample's last point, (-1, -1) off the map; c, s: of the heading at the start."""
+    """Return the cell (x, y) of the sample's last point, (-1, -1) off the map. c, s: cosine and sine at the start."""
     steps = step_count(p, vx, 0.0, w)
     dt = p.sim_time / steps
     turn = w * dt
@@ -98,9 +98,10 @@ def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
 
 @kernel(error_model="numpy")
 def probe(p, scene, start, c, s, vx, w, occupied, allowed):
-    """A cost that the sample (vx, w) meets, from a few of its poses; -1 if one of them is illegal.
+    """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
-    Starts from `occupied`; a cost above `allowed` ends it. The last pose first, then halves, quarters, eighths.
+    The bound starts from `occupied`, and a cost above `allowed` ends the probe. The last pose is tested first, followed
+    by halves, quarters and eighths.
     """
     cells, ox, oy, resolution, footprint, lines, _ = scene
     ny, nx = cells.shape
@@ -135,10 +136,10 @@ def probe(p, scene, start, c, s, vx, w, occupied, allowed):
 
 @kernel(error_model="numpy")
 def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
-    """(cost, vx, w, number of points) of the best forward sample; HUGE and no points if none is legal.
+    """Return (cost, vx, w, number of points) of the best forward sample, or HUGE and no points if none is legal.
 
-    Samples: for each of `vs` first w = 0, then all but the last of `ws`; of equal costs the first one wins.
-    occupied: the cost at the first pose, which all samples share.
+    For each speed in `vs`, the samples are first w = 0, then all but the last of `ws`. The first of equal costs wins.
+    occupied: cost at the first pose, which all samples share.
     """
     _, _, bases, keys, heap, probed, _ = scratch
     nw = ws.shape[0]
@@ -176,16 +177,16 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
 
 @kernel(error_model="numpy")
 def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
-    """Fill bases (lower bounds of path and goal terms), keys (of costs) and heap; returns how many may win.
+    """Fill bases (lower bounds of path and goal terms), keys (of costs) and heap. Return how many samples may win.
 
-    The floods go on until the samples' last cells are reached, but not much farther than the robot gets: behind
-    walls there may be cells that only a flood of the whole map would reach.
+    The floods continue until they reach the samples' last cells, but not much beyond the robot's range, because cells
+    behind walls might require a flood of the whole map.
     """
     _, _, bases, keys, heap, probed, _ = scratch
     cells, ox, oy, resolution, _, _, _ = scene
     path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
     ny, nx = cells.shape
-    exact = not p.simple_attractor and not p.heading_scoring  # else only the obstacle term is known beforehand
+    exact = not p.simple_attractor and not p.heading_scoring  # Otherwise only the obstacle term is known here.
     c = math.cos(start[2])
     s = math.sin(start[2])
     travel = (max(abs(start[3]), abs(vs[0]), abs(vs[-1])) + abs(start[4])) * p.sim_time / resolution

@@ -1,4 +1,4 @@
-"""The local planner (TrajectoryPlannerROS): follows a plan with the trajectory planner, stops and turns at its end.
+"""Local planner TrajectoryPlannerROS: follows a plan with the trajectory planner, then stops and turns at its end.
 
 Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_planner_ros.cpp, goal_functions.cpp.
 """
@@ -12,25 +12,27 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.sampling_planner import Choice, angle_difference, through_quaternion
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
-STOPPED = 0.01  # [m/s] and [rad/s]
+STOPPED = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
+Triple = Tuple[float, float, float]
 STANDING = (0.0, 0.0)
 EMPTY = np.zeros((0, 3))
 NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 
 
 class TrajectoryLocalPlanner(LocalPlanner):
-    """params: the values of the server and the static parameters of TrajectoryPlannerROS by name (planner/parameters).
+    """Local planner TrajectoryPlannerROS.
 
-    footprint: padded vertices (n, 2) [m] of the local costmap. Both are kept as they are now: `reconfigure` reaches
-    only the sampling. Tolerances, meter_scoring, the control period and the limits of stopping and turning at the
-    goal change with a restart.
+    As in C++, `reconfigure` affects only the sampling. Tolerances, meter_scoring, the control period and the limits for
+    stopping and turning at the goal change only with a restart.
 
-    After compute_velocity: goal_reached, cropped_plan (n, 3), local_plan (k, 3), cost_cloud(costmap).
+    Args:
+        params: values of the server and static parameters of TrajectoryPlannerROS by name (planner/parameters).
+        footprint: padded vertices (n, 2) of the local costmap's footprint [m].
     """
 
     remembers_reached = True
@@ -49,56 +51,56 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.reset()
 
     def reset(self) -> None:
-        """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
+        """Clear plan, latch and the planner's flags, as in a new object (for training episodes). Parameters stay."""
         self.planner.reset()
         self._rotating = False
         self._choice: Optional[Choice] = None
-        self._is_blocked = False  # no sample gave a command
+        self._is_blocked = False  # whether no sample gave a command
         self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """New values of the server by name, for the sampling. As in C++ the goal has to be found reached again."""
+        """Apply new values of the server by name to the sampling. As in C++, goal_reached is cleared."""
         self.planner.reconfigure(params)
         self.goal_reached = False
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """The global plan (n, 3) x, y [m], yaw [rad], from now on."""
+        """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
         self._plan = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
         self._latched = False
         self.goal_reached = False
 
     def end_escape(self) -> None:
-        """The next cycle samples forward velocities again."""
+        """Sample forward velocities again in the next cycle."""
         self.planner.end_escape()
 
     @property
     def local_plan(self) -> np.ndarray:
-        """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
+        """Points (k, 3) of the chosen trajectory, empty if the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
-        """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
+        """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the last cycle's cells, for display."""
         return self.planner.cost_cloud(costmap)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of points of the legal forward samples of the last cycle, for display.
+        """Return points (k, 5) float32 x, y, z, theta, cost of the last cycle's legal forward samples, for display.
 
-        Empty where the robot stops or turns at the goal, and without a valid command.
+        Empty if the robot stops or turns at the goal, or if there is no valid command.
         """
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud(costmap)
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """Count the forward samples refused, by reason, where not even backing up was legal; see LocalPlanner."""
+        """Count the rejected forward samples by reason if not even backing out was legal, see LocalPlanner."""
         return self.planner.refusals(costmap) if self._is_blocked else {}
 
     def compute_velocity(
         self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, local_origin: Optional[Pose] = None
     ) -> Tuple[bool, Tuple[float, float]]:
-        """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
+        """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
-        ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
-        holds until the next plan or reconfigure, so it is to be read at once (in C++ a new plan comes in between).
+        goal_reached holds until the next plan or reconfigure. It must be read at once, because in C++ a new plan comes
+        in between.
         """
         self.cropped_plan, self._choice, self._is_blocked = EMPTY, None, False
         x, y, yaw = (float(v) for v in pose)
@@ -123,7 +125,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         self.planner.set_plan(cut)
         choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
-        if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
+        if at_goal:  # The choice is ignored, but its floods are used below and its flags change as in C++.
             ok, command = self._stop_or_turn((x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap)
             if ok:
                 self.cropped_plan = cut
@@ -132,21 +134,21 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.cropped_plan, self._choice, self._is_blocked = cut, choice if legal else None, not legal
         return legal, (choice.drive[0], choice.drive[2])
 
-    def _stop_or_turn(self, pose, velocity, goal_yaw, costmap):
-        """At the goal's place: once the robot has stopped it turns to the goal's heading."""
+    def _stop_or_turn(self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap) -> Tuple[bool, Command]:
+        """Stop the robot at the goal's position, then turn it to the goal's yaw."""
         if not self._rotating and max(abs(v) for v in velocity) > STOPPED:
             return self._if_legal(pose, velocity, self._slower(velocity), costmap)
         self._rotating = True
         return self._if_legal(pose, velocity, (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw)), costmap)
 
-    def _slower(self, velocity):
-        """The velocity after one period of braking as hard as the acceleration limits allow."""
+    def _slower(self, velocity: Triple) -> Tuple[float, ...]:
+        """Return the velocity after one period of braking at the acceleration limits."""
         return tuple(
             math.copysign(max(0.0, abs(v) - limit * self._period), v) for v, limit in zip(velocity, self._acceleration)
         )
 
-    def _turn(self, yaw, w, goal_yaw):
-        """Turn rate [rad/s] towards the goal's heading, no faster than the turn can be ended there."""
+    def _turn(self, yaw: float, w: float, goal_yaw: float) -> float:
+        """Return a turn rate [rad/s] towards the goal's yaw from which the robot can still stop there."""
         error = angle_difference(yaw, goal_yaw)
         limit = self._acceleration[2]
         wanted = self._clamped(error)
@@ -154,13 +156,15 @@ class TrajectoryLocalPlanner(LocalPlanner):
         speed = min(math.sqrt(2 * limit * abs(error)), speed)
         return self._clamped(-speed if wanted < 0 else speed)
 
-    def _clamped(self, w):
-        """The turn rate w moved between the slowest and the fastest one, by its sign."""
+    def _clamped(self, w: float) -> float:
+        """Clamp the turn rate w between the slowest and the fastest one without changing its sign."""
         if w > 0:
             return min(self._fastest_turn, max(self._slowest_turn, w))
         return max(-self._fastest_turn, min(-self._slowest_turn, w))
 
-    def _if_legal(self, pose, velocity, command, costmap):
+    def _if_legal(
+        self, pose: Triple, velocity: Triple, command: Sequence[float], costmap: Costmap
+    ) -> Tuple[bool, Command]:
         if self.planner.score(costmap, pose, velocity, command)[0] >= 0:
             return True, (command[0], command[2])
         return False, STANDING

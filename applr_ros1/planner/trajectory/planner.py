@@ -1,13 +1,13 @@
-"""The trajectory planner (findBestPath of base_local_planner, with dwa): one velocity for one cycle.
+"""Trajectory planner (findBestPath of base_local_planner, with dwa) that chooses one velocity per cycle.
 
-Called by local_planner.py, which makes a controller of it. The arithmetic is in sampling.py and its kernels.
+local_planner.py builds a controller on it. The arithmetic is in sampling.py and its kernels.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
 from functools import partial
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -23,16 +23,23 @@ from applr_ros1.planner.trajectory.sampling import (
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-# Room for one cycle: vs (vx_samples,), ws (vtheta_samples,); of every forward sample its lower bounds (bases of the
-# path and goal terms, keys of the cost), the heap and whether it was probed; start (6,), where samples begin.
+# Scratch memory of one cycle. vs (vx_samples,) and ws (vtheta_samples,) are the sampled velocities, start (6,) is the
+# start of all samples. bases (lower bounds of path and goal terms), keys (lower bounds of the cost), heap and probed
+# (whether it was probed) have one entry per forward sample.
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
 class TrajectoryPlanner(SamplingPlanner):
-    """footprint: padded vertices (n, 2) [m]. params: values of the TrajectoryPlannerROS server by name.
+    """Trajectory planner with velocity sampling.
 
-    sim_period [s]: the control period, the dynamic window's width. meter_scoring: the two distance weights are per
-    metre, not per cell. Raises ParameterError.
+    Args:
+        footprint: padded vertices (n, 2) [m].
+        params: values of the TrajectoryPlannerROS server by name.
+        sim_period: control period and width of the dynamic window [s].
+        meter_scoring: whether the two distance weights are per metre instead of per cell.
+
+    Raises:
+        ParameterError: a parameter is invalid.
     """
 
     PARAMETERS, STATE = PARAMETERS, STATE
@@ -47,7 +54,7 @@ class TrajectoryPlanner(SamplingPlanner):
         self._plan = NO_PLAN
         super().__init__(params)
 
-    def _derive(self, made, resolution) -> None:
+    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
         made["sim_period"] = self._sim_period
         if self._meter_scoring and resolution is not None:
             made["path_distance_bias"] *= resolution
@@ -56,30 +63,32 @@ class TrajectoryPlanner(SamplingPlanner):
     def _allocate_scratch(self, *samples: int) -> Any:
         vx_samples, vtheta_samples = samples
         n = vx_samples * vtheta_samples
-        of_samples = np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.uint8)
-        return Scratch(np.zeros(vx_samples), np.zeros(vtheta_samples), *of_samples, np.zeros(6))
+        per_sample = np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.uint8)
+        return Scratch(np.zeros(vx_samples), np.zeros(vtheta_samples), *per_sample, np.zeros(6))
 
     def end_escape(self) -> None:
-        """Sample forward velocities again, though the robot has not backed out far enough."""
+        """Sample forward velocities again, although the robot has not backed out far enough."""
         self._state[0]["escaping"] = 0
 
     def reset(self) -> None:
-        """Forget flags, reference positions and plan, as a new object (training episodes)."""
+        """Clear flags, reference positions and plan, as in a new object (for training episodes)."""
         super().reset()
         self._plan = NO_PLAN
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """The plan, an array (n, 2 or more) [m] in the costmap's frame, that the next cycles follow; n may be 0."""
-        # always a fresh array in C order: the kernels are compiled for that alone
+        """Follow the plan (n, 2 or more) [m] in the costmap's frame from the next cycle on. n may be 0."""
+        # The kernels are compiled only for a contiguous array in C order.
         self._plan = np.array(plan[:, :2], dtype=np.float64, order="C")
 
     def find_best_path(self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
-        """One cycle: floods, samples, winner, flags.
+        """Run one cycle: floods, samples, winner, flags.
 
-        costmap: anything with cells (ny, nx) uint8, origin (x, y) [m], resolution [m]. pose: x, y [m], yaw [rad];
-        velocity: vx, vy [m/s], w [rad/s].
+        Args:
+            costmap: map with cells (ny, nx) uint8, origin (x, y) [m] and resolution [m].
+            pose: x, y [m], yaw [rad].
+            velocity: vx, vy [m/s], w [rad/s].
         """
-        scene = self._look_at(costmap)
+        scene = self._scene_of(costmap)
         given = [float(value) for value in (*pose, *velocity)]
         cost, v, w, count, drive_v, drive_w = find_best_path(
             self._params, self._state, self._grids, self._scratch, scene, *given
@@ -90,18 +99,18 @@ class TrajectoryPlanner(SamplingPlanner):
     def score(
         self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float], sample: Sequence[float]
     ) -> Tuple[float, int, float, float, float]:
-        """(cost, number of points, end x, y, yaw) of one sample (vx, vy, w) on the grids of the last find_best_path.
+        """Return (cost, number of points, end x, y, yaw) of a sample (vx, vy, w) on the last cycle's grids.
 
-        Pose and velocity are used as they are, in double. The cost is negative if the sample is illegal.
+        Pose and velocity are used in double precision. The cost is negative if the sample is illegal.
         """
         start = np.array(tuple(pose) + tuple(velocity), dtype=np.float64)
         vx, vy, w = (float(v) for v in sample)
-        return score(self._params, self._look_at(costmap), self._grids, start, vx, vy, w)
+        return score(self._params, self._scene_of(costmap), self._grids, start, vx, vy, w)
 
     def grids(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(path_dist, goal_dist) (ny, nx) int32 and within_robot (ny, nx) uint8 of the last cycle, as C++ holds them.
+        """Return path_dist, goal_dist (ny, nx) int32 and within_robot (ny, nx) uint8 of the last cycle, as in C++.
 
-        With N cells on the map, N is an obstacle and N + 1 a cell that no flood came to.
+        With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
         """
         ny, nx = self._shape
         grids = self._grids
@@ -111,7 +120,7 @@ class TrajectoryPlanner(SamplingPlanner):
         return path, goal, grids.within.copy()
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
-        """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of every cell the robot's centre may be in."""
+        """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre."""
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
         path, goal, within = self.grids()
@@ -120,22 +129,22 @@ class TrajectoryPlanner(SamplingPlanner):
         return cost_cloud(costmap, path, goal, within == 0, weights)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of points of all legal forward samples of the last cycle.
+        """Return points (k, 5) float32 x, y, z, theta, cost of all legal forward samples of the last cycle.
 
-        For display, with at most POINTS points of each. costmap: as that cycle saw it.
+        The cloud is for display, with at most POINTS points per sample. `costmap` must be the one of that cycle.
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 5), np.float32)
-        return trajectory_cloud(score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)[0])
+        return trajectory_cloud(score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)[0])
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """Count the forward samples of the last cycle that were refused, by reason. costmap: as that cycle saw it."""
-        _, (collide, lost) = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
+        """Count the rejected forward samples of the last cycle by reason. `costmap` must be the one of that cycle."""
+        _, (collide, lost) = score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)
         samples = len(self._scratch.vs) * (len(self._scratch.ws) + 1)
         return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
 
-    def _look_at(self, costmap):
-        """The Scene of this costmap; grids and tables are made anew only when its size or resolution changes."""
+    def _scene_of(self, costmap: Costmap) -> Scene:
+        """Return the scene of this costmap. Grids and tables are renewed only if its size or resolution changes."""
         if not self._fits(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)

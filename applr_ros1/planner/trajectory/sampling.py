@@ -1,9 +1,10 @@
-"""Chooses the velocity of a cycle (TrajectoryPlanner::createTrajectories): window, samples, winner, flags.
+"""Choice of the velocity of a cycle (TrajectoryPlanner::createTrajectories): window, samples, winner, flags.
 
-Called by planner.py once per control cycle. The choice is the C++ planner's to the last bit. It begins with the two
-distance grids, steps to the path and to the local goal (base_local_planner/map_grid.cpp), and ends with the turn in
-place, if any, that replaces the best forward sample (docs/explanation/planner.md, section 6.5): the conditions of a
-turn have no side effects, so the cheap ones come first and most turns are never rolled out.
+Called by planner.py once per control cycle. The choice equals that of the C++ planner to the last bit. The cycle
+begins with the two distance grids, which count steps to the path and to the local goal
+(base_local_planner/map_grid.cpp). At its end, a turn in place may replace the best forward sample
+(docs/explanation/planner.md, section 6.5). The conditions of a turn have no side effects, so the cheap ones come first
+and most turns are never rolled out.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ from applr_ros1.planner.trajectory.scoring import (
     terms,
 )
 
-# path, goal: flat grids with their *_queue and *_ends, as distance_grid.py describes them.
+# Distance grids of one cycle. path, goal: flat grids with their *_queue and *_ends, see distance_grid.py.
 # within: (ny, nx) uint8, 1 under the robot's filled footprint.
 Grids = namedtuple("Grids", "path goal path_queue goal_queue path_ends goal_ends within")
 
 
 def allocate_grids(nx: int, ny: int) -> Grids:
-    """Grids for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+    """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
     path, path_queue, path_ends = distance_grid.allocate(nx, ny)
     goal, goal_queue, goal_ends = distance_grid.allocate(nx, ny)
     return Grids(path, goal, path_queue, goal_queue, path_ends, goal_ends, np.zeros((ny, nx), np.uint8))
@@ -47,10 +48,11 @@ def allocate_grids(nx: int, ny: int) -> Grids:
 
 @kernel
 def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
-    """Reset both grids for the costmap `cells` (ny, nx) and put 0 where the floods begin.
+    """Reset both grids for the costmap `cells` (ny, nx), start their floods and return the local goal's cell (x, y).
 
-    plan: (n, 2) [m]. x, y, yaw: the robot's pose, whose footprint (m, 2) [m] makes walls passable for the path
-    grid but not for the goal grid. Returns the local goal's cell (x, y), (-1, -1) if the plan is off the map.
+    plan: (n, 2) [m]. x, y, yaw: the robot's pose. Under the robot's footprint (m, 2) [m], walls are passable in the
+        path
+    grid but not in the goal grid. The local goal is (-1, -1) if the plan is off the map.
     """
     reset(grids.path, grids.path_ends, cells)
     reset(grids.goal, grids.goal_ends, cells)
@@ -63,7 +65,7 @@ def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
 
 @kernel
 def _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw):
-    """Mark the cells within the robot and make them passable for the path grid."""
+    """Mark the cells within the robot and make them passable in the path grid."""
     ny, nx = grids.within.shape
     grids.within[:] = 0
     fill_footprint(grids.within, 1, ox, oy, resolution, footprint, x, y, yaw, False)
@@ -79,16 +81,16 @@ def _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw):
                 grids.path[(row + 1) * (nx + 2) + column + 1] = nx * ny + 1
 
 
-WIDEST = 40  # [cells] about the robot that are looked through at most
+WIDEST = 40  # largest radius around the robot that is searched for costs [cells]
 
 
 @kernel(error_model="numpy")
 def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
-    """(cost, w, number of points) of the turn that replaces a sample of cost `best`; no points if none does.
+    """Return (cost, w, number of points) of the turn that replaces a sample of cost `best`, or no points if none does.
 
-    A turn must not cost more than the best so far, must be faster than the step `dw` of `ws`, must not be barred by
-    `state`, and must end facing a cell that is on the map and nearer the goal than any turn taken before it did.
-    occupied: the cost at the first pose, which all turns share.
+    A turn must not cost more than the best sample so far, must be faster than the step `dw` of `ws`, and must not be
+    barred by `state`. It must end facing a cell on the map that is nearer the goal than for any turn accepted before.
+    occupied: cost at the first pose, which all turns share.
     """
     ny, nx = scene.cells.shape
     unseen = nx * ny + 1
@@ -130,7 +132,7 @@ def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
 
 @kernel(error_model="numpy")
 def _end(p, start, w):
-    """(x, y, theta) of the last scored point of a turn in place: exact, for the position soon rests."""
+    """Return the exact (x, y, theta) of the last scored point of a turn in place. The position soon comes to rest."""
     steps = step_count(p, 0.0, 0.0, w)
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
@@ -146,7 +148,7 @@ def _end(p, start, w):
 
 @kernel
 def _distance_ahead(p, scene, grids, x, y, theta, limit):
-    """Goal distance of the cell `heading_lookahead` ahead of a pose; -1 if off the map or not below `limit`."""
+    """Return the goal distance `heading_lookahead` ahead of a pose, -1 if off the map or not below `limit`."""
     ny, nx = scene.cells.shape
     n = nx * ny
     cx, cy = world_to_map(
@@ -172,9 +174,9 @@ def _distance_ahead(p, scene, grids, x, y, theta, limit):
 
 @kernel(error_model="numpy")
 def _surroundings(p, scene, start):
-    """Largest cost that any turn in place from `start` can meet; NO_CEILING if not known or illegal."""
+    """Return the largest cost that a turn in place from `start` can meet, NO_CEILING if unknown or illegal."""
     ny, nx = scene.cells.shape
-    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # until it stands
+    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # braking distance
     farthest = 0.0
     for i in range(scene.footprint.shape[0]):
         farthest = max(farthest, math.hypot(scene.footprint[i, 0], scene.footprint[i, 1]))
@@ -192,7 +194,7 @@ def _surroundings(p, scene, start):
     return int(worst) if worst < LETHAL else NO_CEILING
 
 
-# What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
+# Memory of the planner between cycles, in the order of TrajectoryPlanner.state.
 STATE = record(
     "",
     "stuck_left stuck_right rotating_left rotating_right escaping",
@@ -202,10 +204,10 @@ STATE = record(
 
 @kernel(error_model="numpy")
 def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
-    """One cycle: floods, samples, winner, flags. params, state: one record each.
+    """Run one cycle: floods, samples, winner, flags. params, state: one record each.
 
-    Returns (cost, vx, w, number of points, commanded vx, commanded w); a cost below 0 means no valid command.
-    Pose and velocity go through float32 first, as in C++.
+    Returns (cost, vx, w, number of points, commanded vx, commanded w). A negative cost means no valid command.
+    Pose and velocity are first rounded to float32, as in C++.
     """
     p = params[0]
     start = scratch.start
@@ -233,7 +235,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     ws = scratch.ws[: p.vtheta_samples]
     fill_evenly(least_vx, most_vx, vs)
     dw = fill_evenly(least_w, most_w, ws)
-    if ws.shape[0] == 1:  # C++ divides by zero: a single turn passes its test only for a negative width
+    if ws.shape[0] == 1:  # C++ divides by zero here. A single turn passes its test only for a negative width.
         dw = -np.inf if most_w < least_w else np.inf
 
     cost, best_vx, best_w, points = HUGE, 0.0, 0.0, 0
@@ -250,7 +252,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
         cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, NO_CEILING, 0.0, np.inf)
     remember(p, state[0], start, cost, best_vx, best_w, legal)
     if cost == COLLISION:
-        cost = 1.0  # backs up even into an obstacle
+        cost = 1.0  # The robot backs out even into an obstacle.
     if cost < 0:
         return cost, best_vx, best_w, points, 0.0, 0.0
     return cost, best_vx, best_w, points, best_vx, through_quaternion(best_w)
@@ -258,7 +260,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
 
 @kernel(error_model="numpy")
 def velocity_window(p, plan, start):
-    """(least vx, most vx, least w, most w) of this cycle's samples. docs/explanation/planner.md, section 6.3."""
+    """Return (least vx, most vx, least w, most w) of this cycle's samples. docs/explanation/planner.md, section 6.3."""
     most_vx = p.max_vel_x
     if plan.shape[0] > 0:
         last = plan.shape[0] - 1
@@ -274,7 +276,7 @@ def velocity_window(p, plan, start):
 
 @kernel
 def fill_evenly(least, most, values):
-    """Fill `values` (n,) from `least` on in equal steps by repeated addition; returns the step, 0 for one value."""
+    """Fill `values` (n,) from `least` on in equal steps by repeated addition, and return the step (0 for one value)."""
     n = values.shape[0]
     step = (most - least) / (n - 1) if n > 1 else 0.0
     value = least
@@ -286,7 +288,7 @@ def fill_evenly(least, most, values):
 
 @kernel
 def first_pose(p, scene, grids, start):
-    """Cost under the robot as it stands, COLLISION or NO_PATH: the first point of every sample."""
+    """Return the cost under the robot at its current pose, the first point of every sample, or COLLISION or NO_PATH."""
     cells, ox, oy, resolution, footprint, lines, _ = scene
     ny, nx = cells.shape
     cx, cy = world_to_map(start[0], start[1], ox, oy, resolution, nx, ny)
@@ -323,9 +325,9 @@ def first_pose(p, scene, grids, start):
 
 @kernel
 def remember(p, state, start, cost, vx, w, legal):
-    """Take the cycle's choice into the flags. docs/explanation/planner.md, section 6.6.
+    """Update the flags with the choice of the cycle. docs/explanation/planner.md, section 6.6.
 
-    legal: the choice is a forward sample or a turn; otherwise it is backing up, at `cost`.
+    legal: whether the choice is a forward sample or a turn. Otherwise the robot backs out, at `cost`.
     """
     x, y, theta = start[0], start[1], start[2]
     if legal and not vx > 0:

@@ -1,7 +1,7 @@
-"""Rolls one velocity sample out and scores it (TrajectoryPlanner::generateTrajectory), without ROS or state.
+"""Roll-out and scoring of one velocity sample (TrajectoryPlanner::generateTrajectory), without ROS or state.
 
-Called for the samples of a cycle and by TrajectoryPlanner.score for single ones. All arithmetic is double, in
-the order of the C++ code: results are equal to the last bit.
+Called for the samples of a cycle, and by TrajectoryPlanner.score for single samples. All arithmetic is double, in the
+order of the C++ code, so that results are equal to the last bit.
 """
 
 import math
@@ -16,13 +16,13 @@ from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_ma
 from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.sampling_planner import angle_difference, record
 
-COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
-NO_PATH = -2.0  # no way to the path or to the goal from here
-PRUNED = -3.0  # scoring was broken off: the sample cannot beat the best one so far
-NO_CEILING = 256  # as a bound of the cell costs: none, since it is above all of them
+COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
+NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
+PRUNED = -3.0  # cost of a sample whose scoring was stopped, because it cannot beat the best one so far
+NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 HUGE = float(np.finfo(np.float64).max)
 
-# What the planner works with, one record; m, rad, s. The two biases are already per cell (meter_scoring).
+# Parameters of the planner in one record [m, rad, s]. The two biases are already per cell (meter_scoring).
 PARAMETERS = record(
     "acc_lim_x acc_lim_y acc_lim_theta max_vel_x min_vel_x max_vel_theta min_vel_theta min_in_place_vel_theta "
     "escape_vel sim_time sim_granularity angular_sim_granularity path_distance_bias goal_distance_bias "
@@ -31,14 +31,14 @@ PARAMETERS = record(
     "vx_samples vtheta_samples dwa heading_scoring simple_attractor",
 )
 
-# What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
-# resolution [m]; the padded footprint (n, 2) [m] and its line_offsets; the plan (k, 2) [m].
+# Surroundings of the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
+# resolution [m], the padded footprint (n, 2) [m] and its line_offsets, and the plan (k, 2) [m].
 Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan")
 
 
 @kernel
 def new_velocity(target, velocity, acceleration, dt):
-    """The velocity after dt on its way to `target`."""
+    """Return the velocity after dt of acceleration towards `target`."""
     if target - velocity >= 0:
         return min(target, velocity + acceleration * dt)
     return max(target, velocity - acceleration * dt)
@@ -46,7 +46,7 @@ def new_velocity(target, velocity, acceleration, dt):
 
 @kernel
 def advance(x, y, theta, vx, vy, c, s, dt):
-    """The position (x, y) after dt; c and s are cosine and sine of theta."""
+    """Return the position (x, y) after dt. c and s are cosine and sine of theta."""
     if vy == 0.0:
         return x + vx * c * dt, y + vx * s * dt
     return (
@@ -57,7 +57,7 @@ def advance(x, y, theta, vx, vy, c, s, dt):
 
 @kernel(error_model="numpy")
 def step_count(p, vx, vy, w):
-    """Into how many steps the sample (vx, vy, w) is divided, at least 1. The turn's term knows no sim_time."""
+    """Return the number of steps, at least 1, of the sample (vx, vy, w). The term of the turn ignores sim_time."""
     if p.heading_scoring:
         return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
     speed = abs(vx) if vy == 0.0 else math.hypot(vx, vy)
@@ -66,13 +66,13 @@ def step_count(p, vx, vy, w):
 
 @kernel
 def terms(p, path_distance, goal_distance):
-    """The path and goal terms of a cost."""
+    """Return the path and goal terms of a cost."""
     return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
 
 
 @kernel
 def score(params, scene, grids, start, vx, vy, w):
-    """(cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
+    """Return (cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
     return score_below(params[0], scene, grids, start, vx, vy, w, NO_CEILING, 0.0, np.inf)
 
 
@@ -80,9 +80,9 @@ def score(params, scene, grids, start, vx, vy, w):
 def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
     """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
 
-    Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, or COLLISION, NO_PATH, or
-    PRUNED as soon as `base` (a lower bound of the path and goal terms) plus the obstacle term is above `bound`.
-    ceiling: no cost that the footprint can meet on the way is above it; NO_CEILING if that is not known.
+    Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, COLLISION, NO_PATH, or PRUNED as
+    soon as `base` (a lower bound of the path and goal terms) plus the obstacle term exceeds `bound`.
+    ceiling: upper bound of the cost that the footprint can meet on its way, NO_CEILING if unknown.
     """
     cells, ox, oy, resolution, footprint, lines, plan = scene
     path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
@@ -149,7 +149,7 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
 
 @kernel
 def roll_out(params, start, vx, w, points):
-    """Write the first poses x, y, theta of the sample (vx, w) into `points` (n, 3), as score_below visits them."""
+    """Write the first poses x, y, theta of the sample (vx, w) to `points` (n, 3), as score_below visits them."""
     p = params[0]
     dt = p.sim_time / step_count(p, vx, 0.0, w)
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
@@ -166,7 +166,7 @@ def roll_out(params, start, vx, w, points):
 
 @kernel
 def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta):
-    """Angle [rad] between the heading and the farthest point of the plan in free sight, HUGE if none is."""
+    """Return the angle [rad] from the heading to the plan's farthest point in free sight, HUGE if none is in sight."""
     ny, nx = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
         mx, my = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
@@ -177,18 +177,18 @@ def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta):
     return HUGE
 
 
-POINTS = 12  # of each trajectory that are shown; all of them would make messages of megabytes
+POINTS = 12  # number of points shown per trajectory, because showing all would take megabytes per message
 
 
 @kernel
 def score_all_samples(params, scene, grids, scratch):
-    """(cloud, refused) of all forward samples of the cycle last searched; the search itself rolls out far fewer.
+    """Return (cloud, refused) of all forward samples of the last cycle. The search itself rolls out far fewer.
 
-    cloud (n, 4): x, y, theta, cost of points of the legal ones, one after the other; of each trajectory at most POINTS
-    in even steps, its last one among them. refused (2,): how many are COLLISION and NO_PATH.
+    cloud (n, 4) has x, y, theta, cost of points of the legal samples, one sample after the other. Each has at most
+    POINTS points in even steps, including its last point. refused (2,) counts COLLISION and NO_PATH.
     """
     p = params[0]
-    turns = scratch.ws.shape[0] + 1  # straight ahead is tried with each speed, too
+    turns = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
     m = scratch.vs.shape[0] * turns
     cloud, refused = np.empty((m * POINTS, 4)), np.zeros(2, np.int64)
     n = 0
