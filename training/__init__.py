@@ -1,2 +1,2 @@
-"""Learning and measuring: the commands of this folder, and a room for each of their parts."""
-# Imports all packages but nodes; no ROS.
+"""Training and evaluation: the commands, and a subpackage for each of their parts."""
+# May import every package except nodes, and no ROS.

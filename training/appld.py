@@ -1,9 +1,9 @@
-"""APPLD, the paper's second baseline: from recorded demonstrations to a file that can drive.
+"""Learns a policy of APPLD, the paper's second baseline, from recorded demonstrations.
 
-Started as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
+Run it as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
 segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
-recognise the context from the scan. evaluate.py (--methods FILE) and method:=FILE use it. docs/howto/training.md
-describes the method.
+recognise the context from the scan. evaluate.py (--methods FILE) and method:=FILE use the file that is written.
+docs/howto/training.md describes the method.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -35,11 +35,11 @@ with extra(__name__):
 
 
 class AppldOptions(BagOptions):
-    """Demonstration to learn from, and how."""
+    """Demonstrations to learn from, and options of the learning."""
 
     # fmt: off
     bags: List[str] = argument(
-        "Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands.")
+        "Recorded demonstrations: ROS 1 or ROS 2 bags with scans, odometry and commands.")
     out: str = option(...,
         "File to write (.safetensors). The log is written beside it.")
     contexts: int = option(4,
@@ -51,30 +51,30 @@ class AppldOptions(BagOptions):
     # fmt: on
 
 
-def main(arguments=None) -> int:
-    """Exit status 0; 1 with one line when there is no file."""
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0, or 1 after a one-line error if no file was written."""
     return run_main(lambda: run(without_remappings(arguments)), "appld.py")
 
 
 def run(arguments: List[str]) -> None:
-    """Learn from the bags that the arguments name, and write the file and its log (OUT_log.json)."""
+    """Learn from the bags named in the arguments, and write the file and its log (OUT_log.json)."""
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
     if not options.out.endswith(".safetensors"):
         raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
     began, topics, robot = time.monotonic(), options.topics(), options.robot
     demonstrations = [read_demonstration(bag, topics, robot) for bag in bags_in(options.bags)]
-    found = segmentation.find(demonstrations, options.contexts, options.penalty)
-    own: List[List[Stretch]] = [[] for _ in found.names]
+    split = segmentation.find(demonstrations, options.contexts, options.penalty)
+    by_context: List[List[Stretch]] = [[] for _ in split.names]
     for index, d in enumerate(demonstrations):
-        spans = [s for s in found.segments if s.demonstration == index]
+        spans = [s for s in split.segments if s.demonstration == index]
         for s, stretch in zip(spans, stretches(d, spans)):
-            own[s.context].append(stretch)
-            print(f"{d.name} {d.time[s.first]:5.1f} to {d.time[s.last - 1]:5.1f} s: context {found.names[s.context]}")
+            by_context[s.context].append(stretch)
+            print(f"{d.name} {d.time[s.first]:5.1f} to {d.time[s.last - 1]:5.1f} s: context {split.names[s.context]}")
 
     space, layout = space_of(robot), layout_of(robot)
     sets: Dict[str, np.ndarray] = {}
     contexts: List[Dict[str, Any]] = []
-    for name, mean, part in zip(found.names, found.means, own):
+    for name, mean, part in zip(split.names, split.means, by_context):
         best = fit(part, options.evaluations, options.seed + len(contexts))
         sets[name], parameters = space.pick(best.theta), space.as_dict(best.theta)
         print(
@@ -87,10 +87,10 @@ def run(arguments: List[str]) -> None:
         del row["theta"]
         contexts.append(row)
 
-    scans = np.concatenate([demonstrations[s.demonstration].seen[s.first : s.last] for s in found.segments])
-    labels = np.concatenate([np.full(s.last - s.first, s.context) for s in found.segments])
+    scans = np.concatenate([demonstrations[s.demonstration].seen[s.first : s.last] for s in split.segments])
+    labels = np.concatenate([np.full(s.last - s.first, s.context) for s in split.segments])
     weights, quality = classifier.train(classifier.inputs(scans, layout), labels, len(sets), options.seed, layout)
-    print(f"classifier: {quality['accuracy']} of the instants right, {quality['held_out']} of those held out")
+    print(f"classifier: accuracy {quality['accuracy']}, on held-out instants {quality['held_out']}")
     about = {
         "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
         "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
@@ -98,7 +98,7 @@ def run(arguments: List[str]) -> None:
     }
     make_folder(Path(options.out).parent)
     actor.save_contexts(options.out, sets, weights, {"training": about}, space, layout)
-    segments = [dict(s._asdict(), context=found.names[s.context]) for s in found.segments]
+    segments = [dict(s._asdict(), context=split.names[s.context]) for s in split.segments]
     log = {**about, "segments": segments, "contexts": contexts, "seconds": round(time.monotonic() - began, 1)}
     write_json(f"{options.out[: -len('.safetensors')]}_log.json", log)
     print(f"{options.out}: {len(contexts)} contexts in {log['seconds']:.0f} s")

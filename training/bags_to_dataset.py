@@ -1,7 +1,7 @@
-"""Converts recorded drives with the applr node to a dataset for offline training.
+"""Converts recorded drives of the applr node into a dataset for offline training.
 
-Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1, those that
-`rosbags-convert` made of them, from real robots and from simulation, can be mixed.
+Run it as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. ROS 1 bags and
+bags converted by `rosbags-convert`, from real robots and from simulation, can be mixed.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
@@ -30,16 +30,16 @@ with extra(__name__):
 
 
 class DatasetOptions(BagOptions):
-    """The bags to convert, and how."""
+    """Bags to convert, and options of the conversion."""
 
     # fmt: off
     bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
-    out: str = option(..., "Folder for the dataset; it must not hold one already.")
+    out: str = option(..., "Folder for the dataset; it must not hold a dataset yet.")
     finish: Optional[float] = option(None,
-        "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. Without it "
-        "the result of move_base decides.", ge=-1e6, le=1e6)
+        "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. By "
+        "default, the result of move_base decides.", ge=-1e6, le=1e6)
     recipe: str = option("",
-        f"Recipe whose robot, observation and reward are used, as train.py has them with the same: "
+        f"Recipe that gives the robot, the observation and the reward, as in train.py: "
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Name space of move_base in the bags, with its goals.")
@@ -48,8 +48,8 @@ class DatasetOptions(BagOptions):
     # fmt: on
 
 
-def main(arguments=None) -> int:
-    """Return exit status 0; 1 with one line when no dataset could be made."""
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0, or 1 after a one-line error if no dataset was written."""
     name = "bags_to_dataset.py"
     return run_main(lambda: run(parsed(DatasetOptions, name, __doc__, arguments)), name)
 
@@ -57,8 +57,11 @@ def main(arguments=None) -> int:
 def run(options: DatasetOptions) -> None:
     """Write the dataset from the bags.
 
-    A bag that cannot be read, or an incomplete episode, is skipped, printed and counted under its reason. Raises
-    BagError when nothing at all could be used, StorageError when the folder cannot be written.
+    Unreadable bags and incomplete episodes are skipped, reported and counted by reason.
+
+    Raises:
+        BagError: No transition is usable.
+        StorageError: The folder cannot be written.
     """
     learnt = TrainConfig(**recipe(options.recipe))
     if "robot" not in options.model_fields_set:
@@ -67,33 +70,33 @@ def run(options: DatasetOptions) -> None:
     bags, folder = bags_in(options.bags), Path(options.out)
     layout = TransitionLayout.of(ENCODINGS[learnt.observation](robot, PERIOD))
     if (folder / dataset.DATA).exists():
-        raise ApplrError(f"{options.out}: holds a dataset already; give another folder")
+        raise ApplrError(f"{options.out} already holds a dataset: give another folder")
     listed: List[Dict[str, Any]] = []
     made: List[Trajectory] = []
     periods, all_skipped = set(), Counter[str]()
     for bag in bags:
-        found: List[Trajectory] = []
+        episodes: List[Trajectory] = []
         skipped: Counter[str] = Counter()
         try:
             with refused(bag):
                 recorded = read(bag, topics, ranges=False)
-                found, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish)
-                periods.update([decision_period(recorded)] if found else [])
+                episodes, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish)
+                periods.update([decision_period(recorded)] if episodes else [])
         except BagError as error:
             skipped[str(error).partition(": ")[2]] += 1
-        made, all_skipped = made + found, all_skipped + skipped
-        row = {"name": bag.name, "episodes": len(found), "transitions": sum(map(len, found)), "skipped": skipped}
-        listed.append(row)
-        reasons = "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
-        print(f"{bag}: {row['transitions']} transitions in {row['episodes']} episodes{reasons}")
+        made, all_skipped = made + episodes, all_skipped + skipped
+        count = sum(map(len, episodes))
+        listed.append({"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped})
+        reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
+        print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
     if not made:
-        raise BagError("no transition could be used; see above")
+        raise BagError("no transition is usable: see the reasons above")
     about: Dict[str, Any] = {"bags": listed, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     if len(periods) == 1:
         about["decision_period"] = round(periods.pop(), 3)
     else:
-        print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in sorted(periods))} s")
+        print(f"the bags differ in decision period [s]: {', '.join(f'{period:g}' for period in sorted(periods))}")
     dataset.write(make_folder(folder), layout, made, about)
     print(f"{options.out}: {sum(map(len, made))} transitions")
 

@@ -1,9 +1,10 @@
-"""Checks the description of a robot, says in short what the package makes of it, and drives it on open floor.
+"""Checks the description of a robot, summarises the resulting configuration, and drives the robot on open floor.
 
-Started as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "error" name
-what the robot cannot drive with, lines that begin with "remark" what it will not drive well with or what has no effect.
-Each has the name, its value, and what to give. If the robot's own parameters do not drive it on open floor, the last
-lines say why and what to change. docs/tutorials/your_robot.md says how to write a description.
+Run it as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "error" report
+values with which the robot cannot drive, lines that begin with "remark" report values that impair its driving or have
+no effect. Each line has the name, its value and the remedy. If the robot does not drive on open floor with its default
+parameters, the last lines give the reason and the remedy. docs/tutorials/your_robot.md explains how to write a
+description.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from training.tuning import open_floor
 
 
 def summary(described: Robot) -> List[str]:
-    """Lines about a robot without errors, for people."""
+    """Return the lines that summarise a robot without errors."""
     base, laser = described.base, described.laser
     planner = MoveBase(described.parameters())
     length, width = np.ptp(planner.local_costmap.footprint, axis=0)
@@ -50,7 +51,7 @@ def summary(described: Robot) -> List[str]:
 
 
 def check(name_or_folder: str) -> int:
-    """Print all that there is to say about a robot; exit status 1 where it has an error or does not drive."""
+    """Print errors, or summary, remarks and test drives of a robot. Return 1 if it has an error or does not drive."""
     try:
         described = read(name_or_folder)
         setups = [False] if described.move_base.with_map is None else [False, True]
@@ -74,7 +75,7 @@ class CheckOptions(Options):
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Exit status 0 for a robot that drives on open floor, else 1; errors of its description are lines on stderr."""
+    """Run the command. Return 0 if the robot drives on open floor, else 1; errors are printed to stderr."""
     name = "check_robot.py"
     return run_main(lambda: check(parsed(CheckOptions, name, __doc__, arguments).robot), name)
 

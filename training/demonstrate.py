@@ -1,11 +1,12 @@
 """Records a scripted demonstration for APPLD, in simulation and without ROS: `python -m training.demonstrate BAG`.
 
-The demonstrator is training/baselines/appld/scripted_driver.py, and the bag says so.
+The demonstrator is training/baselines/appld/scripted_driver.py, as the metadata of the bag records.
 """
 
 from __future__ import annotations
 
 import sys
+from typing import Optional, Sequence
 
 import sim_bridge
 import worlds
@@ -20,7 +21,7 @@ with extra(__name__):
     from training.bags.writer import BagWriter
     from training.baselines.appld.scripted_driver import NAME, Demonstrator
 
-LIMIT = 200.0  # simulated seconds after which the demonstrator gives up
+LIMIT = 200.0  # simulated time after which the demonstrator gives up [s]
 
 
 class DemonstrateOptions(Options):
@@ -34,9 +35,11 @@ class DemonstrateOptions(Options):
 
 
 def demonstrate(options: DemonstrateOptions) -> None:
-    """Drives one course and writes the bag, its scans at the laser's rate; a drive that is not finished leaves none.
+    """Drive one course and write the bag, with scans at the laser's rate. An unfinished drive leaves no bag.
 
-    Raises ApplrError where the course takes longer than LIMIT, or StorageError where the bag cannot be written.
+    Raises:
+        ApplrError: The course takes longer than LIMIT.
+        StorageError: The bag cannot be written.
     """
     robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
     world = worlds.scaled(worlds.load(options.world), robot.world_scale)
@@ -47,7 +50,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
         writer.goal(1.0, simulator.to_odom(world.course.goal))
         while not world.course.arrived(*state.pose[:2]):
             if state.time > LIMIT or state.flipped:
-                raise ApplrError(f"{world.name}: not through after {state.time:.0f} s; give another --world")
+                raise ApplrError(f"{world.name}: goal not reached after {state.time:.0f} s: give another --world")
             now = 1.0 + state.time
             writer.odometry(now, state.odom_pose, state.odom_twist)
             if state.time + 1e-6 >= scan_due:
@@ -60,8 +63,8 @@ def demonstrate(options: DemonstrateOptions) -> None:
     print(f"{options.bag}: {world.name} demonstrated by a script in {state.time:.1f} s")
 
 
-def main(arguments=None) -> int:
-    """Exit status 0; 1 with one line when there is no usable demonstration."""
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0, or 1 after a one-line error if no bag was written."""
     name = "demonstrate.py"
     return run_main(lambda: demonstrate(parsed(DemonstrateOptions, name, __doc__, arguments)), name)
 

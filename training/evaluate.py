@@ -1,8 +1,8 @@
-"""Evaluation: drives every method in every world, and makes tables, figures and statistics of the trials.
+"""Evaluates methods: drives each in every world, and writes tables, figures and statistics of the trials.
 
-Started as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. An evaluation that was stopped continues
-with the same command, and its rows are the same as without the stop. docs/howto/evaluation.md describes the results,
-docs/reference/methods.md the methods, and how to write one.
+Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command continues a stopped
+evaluation, with the same rows as without the interruption. docs/howto/evaluation.md describes the results,
+docs/reference/methods.md lists the methods and explains how to write one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from training.evaluation.table import TRIALS
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Exit status 0 when all trials are done and reported; 1 and one line on stderr otherwise; 130 after Ctrl-C."""
+    """Run the command. Return 0 when all trials are done and reported, 1 after a one-line error, 130 after Ctrl-C."""
     end_at_sigterm()
     name = "evaluate.py"
     return run_main(lambda: run(parsed(EvaluationOptions, name, __doc__, arguments)), name)
 
 
 def run(options: EvaluationOptions) -> None:
-    """Evaluate and write the report; say how to go on where it is stopped."""
+    """Evaluate and write the report. If stopped, report how to continue."""
     with continuable():
         print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
         if options.report:

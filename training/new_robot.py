@@ -1,13 +1,13 @@
 """Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
 
-Started as `./applr robot` or `python -m training.new_robot`. The folder gets copies of the parameter files and a
-robot.yaml with what the files say plainly: wheels, outline, laser, frames, topics. Everything else is a line to fill in
-there, and is listed at the end.
+Run it as `./applr robot` or `python -m training.new_robot`. The folder gets copies of the parameter files, and a
+robot.yaml with the values that the files state explicitly: wheels, outline, laser, frames, topics. Every other value is
+a line to fill in, and is listed at the end.
 
 A file whose name ends in .xacro is expanded as roslaunch would, with its arguments as NAME:=VALUE. Give the parameter
-files in the order of your launch file, each with the namespace of its <rosparam ns="...">, or what roslaunch
---dump-params writes. The file of a diff_drive_controller beside them names the driven wheels and says the limits of the
-base. docs/tutorials/your_robot.md goes on from here.
+files in the order of your launch file, each with the namespace of its <rosparam ns="...">, or give the output of
+roslaunch --dump-params. Add the file of a diff_drive_controller if there is one: it gives the driven wheels and the
+limits of the base. docs/tutorials/your_robot.md continues from here.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from applr_ros1.robots.urdf_import.write import add_parameters, copies_of, limit
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
-COURSE = 42.0  # width [m] of a costmap in which the Jackal's courses lie, whose world_scale is 1
+COURSE = 42.0  # width of a costmap that contains all courses at world_scale 1, the Jackal's [m]
 
 
 class NewRobotOptions(Options):
-    """Files to write a robot from."""
+    """Files from which a robot is written."""
 
     urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
     parameters: List[Path] = option(
         ...,
-        "Parameter file (YAML) that the launch file of move_base loads, as FILE or FILE:NAMESPACE; several in its "
-        "order, and the controller's.",
+        "Parameter files (YAML) that the launch file of move_base loads, in its order, and that of the controller, "
+        "each as FILE or FILE:NAMESPACE.",
     )
     laser: str = option("", "Link of the laser. Default: sensor_frame of the costmaps' scan, or the only ray sensor.")
     out: Path = option(Path("my_robot"), "Folder to write.")
 
 
 def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
-    """Write the folder, and return lines about it for people.
+    """Write the folder, and return the lines to print about it.
 
     Args:
-        options: The files.
+        options: Files to read, and the folder to write.
         arguments: Arguments of the xacro file by name.
 
     Raises:
@@ -57,32 +57,32 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     """
     file = options.out / FILE
     if file.exists():
-        raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
+        raise ApplrError(f"{file} already exists: remove it, or give another folder with --out")
     parameters = read_parameter_files([str(path) for path in options.parameters])
     scan = next(iter(parameters.scans()), {})
     urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
     frame = scan.get("sensor_frame", "").lstrip("/")
-    found = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
-    add_parameters(found, parameters)
+    described = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
+    add_parameters(described, parameters)
     scale = round(parameters.padded_width() / WIDTH, 3)
-    move_base, notes = move_base_section(parameters, found.values, ceil(COURSE * scale))
-    hints = {**found.hints, **limits(parameters.planner)}
-    text, missing = robot_yaml(options.urdf.name, found.values, scale, move_base, hints)
+    move_base, notes = move_base_section(parameters, described.values, ceil(COURSE * scale))
+    hints = {**described.hints, **limits(parameters.planner)}
+    text, missing = robot_yaml(options.urdf.name, described.values, scale, move_base, hints)
     for path, name in copies_of(parameters).items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, options.out / name)
-    write_bytes(file, text.encode())  # last, because a part of the folder would be in the way of the next try
-    lines = [f"{file} is made from {options.urdf} and {len(options.parameters)} parameter files"]
-    lines += ["remark: " + line for line in found.notes + parameters.notes + notes]
+    write_bytes(file, text.encode())  # last, so that the next attempt is not refused if this one fails halfway
+    lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
+    lines += ["remark: " + line for line in described.notes + parameters.notes + notes]
     if missing:
-        lines.append(f'the files leave out {len(missing)} values; give each in its line of {file}, without the "# ":')
+        lines.append(f'the files lack {len(missing)} values: enter each in its line of {file}, and remove the "# ":')
     lines += ["  " + line for line in missing]
     lines += ["then:", f"  ./applr exec python -m training.check_robot {options.out}"]
     return lines + [f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa", f"  ./applr tune {options.out}"]
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Write the folder and return 0; 1 and one line on stderr if that is not possible."""
+    """Run the command. Return 0, or 1 after a one-line error if the folder cannot be written."""
     given = sys.argv[1:] if arguments is None else arguments
     words = dict(word.split(":=", 1) for word in given if ":=" in word)
     name = "./applr robot"

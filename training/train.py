@@ -1,7 +1,7 @@
-"""Training with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
+"""Trains a policy with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
 
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
-learns from a dataset. docs/howto/training.md describes it, training/learner/run.py is the run.
+learns from a dataset. docs/howto/training.md describes the command, training/learner/run.py has the run.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from training.learner.config import parse
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Run the command. Exit status 0: done; 1: a mistake, or it could not go on; 130: stopped and saved."""
+    """Run the command. Return 0 when done, 1 after a one-line error, 130 if the run was stopped and saved."""
 
     def run() -> int:
         config = parse(arguments)
-        from training.learner.run import TrainingRun  # imports torch, for which --help does not wait
+        from training.learner.run import TrainingRun  # not at the top: --help would wait for the import of torch
 
         if config.seeds == 1:
             return TrainingRun(config).run()

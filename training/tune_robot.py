@@ -1,12 +1,13 @@
-"""Better parameters for the move_base that a robot runs already, from the robot's folder.
+"""Tunes the parameters of the move_base that a robot already runs, given the robot's folder.
 
-Started as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: if the robot's
+Run it as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: if the robot's
 default parameters do not drive there, it reports why and what to change. CMA-ES then searches in the kinematic
 simulator and in pybullet, the best sets race, and each parameter of the winner is reverted to its default if nothing is
-lost by it. Each drive starts a planner with the defects of the C++ move_base with the set, without the collision
-monitor. Courses that the search did not use judge the set twice: without the monitor for ROBOT/tuned.yaml, which any
-move_base loads, and with it for ROBOT/static.json, which the applr node uses. A file is written only if its verdict is
-clearly better, and the exit status is 0 only if one is. A stopped run continues with the same command.
+lost. Each drive starts a planner with the defects of the C++ move_base and the parameter set, without the
+collision monitor. The set is judged twice on courses that the search did not use: without the monitor for
+ROBOT/tuned.yaml, which any move_base loads, and with it for ROBOT/static.json, which the applr node uses. A file is
+written only if its verdict is clearly better, and the exit status is 0 only if a file is written. The same command
+continues a stopped run.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from training.tuning.clock import Clock
 from training.tuning.found_set import changes, driven_unseen, write_set
 from worlds.loading import SPECIFICATIONS
 
-WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # of a search without --worlds, and of all verdicts
-JUDGED = ("tuned.yaml", "without"), ("static.json", "with")  # file, and its monitor
+WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # default worlds of a search, and worlds of every verdict
+JUDGED = ("tuned.yaml", "without"), ("static.json", "with")  # files, each judged with or without the collision monitor
 
 
 class TuneOptions(Options):
@@ -45,31 +46,31 @@ class TuneOptions(Options):
     # fmt: off
     robot: AnyRobot = argument("Folder with robot.yaml, or the name of an included robot.")
     anyway: bool = option(False,
-        "Go on where the robot's own parameters do not drive it on open floor.")
+        "Continue even if the robot does not drive on open floor with its default parameters.")
     worlds: str = option(WORLDS,
-        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. {UNSEEN} are for the verdict.")
+        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts use {UNSEEN}.")
     minutes: float = option(15.0,
-        "About how long it takes [min]; the two verdicts, of 30 courses each, are driven to their end.",
+        "Approximate duration [min]; the two verdicts, of 30 courses each, are always driven to the end.",
         gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
-        "What counts beside arriving without a contact: fast, the time; careful, the distance from obstacles; smooth, "
-        "little jerk and turning; both without taking longer.")
+        "Objective besides arriving without a contact: fast, a short time; careful, distance from obstacles; smooth, "
+        "little jerk and turning. The last two count a longer time as a loss, too.")
     workers: Workers
     out: str = option("",
-        "Folder for all trials and the page, and for what is found for an included robot. Default: tune/ROBOT.")
+        "Folder for all trials and the report, and for the result if the robot is included. Default: tune/ROBOT.")
     seed: Seed
     # fmt: on
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Exit status 0 where something better was found; else 1, as for a mistake, or 130 after Ctrl-C."""
+    """Run the command. Return 0 if a better set was written, 1 if not or after an error, 130 after Ctrl-C."""
     end_at_sigterm()
     name = "./applr tune"
     return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
 
 
 def run(options: TuneOptions) -> int:
-    """Search, judge, write and print; return the exit status."""
+    """Search for a set, judge it, write the files and report; return the exit status."""
     from training.evaluation import report
 
     robot = options.robot
@@ -92,7 +93,7 @@ def run(options: TuneOptions) -> int:
         theta, saved = best_set(options, settings, worlds, starts, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in saved}
         if not values:
-            say("better: no, no other value of a parameter saves anything")
+            say("better: no, no changed parameter saves anything")
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
@@ -107,7 +108,7 @@ def run(options: TuneOptions) -> int:
             if method == SET:
                 write_bytes(folder / file, read_bytes(drives / file))
                 written.append(folder / file)
-            end = f"written: {folder / file}" if method == SET else f"nothing written; the set is in {drives / file}"
+            end = f"written: {folder / file}" if method == SET else f"nothing written: the set is in {drives / file}"
             say("\n".join([*lines, end, f"page: {shown}"]))
     return 0 if written else 1
 

@@ -1,7 +1,7 @@
-"""Text that is made from the code and the data when the site is built.
+"""Sphinx extension that generates text from the code and the data when the site is built.
 
-A line `<!-- from code: NAME ARGUMENTS -->` of a page becomes the Markdown that the function NAME of this file returns.
-What is a file as it stands, the pages take with literalinclude and csv-table.
+A line `<!-- from code: NAME ARGUMENTS -->` of a page is replaced by the Markdown that the function NAME of this file
+returns. For complete files, the pages use literalinclude and csv-table.
 """
 
 import contextlib
@@ -14,6 +14,7 @@ import re
 import sys
 import xml.etree.ElementTree as xml
 from pathlib import Path
+from typing import Any, Dict, Iterable, List, Sequence
 
 from applr_ros1.planner.parameters.declarations import SERVERS, STATIC
 from applr_ros1.planner.parameters.layers import TYPES
@@ -22,7 +23,7 @@ from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR
 ROOT = Path(__file__).resolve().parents[2]
 MARK = re.compile(r"^<!-- from code: (\w+) ?(.*) -->$", re.MULTILINE)
 MAP, NAMED = "costmap_2d::StaticLayer", "recovery_behaviors"
-TITLES = {  # of parameters that more than one place has; the others stand below /move_base
+TITLES = {  # titles of parameters that exist in several places; the others stand below /move_base
     "": "`/move_base`",
     "local_costmap": "`/move_base/local_costmap` and `/move_base/global_costmap`",
     MAP: "Each static layer (`static_layer` in files without `plugins`)",
@@ -34,20 +35,20 @@ TITLES = {  # of parameters that more than one place has; the others stand below
 }
 
 
-def table(head, rows):
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *([str(cell).replace("|", "\\|") for cell in row] for row in rows)]
     return "\n".join("| %s |" % " | ".join(line) for line in lines)
 
 
-def rows_of(name):
+def rows_of(name: str) -> List[Dict[str, str]]:
     """Return the rows of docs/results/NAME.csv as dictionaries."""
     with open(ROOT / "docs" / "results" / (name + ".csv"), encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def commands(*modules):
-    """Return what `python -m MODULE --help` prints, for each."""
+def commands(*modules: str) -> str:
+    """Return the output of `python -m MODULE --help` for each module."""
     os.environ["COLUMNS"] = "110"
     parts = []
     for module in modules:
@@ -63,8 +64,8 @@ def commands(*modules):
     return "\n\n".join(parts)
 
 
-def comparison(prefix):
-    """Return the summary of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv: a row for each method."""
+def comparison(prefix: str) -> str:
+    """Return a table of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv with a row for each method."""
     rates, faster = ({row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster"))
     rows = []
     for row in rows_of(prefix + "_time"):
@@ -78,8 +79,8 @@ def comparison(prefix):
     return table(head, rows)
 
 
-def faults():
-    """Return the table of faults, in its groups."""
+def faults() -> str:
+    """Return the table of faults, with a section for each group."""
     rows, parts = rows_of("faults"), []
     for group in dict.fromkeys(row["group"] for row in rows):
         cells = [list(row.values())[1:] for row in rows if row["group"] == group]
@@ -87,8 +88,8 @@ def faults():
     return "\n\n".join(parts)
 
 
-def launch_arguments():
-    """Return the arguments of each launch file."""
+def launch_arguments() -> str:
+    """Return a table of the arguments of each launch file."""
     parts = []
     for file in sorted((ROOT / "applr_ros1" / "launch").glob("*.launch")):
         arguments = [arg for arg in xml.parse(file).getroot().findall("arg") if arg.get("doc")]
@@ -97,15 +98,15 @@ def launch_arguments():
     return "\n\n".join(parts)
 
 
-def methods():
-    """Return the methods with a name."""
+def methods() -> str:
+    """Return a table of the named methods."""
     from applr_ros1.policy.methods import METHODS
 
     return table(["name", "method"], [["`%s`" % name, text] for name, (_, text) in METHODS.items()])
 
 
-def parameters():
-    """Return the parameters of move_base: a list for every dynamic_reconfigure server, then those read at start-up."""
+def parameters() -> str:
+    """Return the parameters of move_base: a list for each dynamic_reconfigure server, then those read at start-up."""
     parts = []
     for title, declared in (
         ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
@@ -113,14 +114,14 @@ def parameters():
     ):
         parts += ["## " + title]
         for path in declared:
-            if not path.startswith("global_costmap"):  # the same as local_costmap's
+            if not path.startswith("global_costmap"):  # global_costmap has the parameters of local_costmap
                 entries = [_parameter(p) for p in declared[path] if p.name != "restore_defaults"]
                 parts += ["### " + TITLES.get(path, "`/move_base/%s`" % path), "\n".join(entries)]
     return "\n\n".join(parts)
 
 
-def _parameter(p):
-    """Return one parameter as an item of a list."""
+def _parameter(p: Any) -> str:
+    """Return a declared parameter as an item of a list."""
     older = "".join(", older name `%s`" % name for name in p.aliases)
     ends = ["any" if abs(end) >= 2**31 - 1 else "%g" % end for end in (p.min, p.max) if p.type in ("int", "double")]
     kind = ", ".join([p.type, " to ".join(ends)] if ends else [p.type]) + (" " + p.unit if p.unit else "")
@@ -132,20 +133,20 @@ def _parameter(p):
     return "- **`%s`**%s (%s; default `%s`). %s" % (p.name, older, kind, default, p.about)
 
 
-def robot_sections():
+def robot_sections() -> str:
     """Return the sections of robot.yaml and their fields, from the classes that read them."""
     from applr_ros1.robots.robot import RobotFile
 
     kinds = {name: field.annotation for name, field in RobotFile.model_fields.items()}
-    on_page = "move_base", "parameter_space", "world_scale"  # described by hand
+    on_page = "move_base", "parameter_space", "world_scale"  # the page describes these by hand
     return "\n\n".join(_section(name, kind) for name, kind in kinds.items() if name not in on_page)
 
 
-def _section(name, kind):
-    """Return one section: the class's docstring, and a row for each field."""
+def _section(name: str, kind: Any) -> str:
+    """Return a section of robot.yaml: the class's docstring, and a row for each field."""
     rows = []
     for field, declared in kind.model_json_schema()["properties"].items():
-        taken = declared.get("anyOf", [declared])[0]  # the other one is null
+        taken = declared.get("anyOf", [declared])[0]  # the second alternative is null
         item = taken.get("prefixItems", [taken])[0]
         value = " or ".join(item["enum"]) if "enum" in item else item["type"]
         value += ", %g to %g" % (item["minimum"], item["maximum"]) if "minimum" in item else ""
@@ -155,8 +156,8 @@ def _section(name, kind):
     return "## %s\n\n%s\n\n%s" % (name, inspect.getdoc(kind), table(["field", "meaning", "value", "default"], rows))
 
 
-def jackal_space():
-    """Return the Jackal's parameter space, with the declared meaning of each parameter."""
+def jackal_space() -> str:
+    """Return a table of the Jackal's parameter space, with the declared meaning of each parameter."""
     from applr_ros1.policy.parameter_space import SPACE
     from applr_ros1.robots import JACKAL
 
@@ -169,11 +170,11 @@ def jackal_space():
     return table(["parameter", "default", "range", "unit", "meaning"], rows)
 
 
-def _read(app, page, source):
+def _read(app: Any, page: str, source: List[str]) -> None:
     source[0] = MARK.sub(lambda mark: globals()[mark.group(1)](*mark.group(2).split()), source[0])
 
 
-def setup(app):
-    """Called by Sphinx."""
+def setup(app: Any) -> Dict[str, bool]:
+    """Register the extension with Sphinx."""
     app.connect("source-read", _read)
     return {"parallel_read_safe": True}

@@ -1,8 +1,8 @@
-"""TD3 of stable-baselines3 learns in the environment; its policy becomes an actor file.
+"""Trains TD3 of stable-baselines3 in the environment, and writes its policy as an actor file.
 
-The environment follows Gymnasium, so any library can learn in it. The file is driven like the included policy:
+The environment follows Gymnasium, so any library can learn in it. The file drives like the included policy:
 `./applr demo method:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
-takes some 100,000 steps; this shows the way.
+needs about 100,000 steps; this example only shows the procedure.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from applr_ros1.policy import actor
 
 
 def weights_of(model: TD3) -> dict:
-    """The layers of the policy under the names of an actor file: 0.weight, 0.bias, 1.weight, ..."""
+    """Return the layers of the policy under the names of an actor file: 0.weight, 0.bias, 1.weight, ..."""
     layers = [layer for layer in model.policy.actor.mu if hasattr(layer, "weight")]
     weights = {}
     for number, layer in enumerate(layers):
@@ -27,7 +27,7 @@ def weights_of(model: TD3) -> dict:
 
 
 def main() -> None:
-    """Learn, and write the actor."""
+    """Train, write the actor, and drive one course with it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=500, help="decisions to learn from (default %(default)s)")
     parser.add_argument("--world", default="generated:0", help="course to drive (default %(default)s)")

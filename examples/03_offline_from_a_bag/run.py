@@ -1,7 +1,7 @@
-"""Makes a dataset of recorded drives, and trains a policy from it, offline.
+"""Converts recorded drives to a dataset, and trains a policy from it offline.
 
 `record:=drive.bag` of the launch file records a drive of a real robot, `./applr demo method:=explore record:=drive.bag`
-one in simulation. Without a bag some drives around the robot's own parameters are recorded here.
+a drive in simulation. Without a bag, this program records some drives with parameters around the robot's defaults.
 """
 
 import argparse
@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def record(bag: Path, courses: int, decisions: int) -> None:
-    """Drives `courses` built-in worlds for at most `decisions` decisions each, and records what a robot would."""
-    sys.path.insert(0, str(ROOT))  # where the tests' recorder is
+    """Drive `courses` built-in worlds for at most `decisions` decisions each, and record them as a robot would."""
+    sys.path.insert(0, str(ROOT))  # for tests.support
     import sim_bridge
     import worlds
     from applr_ros1.planner.move_base import MoveBase
@@ -22,9 +22,9 @@ def record(bag: Path, courses: int, decisions: int) -> None:
     from applr_ros1.robots import JACKAL
     from tests.support.recording import RecordingEpisode, StackWriter
 
-    own = methods.make("dwa")
-    assert isinstance(own, methods.FixedParameters)
-    explore = methods.Exploration(own)
+    defaults = methods.make("dwa")
+    assert isinstance(defaults, methods.FixedParameters)
+    explore = methods.Exploration(defaults)
     with StackWriter(bag) as writer:
         simulator, planner = sim_bridge.make("kinematic"), MoveBase(JACKAL.parameters())
         episode = RecordingEpisode(simulator, planner, writer, period=explore.period, limit=decisions)
@@ -36,9 +36,9 @@ def record(bag: Path, courses: int, decisions: int) -> None:
 
 
 def main() -> None:
-    """Convert, train."""
+    """Convert the bags to a dataset, and train; without bags, record some first."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("bags", nargs="*", type=Path, help="recorded drives (default: three of simulation)")
+    parser.add_argument("bags", nargs="*", type=Path, help="recorded drives (default: three drives in simulation)")
     parser.add_argument("--gradient-steps", default="300", help="gradient steps (default %(default)s)")
     parser.add_argument("--net-arch", nargs="+", default=["256", "256"], help="hidden layers (default 256 256)")
     parser.add_argument("--out", default="offline", help="folder to write; must be new (default %(default)s)")
@@ -50,7 +50,7 @@ def main() -> None:
         record(options.bags[0], courses=3, decisions=20)
     dataset, run = str(Path(options.out) / "dataset"), str(Path(options.out) / "run")
     convert = ["applr_ros1.training.bags_to_dataset", *map(str, options.bags), "--recipe", "offline", "--out", dataset]
-    convert += ["--finish", "5.925"]  # where a course of the built-in worlds ends
+    convert += ["--finish", "5.925"]  # progress at the end of a built-in course [m]
     train = ["applr_ros1.training.train", "--recipe", "offline", "--dataset", dataset, "--out", run, "--seeds", "1"]
     train += ["--init-from", "dwa", "--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch]
     for command in (convert, train):

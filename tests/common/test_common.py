@@ -200,7 +200,7 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
-    assert "the report is without pictures: Python's matplotlib is not installed" in said[-len(commands) - 2]
+    assert "the report has no figures: Python's matplotlib is not installed" in said[-len(commands) - 2]
     assert (tmp_path / "results/report/table_1.csv").exists()
     for line in said[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line

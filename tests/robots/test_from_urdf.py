@@ -421,7 +421,7 @@ def test_a_link_that_is_not_there_and_a_robot_that_is(make):
     assert (status, "has no link scaner: did you mean scanner?\n" in said) == (1, True)
     assert make(CART)[0] == 0
     status, said, _ = make(CART)
-    assert (status, said.count("\n"), "robot.yaml is there already" in said) == (1, 1, True)
+    assert (status, said.count("\n"), "robot.yaml already exists" in said) == (1, 1, True)
 
 
 def test_a_round_body_is_no_box(make, tmp_path):

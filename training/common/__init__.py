@@ -1,2 +1,2 @@
-"""Parts of all training commands: options, run folders, the provenance of results."""
-# Imports no other room.
+"""Shared parts of the training commands: options, run folders, provenance of results."""
+# Imports no other subpackage of training.

@@ -1,4 +1,4 @@
-"""Command lines of this package: mistakes as errors of one line, and the options that several commands have."""
+"""Command-line parsing with one-line errors, and the options that several commands share."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from training.common.options import O, add_options, checked
 
 
 def robot_name(robot: Robot) -> str:
-    """Return what `load` finds a robot by: the name of an included robot, else its folder."""
+    """Return the argument with which `load` finds a robot: its name if it is included, else its folder."""
     included = robot.name in NAMES and robot.folder == load(robot.name).folder
     return robot.name if included else robot.folder
 
 
-# Options of several commands. A command gives a default where none is here, and a help text where it means more.
+# A command adds a default if an option has none here, and a help text of its own if the option means more there.
 # fmt: off
 Loaded = BeforeValidator(lambda given: given if isinstance(given, Robot) else load(given))
 AnyRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), Loaded, Field("jackal", description=
-    f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
+    f"Robot to drive, to whose size the worlds are scaled: {', '.join(NAMES)}, or a folder with robot.yaml "
     "(docs/tutorials/your_robot.md).")]
 SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(description="Simulator to drive in.")]
 Workers = Annotated[int, Field(2, ge=0, le=4096, description=
-    "Number of trials that are driven at the same time; 0 drives them in this process.")]
+    "Number of trials driven in parallel; 0 drives them in this process.")]
 RayAddress = Annotated[str, Field("", description=
-    "Address HOST:PORT of a Ray cluster to drive on, auto for one that runs on this machine, or local for one that is "
-    "started here.")]
+    "Address HOST:PORT of a Ray cluster to drive on, auto for a cluster that runs on this machine, or local to start "
+    "a cluster here.")]
 Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
-    "Seed from which all random numbers of the command follow.")]
+    "Seed of all random numbers of the command.")]
 # fmt: on
 
 
@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
 def given(
     model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None
 ) -> Dict[str, Any]:
-    """Return the options that a command line gives, unchecked, without ROS's remapping arguments.
+    """Return the options given on a command line, unchecked and without ROS's remapping arguments.
 
     Args:
         model: Class of the options.
@@ -58,21 +58,21 @@ def given(
         arguments: Arguments without the program's name; None means those of this process.
 
     Raises:
-        ApplrError: An option is unknown, or lacks its value.
+        ApplrError: An option is unknown or lacks its value.
     """
-    form = argparse.RawDescriptionHelpFormatter
-    parser = Parser(program, description=about, formatter_class=form, allow_abbrev=False)
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = Parser(program, description=about, formatter_class=formatter, allow_abbrev=False)
     add_options(parser, model)
     return vars(parser.parse_args(without_remappings(arguments)))
 
 
 def parsed(model: Type[O], *command_line: Any) -> O:
-    """Return the options of a command line, checked; arguments and errors as of `given`."""
+    """Return the checked options of a command line. Arguments and errors are those of `given`."""
     return checked(model, given(model, *command_line))
 
 
 def end_at_sigterm() -> None:
-    """From now on SIGTERM ends this process as Ctrl-C does: a KeyboardInterrupt, at which it stops what it started."""
+    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that this process stops its children."""
 
     def interrupt(*_: Any) -> NoReturn:
         raise KeyboardInterrupt
@@ -82,7 +82,7 @@ def end_at_sigterm() -> None:
 
 @contextmanager
 def continuable() -> Iterator[None]:
-    """Around work which the same command continues: says so where Ctrl-C or SIGTERM stops it."""
+    """Report, if Ctrl-C or SIGTERM stops the work in this context, that the same command continues it."""
     try:
         yield
     except KeyboardInterrupt:

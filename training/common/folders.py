@@ -1,34 +1,38 @@
-"""The folder of a run: made where it is missing, and one process at a time in it."""
+"""Run folders: their creation, and a lock for one process at a time."""
 
 from __future__ import annotations
 
 import fcntl
+import os
 from pathlib import Path
 
 from applr_ros1.common.files import StorageError
 
 
-def make_folder(path) -> Path:
+def make_folder(path: os.PathLike | str) -> Path:
     """Make the folder with its parents if it is missing, and return it."""
     Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
 
 
 class Lock:
-    """One process per run folder. The system lets go of it when the process ends, however it ends.
+    """Lock of a run folder for one process. The system releases it when the process ends, even if killed.
 
     Args:
-        folder: to lock, by the file "lock" in it.
-        who: works in it, for people.
+        folder: Folder to lock, through the file "lock" in it.
+        who: Name of the program, for the error message.
+
+    Raises:
+        StorageError: Another process holds the lock.
     """
 
-    def __init__(self, folder, who: str = "train.py"):
+    def __init__(self, folder: os.PathLike | str, who: str = "train.py"):
         self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StorageError(f"{folder}: another {who} works in this folder; wait, or give another --out") from None
+            raise StorageError(f"{folder}: another {who} works in this folder: wait, or give another --out") from None
 
     def close(self) -> None:
-        """Let another process use the folder."""
+        """Release the folder for another process."""
         self._file.close()

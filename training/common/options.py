@@ -1,7 +1,7 @@
 """Options of the training commands: each is declared once, as a field of a pydantic model, and checked by it.
 
 A field's name, type, bounds, default and help text give the command line, the keys of a YAML or JSON file of options,
-and the one-line error about a value that does not fit.
+and the one-line error about an invalid value.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from pydantic.fields import FieldInfo
 
 from applr_ros1.common.errors import ApplrError
 
-PLACE: Dict[str, Any] = {"place": True}
+PLACE: Dict[str, Any] = {"place": True}  # mark of a positional argument in a field's JSON schema
 
 
 def option(default: Any, help: str, **bounds: Any) -> Any:
     """Declare an option, a field of a class derived from Options.
 
     Args:
-        default: Its default; None or "" is not shown in the help text, ... means that the option must be given.
-        help: Its help text, whole sentences that stand by themselves.
+        default: Default value; None and "" are not shown in the help text, and ... makes the option required.
+        help: Help text, in complete sentences.
         bounds: Arguments of pydantic.Field: ge, gt, le, lt, min_length, max_length, ...
     """
     return Field(default, description=help, **bounds)
 
 
 def argument(help: str) -> Any:
-    """Declare an argument that is given by its place, without a name before it."""
+    """Declare a positional argument."""
     return Field(description=help, json_schema_extra=PLACE)
 
 
@@ -46,7 +46,7 @@ O = TypeVar("O", bound=Options)
 
 
 def add_options(parser: argparse.ArgumentParser, model: Type[Options]) -> None:
-    """Add an option for each field of the model, in groups; an option that is not given stays out of the namespace."""
+    """Add an option for each field of the model, in groups. Options that are not given stay out of the namespace."""
     added: Set[str] = set()
     for group in (cls for cls in model.__mro__ if issubclass(cls, Options)):
         names = [name for name in group.__dict__.get("__annotations__", ()) if name not in added]
@@ -84,11 +84,11 @@ def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:
 
     Args:
         model: Class of the options.
-        values: Values by name; texts are converted, as those of a command line.
-        where: The file that they come from; "" for the command line.
+        values: Values by name; strings are converted to the type of the field.
+        where: File that the values come from, or "" for the command line.
 
     Raises:
-        ApplrError: One line about an unknown name or a value that does not fit.
+        ApplrError: A name is unknown or a value is invalid; the message is one line.
     """
     try:
         return model(**values)

@@ -1,4 +1,4 @@
-"""Provenance of results: date, commit, versions, processor, command. Evaluations and training runs write it down."""
+"""Provenance of results: date, commit, versions, processor and command, recorded by evaluations and training runs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict, List
 
-ROOT = str(Path(__file__).resolve().parents[2])  # the checkout, also through a catkin workspace
-PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # whose versions can change a result
+ROOT = str(Path(__file__).resolve().parents[2])  # root of the checkout, even if imported through a catkin workspace
+PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # packages whose version can change a result
 
 
 def provenance(seed: int) -> Dict[str, Any]:
-    """Return what is needed to make the same results again, as JSON values; the date is UTC."""
+    """Return what is needed to reproduce the results, as JSON values. The date is in UTC."""
     installed = {name: metadata.version(name) for name in PACKAGES if find_spec(name)}
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -33,7 +33,7 @@ def provenance(seed: int) -> Dict[str, Any]:
 
 
 def commit() -> str:
-    """The commit of this package, "... and changes" where files differ from it; "unknown" outside of its checkout."""
+    """Return the commit of this package, with " and changes" if files differ; "unknown" outside a checkout."""
     command = ["git", "-C", ROOT, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty= and changes"]
     alone = {**os.environ, "GIT_CEILING_DIRECTORIES": str(Path(ROOT).parent)}
     try:
@@ -43,7 +43,7 @@ def commit() -> str:
 
 
 def _cpu() -> str:
-    """The processor's name, as far as the system tells."""
+    """Return the name of the processor, as reported by the system."""
     with suppress(OSError), open("/proc/cpuinfo") as file:
         for line in file:
             if line.startswith("model name"):
@@ -52,7 +52,7 @@ def _cpu() -> str:
 
 
 def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
-    """One sentence for each session of an evaluation, for people to read."""
+    """Return one sentence for each session of an evaluation, for the report."""
     return [
         f"Driven on {s['date']} with commit {s['commit']} on {s['cpu']} ({s['cores']} cores); "
         f"{', '.join(' '.join(item) for item in s['versions'].items())}. Command: {s['command']}"
@@ -61,5 +61,5 @@ def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
 
 
 def without_folders(option: str) -> str:
-    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
+    """Return a text option, such as a comma-separated list of worlds, with each path reduced to its last name."""
     return ",".join(Path(part).name for part in option.split(","))

@@ -1,2 +1,2 @@
-"""Trials of methods in worlds: a trial, its runner, their table, comparison, score, report and pages."""
-# Imports workers, env and common.
+"""Evaluation of methods in worlds: trials, their runner and table, scores, comparisons, reports."""
+# May import workers, env and common.

@@ -1,7 +1,7 @@
-"""One method compared with another over worlds: which costs less, how much less, and how sure that is.
+"""Comparison of two methods over worlds: which costs less, how much less, and with which significance.
 
-The world is the unit, since trials of one world resemble each other. A method is given by its mean cost in each world,
-such as the time of a trial, or what a failed one counts as [s].
+The world is the statistical unit, because trials in one world resemble each other. A method is represented by its mean
+cost in each world, such as the time of a trial, with a fixed time for failed trials [s].
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     import pandas as pd
 
-LEVEL = 0.05  # of the tests
-RESAMPLES = 2000  # of the bootstrap
-EXCHANGES = 19999  # of the test: all ways to exchange two methods where they are at most so many, else random ones
+LEVEL = 0.05  # significance level of the tests
+RESAMPLES = 2000  # number of bootstrap resamples
+EXCHANGES = 19999  # largest number of permutations of the test: all if there are fewer, else random ones
 
 
 class Estimate(NamedTuple):
-    """A value with the ends of its 95 % interval, which are nan where the sample gives none."""
+    """A value with the ends of its 95 % confidence interval, NaN if the sample is too small for one."""
 
     value: float
     low: float
@@ -30,13 +30,13 @@ class Estimate(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """A method beside another.
+    """Comparison of a method with another.
 
     Attributes:
-        worlds: number of worlds.
-        difference: mean over worlds of its score less the other's [s]; negative where it is faster.
-        gain: share of the other's mean score that it saves.
-        p: of the two-sided test of the difference by exchanging the two methods in worlds; nan below two worlds.
+        worlds: Number of worlds.
+        difference: Mean over worlds of the method's score minus the other's [s]; negative if the method is faster.
+        gain: Saving of the method as a share of the other's mean score.
+        p: p-value of the two-sided paired sign-flip permutation test over worlds; NaN for fewer than two worlds.
     """
 
     worlds: int
@@ -49,7 +49,7 @@ class Comparison(NamedTuple):
         return self.difference.value < 0.0 and self.p < level
 
     def line(self, level: float) -> str:
-        """Return whether the method is better than the other, how much it saves, and whether the test can tell."""
+        """Return a line for people: whether the method is better, by how much, and whether the test can decide."""
         value, low, high = self.difference
         if value <= 0.0:
             value, low, high = -value, -high, -low
@@ -60,18 +60,18 @@ class Comparison(NamedTuple):
 
 
 def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:
-    """Compare a method's mean scores (n,) [s] in n worlds with another's there; their trials have the same seeds."""
+    """Compare the mean scores (n,) [s] of two methods in n worlds. Their trials must have the same seeds."""
     ours, theirs = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
     difference = ours - theirs
     return Comparison(len(difference), over_worlds(difference), over_worlds(-difference, theirs), exchanged(difference))
 
 
 def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
-    """Return p of the test by exchanging two methods in worlds, or in trials; nan of fewer than two.
+    """Return the p-value of a paired sign-flip permutation test over worlds or trials; NaN for fewer than two.
 
     Args:
-        difference: (n,) of the two in each.
-        alternative: as scipy names it; greater: the first is larger.
+        difference: Differences (n,) of the two methods, one per world or trial.
+        alternative: Alternative hypothesis in scipy's words, such as "greater": the first method's values are larger.
     """
     if len(difference) < 2:
         return math.nan
@@ -81,14 +81,14 @@ def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
 
 
 def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
-    """Return whether costs (n,) are significantly larger than the best ones (n,) of the same n trials."""
+    """Return whether costs (n,) are significantly larger than the best costs (n,) in the same n trials."""
     return exchanged(costs - best, "greater") < LEVEL
 
 
 def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estimate:
-    """Return the sum of `totals` (n,) over that of `counts` (n,), with its interval by bootstrap over the n worlds.
+    """Return the sum of `totals` (n,) divided by the sum of `counts` (n,), with a bootstrap interval over n worlds.
 
-    Without counts it is the mean of the totals. Worlds whose count is 0 are left out.
+    Without counts, return the mean of the totals. Worlds whose count is 0 are left out.
     """
     above = np.asarray(totals, dtype=np.float64)
     below = np.ones(len(above)) if counts is None else np.asarray(counts, dtype=np.float64)
@@ -97,8 +97,8 @@ def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estima
     if len(above) < 2:
         return Estimate(value, math.nan, math.nan)
     how = {"paired": True, "vectorized": True, "n_resamples": RESAMPLES, "method": "percentile"}
-    found = scipy.stats.bootstrap((above, below), _ratio, random_state=np.random.default_rng(0), **how)
-    return Estimate(value, *map(float, found.confidence_interval))
+    resampled = scipy.stats.bootstrap((above, below), _ratio, random_state=np.random.default_rng(0), **how)
+    return Estimate(value, *map(float, resampled.confidence_interval))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -106,10 +106,10 @@ def _ratio(totals: np.ndarray, counts: np.ndarray, axis: int = -1) -> np.ndarray
 
 
 def rate(flags: pd.Series, world: pd.Series) -> Estimate:
-    """Return the share of True among trials (n,), whose worlds are given, with its 95 % interval.
+    """Return the share of True among trials (n,) in the given worlds (n,), with its 95 % interval.
 
-    The interval is Wilson's for as many independent trials as have the variance of this share over the worlds (at most
-    as many as there are): trials of a world resemble each other.
+    Trials in one world resemble each other. Wilson's interval is therefore taken for an effective number of independent
+    trials, at most n, at which the share would have the variance that is observed over the worlds.
     """
     by_world = flags.astype(float).groupby(world.to_numpy(), sort=False)
     sums, counts = by_world.sum().to_numpy(), by_world.count().to_numpy()
@@ -120,7 +120,7 @@ def rate(flags: pd.Series, world: pd.Series) -> Estimate:
 
 
 def wilson(share: float, n: float) -> Tuple[float, float]:
-    """Return Wilson's 95 % interval of a share of n independent trials, which need not be a whole number."""
+    """Return Wilson's 95 % interval of a share of n independent trials; n may be fractional."""
     z = float(scipy.stats.norm.ppf(0.975))
     middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
-    return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # not -0 by rounding
+    return max(0.0, middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)  # max avoids a rounded -0

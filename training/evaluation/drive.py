@@ -1,4 +1,4 @@
-"""The one loop that has trials driven: of evaluations, of searches and of the verdict on what they find."""
+"""The loop that runs trials in a pool, shared by evaluations, training rounds, searches and verdicts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial
 from training.workers.pool import CallFailed, Pool
 
-Run = Callable[[Trial], Tuple[Result, bytes]]  # gives the result, and the packed trace where the trial asks for it
+# Returns the result, and the packed trace if the trial asks for it, else b"".
+Run = Callable[[Trial], Tuple[Result, bytes]]
 
 
 def drive(
@@ -19,17 +20,17 @@ def drive(
     trials: Sequence[Trial],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
 ) -> Dict[Trial, Result]:
-    """Return the results of trials, of which those are driven that the table does not hold; equal ones once.
+    """Drive the trials that the table does not hold, equal trials once, and return the results of all.
 
     Args:
-        pool: of workers.
-        run: drives a trial there.
-        table: where trials are kept, so that what was stopped comes to where it was and to the same result.
-        trials: to be driven.
-        show: called with each trial that was driven, after it was kept.
+        pool: Pool of workers.
+        run: Function that drives a trial in a worker.
+        table: Table that keeps the trials, so that a stopped run can continue to the same result.
+        trials: Trials whose results are needed.
+        show: Called with each trial and its result after it was driven and stored.
 
     Raises:
-        ApplrError: a trial failed by an error.
+        ApplrError: A trial raised an error.
     """
     missing = [trial for trial in dict.fromkeys(trials) if table.find(trial) is None]
     for trial, future in pool.unordered(run, missing):

@@ -1,6 +1,6 @@
-"""drives.html: the drives of all methods side by side, world by world (applr_ros1/drives/page.py).
+"""The page drives.html: the drives of all methods side by side, world by world (applr_ros1/drives/page.py).
 
-What is drawn comes from the traces that evaluate.py kept, thinned to five poses a second.
+The page draws the traces that evaluate.py kept, thinned to five poses per second.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from training.evaluation.stored import Results
 
 FILE = "drives.html"
 BACK = '<a href="index.html">report</a>'
-EVERY = 4  # control cycles of a trace between two poses of the page
-MOST_TRIALS = 10  # of a method in a world
+EVERY = 4  # number of control cycles of a trace between two poses of the page
+MOST_TRIALS = 10  # largest number of drives that the page shows of a method in a world
 
 
 def write(results: Results, out: Path, title: str) -> bool:
-    """Write the page into the folder `out`; return whether there is one: traces must have been kept."""
+    """Write the page into the folder `out`. Return False, without a page, if no traces were kept."""
     scenes = []
     for name in results.worlds:
         drives = [d for place, method in enumerate(results.methods) for d in _drives(results, name, method, place)]
@@ -39,8 +39,8 @@ def write(results: Results, out: Path, title: str) -> bool:
 
 
 def _drives(results: Results, world: str, method: str, place: int) -> List[Drive]:
-    """The drives of one method in a world whose traces were kept."""
-    found = []
+    """Return the drives of one method in a world, as far as their traces were kept."""
+    drives = []
     for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
         trace = results.trace(world, method, row.trial)
         if trace is None or not len(trace["pose"]):
@@ -50,5 +50,5 @@ def _drives(results: Results, world: str, method: str, place: int) -> List[Drive
         poses, speeds = trace["pose"][rows], trace["twist"][rows, 0]
         how = row.time_s, row.success, row.collided, row.reason
         actions = np.array([results.space.to_action(theta) for theta in trace["theta"]])
-        found.append(Drive(place, row.trial, *how, poses, speeds, trace["decided"], actions))
-    return found
+        drives.append(Drive(place, row.trial, *how, poses, speeds, trace["decided"], actions))
+    return drives

@@ -1,4 +1,4 @@
-"""An evaluation: the options, the settings that a folder keeps, and the trials that it does not hold yet."""
+"""An evaluation: its options, the settings stored in its folder, and the trials still to be driven."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class EvaluationOptions(DriveSettings):
         "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, "
         "the BARN Challenge's course of 10 m, on which it does.")
     loaded: bool = option(False,
-        "Start move_base with the set of a static method, as with a parameter file loaded on a robot, instead of "
+        "Start move_base with the parameter set of a static method, as with a parameter file on a robot, instead of "
         "setting it by reconfigure.")
     workers: Workers
     ray_address: RayAddress
@@ -51,10 +51,10 @@ class EvaluationOptions(DriveSettings):
 
 
 def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
-    """Drive trials of the plan that the folder options.out does not hold, and return the results of all of them.
+    """Drive the planned trials that the folder options.out does not hold, and return the results of all.
 
     Raises:
-        ApplrError: with one line; what was driven so far is kept.
+        ApplrError: A trial raised an error, or the folder cannot be used. Trials driven so far are kept.
     """
     began = time.monotonic()
     worlds = world_list(options.worlds, options.protocol, options.robot)
@@ -90,7 +90,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
 def settings(
     options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
 ) -> Dict[str, Any]:
-    """Return what must not change when an evaluation is continued, which goes into evaluation.json."""
+    """Return the settings for evaluation.json, which must not change when an evaluation is continued."""
     made = {name: methods.make(spec, options.robot) for name, spec in chosen}
     return {
         "worlds": [name for name, _, _ in worlds],

@@ -1,4 +1,4 @@
-"""The paper's figures from our trials: time against world index, and parameter profiles."""
+"""Figures of the paper, drawn from our trials: time over world index, and parameter profiles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from worlds import World
 from worlds.draw import draw
 from worlds.world import clearance
 
-# label and colour, the tightest first; LIMITS [m] of the distance from the robot's middle to the nearest obstacle
+# label and colour of each region, tightest first; LIMITS: distances from the robot's centre to the nearest obstacle [m]
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
 LIMITS = (0.5, 0.9)
-HOLD = 20  # control cycles (1 s) that a region must last, or it is part of the one before
-AROUND_M = 2.0, 1.0  # width of the map that is shown beside the driven path, and before and behind it [m]
+HOLD = 20  # number of control cycles (1 s) below which a region is merged with the region before
+AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]
 
-# the baseline red and applr green, as in the paper
+# colours of the methods: the baseline is red and applr green, as in the paper
 COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
 
 
@@ -29,9 +29,9 @@ def colors(results: Results) -> Dict[str, str]:
 
 
 def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
-    """Write the figures that the trials give, and yield each file's name with its caption.
+    """Write the figures for which there are trials, and yield the file name and the caption of each.
 
-    Profiles are drawn of the world of median difficulty among those with all traces, and of the physical course.
+    Profiles are drawn for the world of median difficulty among those with all traces, and for the physical course.
     """
     sets = [s for s in ("Training", "Test", "Other") if len(results.of_set(s)) >= 2]
     if sets:
@@ -54,7 +54,7 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
 
 
 def times(results: Results, sets: Sequence[str]) -> Any:
-    """Draw the mean time of each world against its index in the order of the baseline's (paper, Fig. 6)."""
+    """Draw the mean time in each world over its index, in the order of the baseline's mean time (paper, Fig. 6)."""
     figure = _figure(*((8.0, 4.0) if len(sets) == 1 else (5.5 * len(sets), 4.0)))
     shade, (axes,) = colors(results), figure.subplots(1, len(sets), squeeze=False)
     for ax, name in zip(axes, sets):
@@ -113,7 +113,7 @@ def profile(results: Results, world: World, method: str, trace: Dict[str, np.nda
 
 
 def region_of(world: World, poses: np.ndarray) -> np.ndarray:
-    """Return (n,) int indices into REGIONS for poses (n, >= 2)."""
+    """Return indices (n,) into REGIONS for poses (n, >= 2) x, y, ... [m]."""
     raw = np.digitize(clearance(world, np.asarray(poses, dtype=np.float64)[:, :2]), LIMITS)
     regions = raw.copy()
     for i in range(1, len(raw)):
@@ -123,7 +123,7 @@ def region_of(world: World, poses: np.ndarray) -> np.ndarray:
 
 
 def _figure(width: float, height: float) -> Any:
-    """Return a figure without pyplot: no window, no global state."""
+    """Return a figure made without pyplot, so that there is no window and no global state."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")

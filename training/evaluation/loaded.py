@@ -1,7 +1,8 @@
-"""A parameter set as what move_base starts with: the parameters of a YAML that is loaded after the robot's own files.
+"""Start-up parameters of move_base from a parameter set, as in a YAML file loaded after the robot's own files.
 
-By reconfigure a set may mean something else (planner/parameters/declarations.shapes_at_start). tuned.yaml is loaded, so
-that `./applr tune` drives with it loaded; method `static` sets its set in a move_base that runs.
+A set that is loaded may act differently from the same set applied by reconfigure (shapes_at_start in
+planner/parameters/declarations). tuned.yaml is loaded, so `./applr tune` drives with loaded sets. The method `static`
+applies its set to a running move_base.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from applr_ros1.robots.learned import TRAJECTORY
 
 
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
-    """A set as the nested parameters of move_base that, loaded after the robot's own files, replace theirs.
+    """Return a parameter set as nested parameters of move_base, to be loaded after the robot's own files.
 
-    They have the names and places of those files, which may be older ones (robots.robot.number_at). What would mean
-    something else there than by reconfigure is left out (loadable_space).
+    Names and places follow the robot's files, which may use older names (robots.robot.number_at). Parameters that act
+    differently when loaded than by reconfigure are left out (loadable_space).
 
     Args:
-        robot: The robot.
-        values: {name: value} of the set; parameters that it leaves out stay out.
+        robot: Robot whose files are loaded first.
+        values: {name: value} of the set, which may leave out parameters.
     """
     made: Dict[str, Any] = {}
     space, own, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
@@ -36,18 +37,18 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
                 continue
             names = [name for name in target.names if name in branch(own, place)] or target.names[:1]
             branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
-    if TRAJECTORY in own.get("base_local_planner", TRAJECTORY):  # all drives counted so
+    if TRAJECTORY in own.get("base_local_planner", TRAJECTORY):  # in all drives of a search the biases counted cells
         branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made
 
 
 def with_set(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return the robot whose own files are followed by a set {name: value}."""
+    """Return the robot with a parameter set {name: value} loaded after its own files."""
     return robot.with_parameters(move_base_parameters(robot, values), robot.name)
 
 
 def loadable_space(robot: Robot) -> Space:
-    """Return the robot's space, of which `chosen` are those parameters that mean the same loaded and by reconfigure."""
+    """Return the robot's space. Its `chosen` parameters act the same when loaded and when set by reconfigure."""
     planner, space = robot.local_planner, space_of(robot)
     at_start: Tuple[str, ...] = tuple(
         name

@@ -1,4 +1,4 @@
-"""The paper's numbers, to stand beside ours, and its slips. Only the report reads them."""
+"""Numbers of the paper, with notes on its slips, for comparison in the report."""
 
 UNIT = (
     "The paper's table gives no unit. Its numbers are two-second decisions: 5.925 m at the default 0.5 m/s "

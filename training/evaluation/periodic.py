@@ -1,6 +1,6 @@
-"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. train.py holds one.
+"""Evaluation during training: rounds of trials on held-out worlds, which select the best actor.
 
-One round drives the planner's default parameters: the line in the learning curves, and what is to be beaten.
+One round drives the planner's default parameters, which are the baseline of the learning curves.
 """
 
 from __future__ import annotations
@@ -17,20 +17,22 @@ from training.evaluation.table import Trials
 from training.evaluation.trial import BASELINE, POLICY, Result, Trial, plan_trials
 from training.workers.pool import Pool
 
-THETA0 = -1  # number of the round that drives the default
-CHOOSING = 2**31  # added to seeds of trials that choose: evaluate.py's seeds are smaller, so it judges on others
+THETA0 = -1  # number of the round that drives the default parameters
+CHOOSING = (
+    2**31
+)  # offset of the seeds of trials that select an actor; evaluate.py uses smaller seeds, so its trials are unseen
 
 
 class PeriodicEvaluation:
     """Rounds of trials, one due every `every` steps (transitions; offline: gradient steps).
 
     Args:
-        folder: of the run; evaluations.jsonl there holds a line for each round, evaluation-* the trials.
-        worlds: [(name, specification), ...] of the held-out worlds; none: no round is ever due.
-        every: steps between two rounds.
-        seed: of the run. No trial of evaluate.py has the seed of a trial that chose the actor.
-        setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
-            of another number of worlds.
+        folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation-* the trials.
+        worlds: [(name, specification), ...] of the held-out worlds; if empty, no round is ever due.
+        every: Number of steps between two rounds.
+        seed: Seed of the run. No trial of evaluate.py has the seed of a trial that selects the actor.
+        setting: Description of worlds, simulator and planner. Only rounds of the same setting and the same number of
+            worlds are compared.
     """
 
     def __init__(
@@ -51,9 +53,9 @@ class PeriodicEvaluation:
         """Return the number of the round to drive now, or None.
 
         Args:
-            step: of the run.
-            last: no more steps follow, so their policy is driven, too.
-            default: now is the time for the default parameters.
+            step: Present step of the run.
+            last: Whether this is the last step, whose policy is evaluated in any case.
+            default: Whether the round of the default parameters may be driven now.
         """
         if not self.worlds:
             return None
@@ -72,18 +74,18 @@ class PeriodicEvaluation:
         show: Callable[[Trial, Result], None] = lambda trial, result: None,
         **state: int,
     ) -> Dict[str, Any]:
-        """Drive a round, and return its summary, with whether the policy is the best so far.
+        """Drive a round, and return its summary, including whether the policy is the best so far.
 
         Args:
-            number: of the round.
-            pool: of workers.
-            run: drives a trial there with the weights of a policy.
-            weights: of the present policy.
-            show: called with each trial that was driven.
+            number: Number of the round.
+            pool: Pool of workers.
+            run: Function that drives a trial in a worker with the weights of a policy.
+            weights: Weights of the present policy.
+            show: Called with each trial that was driven and its result.
             state: "step" of the run, and "version" of the policy in gradient steps.
 
         Raises:
-            ApplrError: a trial failed by an error.
+            ApplrError: A trial raised an error.
         """
         policy = f"policy-{sha256(weights)[:16]}", POLICY
         method = (BASELINE, BASELINE) if number == THETA0 else policy
@@ -91,24 +93,24 @@ class PeriodicEvaluation:
         kept = {**self._judged, "seed": self.seed}
         with Trials(self.folder / f"evaluation-{sha256(json.dumps(kept).encode())[:8]}", kept) as table:
             results = drive(pool, partial(run, weights=weights), table, plan, show)
-        found = {**summary(list(results.values())), "round": number, **state, **self._judged}
+        line = {**summary(list(results.values())), "round": number, **state, **self._judged}
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
-        found["best"] = number != THETA0 and found["score"] < min(rivals, default=float("inf"))
-        self.history.append(found)
-        write_bytes(self.path, "".join(json.dumps(line) + "\n" for line in self.history).encode())
-        return found
+        line["best"] = number != THETA0 and line["score"] < min(rivals, default=float("inf"))
+        self.history.append(line)
+        write_bytes(self.path, "".join(json.dumps(each) + "\n" for each in self.history).encode())
+        return line
 
     @property
     def here(self) -> List[Dict[str, Any]]:
-        """The rounds of the present setting: another simulator's times are no rivals."""
+        """Rounds of the present setting, the only ones that are comparable."""
         return [r for r in self.history if all(r.get(name, value) == value for name, value in self._judged.items())]
 
     @property
     def default(self) -> Optional[Dict[str, Any]]:
-        """The default parameters' summary."""
+        """Summary of the round that drove the default parameters, or None."""
         return next((r for r in self.here if r["round"] == THETA0), None)
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
-        """The summary of the round that chose the present best actor."""
+        """Summary of the round that selected the present best actor, or None."""
         return next((r for r in reversed(self.here) if r["best"]), None)

@@ -1,11 +1,12 @@
-"""Writes the report of an evaluation: each table as CSV, each picture as PNG, and all of it in index.html.
+"""Report of an evaluation: each table as CSV, each figure as PNG, and index.html with all of them.
 
-The page begins with a line for each comparison with the baseline. evaluate.py and tune_robot.py call it.
+The page begins with a line for each comparison with the baseline. evaluate.py and tune_robot.py write reports.
 """
 
 from __future__ import annotations
 
 import html
+import os
 from typing import List, Sequence
 
 from tqdm import tqdm
@@ -32,16 +33,16 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, above: Sequence[str] = ()) -> str:
+def write(folder: os.PathLike | str, above: Sequence[str] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
-        folder: the folder of an evaluation.
-        above: lines that the page begins with, instead of the summary.
+        folder: Folder of an evaluation.
+        above: Lines at the top of the page, instead of the summary.
 
     Raises:
-        ApplrError: there are no trials.
-        StorageError: the folder cannot be read or written.
+        ApplrError: There are no trials.
+        StorageError: The folder cannot be read or written.
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
@@ -51,7 +52,7 @@ def write(folder, above: Sequence[str] = ()) -> str:
         write_bytes(out / f"{table.name}.csv", table.rows.to_csv(index=False, lineterminator="\n").encode())
     missing = absent("matplotlib")
     if missing:
-        print(f"the report is without pictures: {missing}")
+        print(f"the report has no figures: {missing}")
     body = [f"<h1>{html.escape(title)}</h1>"]
     body += [f"<pre class=verdict>{html.escape(line)}</pre>" for line in above or summary(results)]
     if drives_page.write(results, out, title):
@@ -70,11 +71,11 @@ def write(folder, above: Sequence[str] = ()) -> str:
 
 
 def _facts(results: Results) -> List[str]:
-    """Return sentences about how the trials were driven."""
+    """Return sentences that describe how the trials were driven."""
     s = results.settings
     per = results.trials.groupby(["method", "world"]).size()
     trials = " to ".join(map(str, dict.fromkeys((per.min(), per.max()))))
-    more = ", with the collision monitor" * s["monitor"] + ", told where moving obstacles will be" * s["movers"]
+    more = ", with the collision monitor" * s["monitor"] + ", with predicted moving obstacles" * s["movers"]
     facts = [
         f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} methods × {trials} "
         f"trials. Protocol: {s['protocol']}. Simulator: {s['simulator']}, ground {s['ground']}. "
@@ -82,12 +83,12 @@ def _facts(results: Results) -> List[str]:
     ]
     if "wall_s" in s:
         wall = tqdm.format_interval(s["wall_s"])
-        facts.append(f"Wall time {wall}; base seed {s['seed']}, the same seeds for every method.")
+        facts.append(f"Wall time {wall}; base seed {s['seed']}, the same seeds for all methods.")
     return facts + sentences(s.get("provenance", []))
 
 
 def summary(results: Results) -> List[str]:
-    """Return a line for each method beside the baseline, over the test worlds if there are two, else over all."""
+    """Return a line that compares each method with the baseline, over the test worlds or, below two, over all."""
     test = results.by_difficulty(results.of_set("Test"))
     worlds = test if len(test) > 1 else results.worlds
     compared = {method: results.compare(method, results.baseline, worlds) for method in results.rivals}

@@ -1,6 +1,6 @@
-"""Drives a trial, which depends on its task and settings only, not on who drives it or what was before.
+"""Runner of trials. A result depends on the trial and its settings only, not on the worker or on earlier trials.
 
-Evaluations, searches and the rounds of a training have run() called in a pool of workers.
+Evaluations, searches and the rounds of a training call run() in a pool of workers.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
     """Drive a trial.
 
     Args:
-        settings: what with.
-        trial: which.
-        weights: of the policy that a trial of the method POLICY drives.
+        settings: Settings of the trial.
+        trial: Trial to drive.
+        weights: Weights of the policy that a trial of the method POLICY drives.
 
     Returns:
-        Its result, and the packed trace where the trial asks for it.
+        The result, and the packed trace if the trial asks for it, else b"".
     """
     runner = _runner(settings.model_dump_json())
     result = runner.run(trial, PolicyWeights(weights) if weights else None)
@@ -49,12 +49,12 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
 
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
-    """Return a world with a protocol's course, at the robot's scale. Raises WorldError."""
+    """Return a world with the protocol's course, scaled to the robot. Raises WorldError if it cannot be loaded."""
     return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
 
 
 def described(robot: Robot) -> Dict[str, Any]:
-    """Return a robot as evaluation.json has it: name, length and width [m], scale of the worlds, space, content."""
+    """Return a robot for evaluation.json: name, length and width [m], scale of the worlds, space, SHA-256."""
     space = space_of(robot).to_dict()
     return {
         "name": robot.name,
@@ -66,19 +66,20 @@ def described(robot: Robot) -> Dict[str, Any]:
 
 
 def content(robot: Robot) -> str:
-    """Return the SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
+    """Return the SHA-256 of a robot's description and parameter files, on which its drives depend."""
     trees = json.dumps(robot.move_base, sort_keys=True, default=str)
     return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
 
 
 def content_of_worlds(worlds: Sequence[Tuple[str, str, World]]) -> str:
-    """Return the SHA-256 of what is in worlds of world_list, wherever their files are."""
+    """Return the SHA-256 of the contents of worlds (world_list), independent of where their files are."""
     digest = hashlib.sha256()
     for name, _, world in worlds:
         for part in (world.cylinders, world.boxes, world.course.path):
             digest.update(part.tobytes())
         digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
-        digest.update(b"the planner's word" * world.course.planner_ends)  # trials of before it counted are others
+        # The suffix tells these trials from those driven before planner_ends counted.
+        digest.update(b"the planner's word" * world.course.planner_ends)
     return digest.hexdigest()
 
 
@@ -88,10 +89,10 @@ def _runner(settings: str) -> TrialRunner:
 
 
 class TrialRunner:
-    """One simulator and one planner, which drive trials one after the other.
+    """Runner with one simulator and one planner, which drives one trial after the other.
 
     Attributes:
-        trace: Of the last one.
+        trace: Trace of the last trial.
     """
 
     def __init__(self, settings: TrialSettings):
@@ -104,7 +105,7 @@ class TrialRunner:
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
     def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Result:
-        """Drive the trial; policy: what a trial of the method POLICY drives."""
+        """Drive the trial and return its result. `policy` drives a trial of the method POLICY."""
         world, method = self._world(task.world_spec), self._method(task, policy)
         if self.period is not None:
             method.period = self.period
@@ -126,18 +127,18 @@ class TrialRunner:
             total += self.settings.reward.judge(self.encoding, episode)[0]
         self.trace = episode.trace
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
-        found = {**vars(outcome), **more}
-        return Result(**{name: type(default)(found[name]) for name, default in vars(Result()).items()})
+        values = {**vars(outcome), **more}
+        return Result(**{name: type(default)(values[name]) for name, default in vars(Result()).items()})
 
     @cached_property
     def episode(self) -> Episode:
-        """The loop of trials whose planner starts with the robot's default parameters."""
+        """Episode loop whose planner starts with the robot's default parameters."""
         return self._episode(self.robot)
 
     def _starting_with(self, theta: np.ndarray) -> Episode:
-        """Return a loop of trials whose planner starts with a parameter set (n,)."""
-        own = zip(self.space.as_dict(theta).items(), self.space.theta0)
-        return self._episode(with_set(self.robot, {name: value for (name, value), there in own if value != there}))
+        """Return an episode loop whose planner starts with a parameter set (n,)."""
+        pairs = zip(self.space.as_dict(theta).items(), self.space.theta0)
+        return self._episode(with_set(self.robot, {name: value for (name, value), start in pairs if value != start}))
 
     def _episode(self, starts: Robot) -> Episode:
         episode = Episode(
@@ -147,7 +148,7 @@ class TrialRunner:
             period=PERIOD,
             end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
-            escapes=not self.settings.loaded,  # who loads a set has nothing of this package on the robot
+            escapes=not self.settings.loaded,  # a robot that loads a set runs the C++ move_base, which has no escapes
         )
         episode.time_limit = self.settings.time_limit
         return episode
@@ -157,9 +158,9 @@ class TrialRunner:
             return methods.for_robot(methods.FixedParameters(np.array(task.theta), space=self.space), self.robot)
         if task.method_spec == POLICY:
             if policy is None:
-                raise ValueError("a trial of the policy came without a policy")
+                raise ValueError("a trial of the policy being learnt came without its weights: pass weights")
             if self.period is None:
-                raise ValueError("the policy that is being learnt has no decision period of its own: state it")
+                raise ValueError("the policy being learnt has no decision period: set period in the settings")
             return Policy(self.encoding, policy.layers)
         return self._made(task.method_spec)
 
@@ -173,12 +174,12 @@ def pack_trace(trace: Trace) -> bytes:
 
 
 def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
-    """Return [(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
-    found: List[Tuple[str, str, World]] = []
+    """Return [(name, specification, World), ...] of a comma-separated list, scaled to a robot. Raises WorldError."""
+    listed: List[Tuple[str, str, World]] = []
     for part in text.split(","):
         for spec in worlds_package.specs(part.strip()):
             world = at_scale(protocol, spec, robot)
-            if any(world.name == name for name, _, _ in found):
-                raise WorldError(f"two worlds are called {world.name!r}: evaluate one at a time, or rename a file")
-            found.append((world.name, spec, world))
-    return found
+            if any(world.name == name for name, _, _ in listed):
+                raise WorldError(f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file")
+            listed.append((world.name, spec, world))
+    return listed

@@ -1,4 +1,4 @@
-"""The cost of a trial [s]: its score, by which trials are compared, and the prices of what tune aims at."""
+"""Costs of trials [s]: the score by which methods are compared, and the cost functions of tune's objectives."""
 
 from __future__ import annotations
 
@@ -12,24 +12,29 @@ from training.env.episode import TIME_LIMIT
 from training.env.outcome import CLEAR
 from training.evaluation.trial import Result
 
-Cost = Callable[[Result], float]  # of a trial [s]; less is better
+Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
-FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
-CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score [s]
+FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as [s]
+CONTACT_SECONDS = 5.0  # penalty that a contact adds to the score of a trial [s]
 
 
 def seconds(result: Result) -> float:
-    """Return a trial's score [s]: its time, or FAILURE_SECONDS, and CONTACT_SECONDS more if it touched something."""
+    """Return a trial's score [s]: its time, or FAILURE_SECONDS if it failed, plus CONTACT_SECONDS after a contact."""
     return (result.time_s if result.success else FAILURE_SECONDS) + CONTACT_SECONDS * result.collided
 
 
 class Aim(NamedTuple):
-    """An aim of tune: prices beside a trial's time, in optimal times.
+    """Objective of tune: weights of the terms of a trial's cost, in optimal times.
 
-    The optimal time is the reference path's length at the base's largest speed. failure: instead of the time, also of a
-    drive that touched something; slower: of each optimal time that it takes beyond the mean with the robot's own
-    parameters; near: of each width of the body by which the mean clearance is short of CLEAR widths; jerk and turn: of
-    the mean change of acceleration and the mean yaw acceleration, over those with its own parameters.
+    The optimal time is the length of the reference path divided by the base's largest speed. The baseline is the mean
+    over drives with the robot's default parameters.
+
+    Attributes:
+        failure: Cost of a trial that failed or touched something, instead of its time.
+        slower: Cost of each optimal time beyond the time of the baseline.
+        near: Cost of each body width by which the mean clearance falls short of CLEAR widths.
+        jerk: Cost of the mean jerk, relative to the baseline.
+        turn: Cost of the mean yaw acceleration, relative to the baseline.
     """
 
     failure: float
@@ -39,7 +44,7 @@ class Aim(NamedTuple):
     turn: float = 0.0
 
     def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
-        """Return what a trial costs [s]."""
+        """Return the cost of a trial [s]."""
         optimal = result.route_m / robot.base.max_speed
         clean = result.success and not result.collided
         price = result.time_s / optimal if clean else self.failure
@@ -50,15 +55,15 @@ class Aim(NamedTuple):
 
 
 class Baseline(NamedTuple):
-    """Means over drives with a robot's own parameters that arrive."""
+    """Means over the successful drives with the default parameters of a robot."""
 
-    pace: float = math.inf  # time in optimal times
-    jerk: float = 1.0  # [m/s^3]
+    pace: float = math.inf  # time, in optimal times
+    jerk: float = 1.0  # jerk [m/s^3]
     turn: float = 1.0  # yaw acceleration [rad/s^2]
 
     @classmethod
     def of(cls, results: Iterable[Result], robot: Robot) -> Baseline:
-        """Return the means of trials; those that fail do not count, and where all do, nothing is known."""
+        """Return the means over the trials that succeed, or the default values if none does."""
         good = [result for result in results if result.success]
         if not good:
             return cls()
@@ -68,7 +73,7 @@ class Baseline(NamedTuple):
 
 
 AIMS = {
-    "fast": Aim(failure=20.0),  # with half of it a set drove that arrived in 86 % of BARN's worlds
+    "fast": Aim(failure=20.0),  # at half this value, a set won that arrived in only 86 % of BARN's worlds
     "careful": Aim(failure=100.0, slower=10.0, near=60.0),
     "smooth": Aim(failure=60.0, slower=10.0, jerk=15.0, turn=10.0),
 }
@@ -77,8 +82,8 @@ AIMS = {
 def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
     """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, 2 OT, 8 OT).
 
-    It is 0 where the trial failed or touched anything. OT is the optimal time: the reference path's length route_m [m]
-    at 2 m/s.
+    The metric is 0 if the trial failed or touched anything. OT is the optimal time: the length of the reference path,
+    route_m [m], at 2 m/s.
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
     return success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
@@ -87,8 +92,8 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
 def summary(results: Sequence[Result]) -> Dict[str, Any]:
     """Return means over one or more trials, as JSON values.
 
-    They are {"trials", "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (the mean time of
-    the successes, or None), "score"}.
+    Keys: "trials" (their number), "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (mean
+    time of the successes, or None), "score".
     """
     times = [r.time_s for r in results if r.success]
     return {

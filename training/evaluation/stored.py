@@ -1,4 +1,4 @@
-"""Trials of a stored evaluation, grouped as in the paper: by set of worlds and by difficulty."""
+"""Trials of a stored evaluation, grouped as in the paper: by group of worlds and by difficulty."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ log = logging.getLogger(__name__)
 
 
 class Results:
-    """The trials of an evaluation, its settings, and how worlds are grouped.
+    """Trials of an evaluation, its settings, and its groups of worlds.
 
     Args:
-        folder: the folder of an evaluation.
+        folder: Folder of an evaluation.
 
     Attributes:
-        trials: a row per trial with the columns of trials.csv, the "set" of its world, and "counted",
-            its time [s] or, where it failed, however that ended, the limit.
+        trials: A row per trial with the columns of trials.csv, the "set" (group) of its world, and "counted": its time
+            or, if it failed for any reason, the time limit [s].
 
     Raises:
-        ApplrError: there are no trials.
-        StorageError: the folder cannot be read.
+        ApplrError: There are no trials.
+        StorageError: The folder cannot be read.
     """
 
     def __init__(self, folder: os.PathLike | str):
         self.folder = Path(folder)
         trials = read_trials(self.folder / TRIALS)
         if trials.empty:
-            raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
+            raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
+        self.robot: Dict[str, Any] = self.settings["robot"]  # as runner.described returns it
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
@@ -63,15 +63,15 @@ class Results:
         self.rivals = [m for m in self.methods if m != self.baseline]
 
     def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
-        """The trials of a method in some worlds."""
+        """Return the trials of a method in some worlds."""
         return self.trials[(self.trials.method == method) & self.trials.world.isin(worlds)]
 
     def of_set(self, name: str) -> List[str]:
-        """Worlds of one of SETS, in their order."""
+        """Return the worlds of one of SETS, in the order of the trials."""
         return self.trials.world[self.trials.set == name].unique().tolist()
 
     def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, str, pd.DataFrame]]:
-        """(name of the set, method, trials) of each of SETS that has worlds, and each of the methods, or all."""
+        """Yield (name of the group, method, trials) for each of SETS that has worlds and each method (default: all)."""
         for name in SETS:
             worlds = self.of_set(name)
             for method in (self.methods if methods is None else methods) if worlds else []:
@@ -79,41 +79,41 @@ class Results:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """Return the mean of "counted" of each method, a column, in each world, a row."""
+        """Means of "counted": a row for each world, a column for each method."""
         return self.trials.groupby(["world", "method"], sort=False).counted.mean().unstack()
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
-        """Compare a method with another in those of some worlds that both have driven."""
+        """Compare a method with another over those of the given worlds that both have driven."""
         ours, theirs = (self.scores[one].reindex(worlds) for one in (method, other))
         both = ours.notna() & theirs.notna()
         return compare(ours[both], theirs[both])
 
     def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
-        """Return worlds by the baseline's mean time over all trials, fastest first."""
+        """Return the worlds sorted by the baseline's mean time over all trials, fastest first."""
         scores = self.scores[self.baseline].reindex(worlds).dropna()
         return sorted(scores.index, key=lambda world: (scores[world], world))
 
     def thirds(self) -> Dict[str, List[str]]:
-        """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""
+        """Return all training and test worlds in thirds of difficulty, as in the paper: 100 each of 300."""
         ordered = self.by_difficulty(self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist())
         return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
 
     def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-        """Return what was recorded of a trial (evaluation/table.py), None where nothing was."""
+        """Return the recorded trace of a trial (evaluation/table.py), or None if there is none."""
         return read_trace(self.folder, world, method, trial)
 
     def load(self, name: str) -> Optional[World]:
-        """A world of the evaluation, None where its file has gone since."""
+        """Return a world of the evaluation, or None with a warning if its file can no longer be loaded."""
         try:
             world = under(self.settings["protocol"], worlds_package.load(self._specs[name]))
             return worlds_package.scaled(world, self.robot["world_scale"])
         except ApplrError as error:
-            log.warning("no map of %s: %s", name, error)
+            log.warning("the report has no map of %s: %s", name, error)
             return None
 
 
 def set_of(world: str) -> str:
-    """Training or Test by BARN's split, for the built-in worlds and for BARN's own files, going by the name."""
+    """Return the group of a world by its name: BARN's split for built-in worlds and for BARN's own files."""
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
     if match and int(match.group(1)) < 300:
         return "Test" if int(match.group(1)) in barn.TEST else "Training"

@@ -1,7 +1,7 @@
-"""A table of trials: what evaluations, searches and their verdicts keep, and the only way in which they keep it.
+"""Table of trials on disk, in which evaluations, training rounds, searches and verdicts keep their results.
 
-Its folder has trials.csv with a row for each trial, appended when it was driven, evaluation.json with what was asked,
-and the driven paths in traces/. A kill at any moment costs only the trials that were under way.
+Its folder has trials.csv with a row for each trial, appended when it was driven, evaluation.json with the settings, and
+the driven paths in traces/. A kill at any moment loses only the trials that were being driven.
 """
 
 from __future__ import annotations
@@ -25,16 +25,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
-COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # with their types
+COLUMNS: Dict[str, Any] = {
+    "world": "str",
+    "method": "str",
+    "trial": "int",
+    "seed": "int",
+}  # type by column
 KEY = tuple(COLUMNS)
 COLUMNS.update({field.name: field.type for field in fields(Result)})
 NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
 
 
 def read_trials(path: os.PathLike | str) -> pd.DataFrame:
-    """Return a table of trials with the types of COLUMNS; empty where there is no file, or nothing in it.
+    """Return a table of trials with the types of COLUMNS; empty if the file is missing or empty.
 
-    What follows the last end of a line is left out: the process was killed while it wrote that row.
+    An incomplete last line is left out: the process was killed while writing it.
     """
     import pandas as pd
 
@@ -45,18 +50,18 @@ def read_trials(path: os.PathLike | str) -> pd.DataFrame:
 
 
 class Trials:
-    """A folder with a table of trials, numbers to four digits, locked for this process until it is closed.
+    """Folder with a table of trials, with numbers to four decimals, locked for this process until closed.
 
     Args:
-        folder: is made where it is missing.
-        settings: what must be the same when the table is continued, as JSON values.
+        folder: Folder of the table, made if it is missing.
+        settings: Settings that must be the same when the table is continued, as JSON values.
 
     Attributes:
-        notes: the settings, and what else was noted beside them.
-        added: how many trials were added since the table was opened.
+        notes: The settings, and the values added by `note`.
+        added: Number of trials added since the table was opened.
 
     Raises:
-        StorageError: the folder is another evaluation's.
+        StorageError: The folder belongs to an evaluation with other settings, or to another process.
     """
 
     def __init__(self, folder: os.PathLike | str, settings: Dict[str, Any]):
@@ -78,22 +83,22 @@ class Trials:
         self._lock.close()
 
     def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the settings with what else is noted. StorageError if the folder is another evaluation's."""
+        """Return the stored settings and notes. Raises StorageError if the stored settings are others."""
         path = self.folder / SETTINGS
         if not path.exists():
             write_json(path, settings)
         stored = read_json(path)
         for name, value in json.loads(json.dumps(settings)).items():
             if value != stored.get(name):
-                raise StorageError(f"{self.folder}: was begun with another {name}: give another --out, or the same one")
+                raise StorageError(f"{self.folder} has another {name}: give another --out, or the same {name}")
         return stored
 
     def find(self, trial: Trial) -> Optional[Result]:
-        """Return the result of a trial, or None."""
+        """Return the result of a trial, or None if it was not driven yet."""
         return self._results.get(_key(trial))
 
     def add(self, trial: Trial, result: Result, trace: bytes = b"") -> Result:
-        """Keep a trial on the disk; its row comes last: what is there is whole. Return the result as it is kept."""
+        """Store a trial and return its rounded result. The row is written last, so that a stored trial is complete."""
         if trace:
             write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
         values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
@@ -104,13 +109,13 @@ class Trials:
         return kept
 
     def order(self, plan: Sequence[Trial]) -> None:
-        """Write the file anew: the trials of a plan in its order, and then the others."""
+        """Rewrite the file with the trials of a plan first, in its order, and then all others."""
         keys = [*filter(self._results.__contains__, map(_key, plan)), *self._results]
         rows = [(*key, *astuple(self._results[key])) for key in dict.fromkeys(keys)]
         write_bytes(self.folder / TRIALS, _lines([tuple(COLUMNS), *rows]))
 
     def note(self, **values: Any) -> None:
-        """Keep JSON values beside the settings."""
+        """Store JSON values beside the settings."""
         self.notes.update(values)
         write_json(self.folder / SETTINGS, self.notes)
 
@@ -121,9 +126,9 @@ def trace_name(world: str, method: str, trial: int) -> str:
 
 
 def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-    """Return {"time", "pose", "twist", "theta", "decided"} of a trial whose trace was kept, else None.
+    """Return the trace of a trial as {"time", "pose", "twist", "theta", "decided"}, or None if it was not kept.
 
-    decided: when each row of theta was chosen [s].
+    "decided" has the time at which each row of "theta" was chosen [s].
     """
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:

@@ -1,4 +1,4 @@
-"""The tables of the report: the paper's Tables I to IV from our trials, with its numbers, and more."""
+"""Tables of the report: the paper's Tables I to IV from our trials, beside its numbers, and further tables."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from training.evaluation.compare import LEVEL, over_worlds, rate
 from training.evaluation.score import barn_metric
 from training.evaluation.stored import SETS, Results
 
-NONE = "–"
+NONE = "–"  # cell without a value
 Rows = Iterator[Dict[str, str]]
 
 
 class Table(NamedTuple):
-    """A table of the report: name of its file, title, rows of text, and notes below them."""
+    """Table of the report: name of its file, title, rows of text, and notes below them."""
 
     name: str
     title: str
@@ -30,7 +30,7 @@ class Table(NamedTuple):
     notes: Sequence[str] = ()
 
     def html(self) -> str:
-        """Return the table in HTML, its title above and its notes below; a wide one scrolls in its own box."""
+        """Return the table as HTML, with its title above and its notes below. A wide table scrolls in its own box."""
         with pd.option_context("display.max_colwidth", None):
             table = self.rows.to_html(index=False, border=0)
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
@@ -41,34 +41,34 @@ Made = Callable[[Results], Table]
 
 
 def number(value: float, digits: int = 2) -> str:
-    """A number with so many decimals, NONE where there is none."""
+    """Return a number with the given number of decimals, or NONE if it is not finite."""
     return f"{value:.{digits}f}" if np.isfinite(value) else NONE
 
 
 def span(low: float, high: float, digits: int = 2) -> str:
-    """An interval with so many decimals, NONE where there is none."""
+    """Return an interval with the given number of decimals, or NONE if there is no interval."""
     return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low) else NONE
 
 
 def share(n: int, total: int) -> str:
-    """State how many of all, also in percent; NONE of nothing."""
+    """Return a count with its percentage of the total, or NONE if the total is 0."""
     return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
 
 
 def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
-    """Make a table, whose name is the function's, of a function that yields its rows.
+    """Return a decorator that makes a table, named after the function, of a function that yields its rows.
 
-    Columns whose names begin with "paper" are left out if no row has a value in them, and with all of them `of_paper`,
-    the notes about them.
+    Columns whose names begin with "paper" are left out if no row has a value in them. If all of them are left out, so
+    are the notes about them, `of_paper`.
     """
 
     def of(rows: Callable[[Results], Rows]) -> Made:
         def made(results: Results) -> Table:
-            found = pd.DataFrame(list(rows(results)))
-            paper_columns = [column for column in found if column.startswith("paper")]
-            empty = [column for column in paper_columns if (found[column] == NONE).all()]
+            frame = pd.DataFrame(list(rows(results)))
+            paper_columns = [column for column in frame if column.startswith("paper")]
+            empty = [column for column in paper_columns if (frame[column] == NONE).all()]
             about = () if len(empty) == len(paper_columns) else of_paper
-            return Table(rows.__name__, title, found.drop(columns=empty), (*notes, *about))
+            return Table(rows.__name__, title, frame.drop(columns=empty), (*notes, *about))
 
         return made
 
@@ -76,11 +76,11 @@ def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Ca
 
 
 def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
-    """Test the successful trials' times of two methods in each world that both have driven (Welch, two-sided).
+    """Compare the times of two methods' successful trials in each world that both have driven (two-sided Welch test).
 
     Returns:
-        A row per world: "sign", -1 if the first is faster, 1 if the other is; "p", and "holm", p corrected over the
-        worlds. They are nan if a side has fewer than two successes, or no time differs from another on its side.
+        A row per world: "sign", -1 if the first method is faster, 1 if the other is; the p-value "p", and "holm", p
+        corrected over the worlds. p is NaN if a method has fewer than two successes, or if the times of neither vary.
     """
     both = [world for world in trials.world.unique() if world in set(others.world)]
     ours, theirs = (
@@ -88,7 +88,7 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
         for one in (trials, others)
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side is small or hardly varies
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy warns if a sample is small or hardly varies
         test = scipy.stats.ttest_ind(ours, theirs, axis=1, equal_var=False, nan_policy="omit")
     varies = [one.max(axis=1) > one.min(axis=1) for one in (ours, theirs)]
     p = np.where(varies[0] | varies[1], test.pvalue, np.nan)
@@ -96,36 +96,36 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
 
 
 def significant(tests: pd.DataFrame, column: str = "p") -> Tuple[int, int]:
-    """Return the number of worlds where the first method is significantly faster at .05, and where the other is."""
+    """Return the numbers of worlds in which the first method, and the other, is significantly faster at .05."""
     worlds = tests.sign[tests[column] < LEVEL]
     return int((worlds == -1).sum()), int((worlds == 1).sum())
 
 
 def holm_adjusted(p: np.ndarray) -> np.ndarray:
-    """(n,) p-values adjusted by Holm's procedure: under .05 the procedure rejects at .05. NaN stays and counts not."""
+    """Return p-values (n,) adjusted by Holm's procedure. NaN stays NaN and does not count as a test."""
     adjusted = np.full(len(p), np.nan)
-    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
+    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # argsort puts NaN last
     adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
     return adjusted
 
 
 @table(
     "Table I: average traversal time",
-    "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
-    "the mean over all trials, a failed one counting as the limit. Intervals by bootstrap over worlds. In "
-    "two-second decisions: seconds / 2.",
+    "Time: mean over the successful trials of all worlds. Faster: difference of the mean times over all trials, "
+    "averaged over the worlds that both have driven; a failed trial counts as the time limit. Intervals: bootstrap "
+    "over worlds. Two-second decisions: seconds / 2.",
     of_paper=(
         paper.UNIT,
         f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
     ),
 )
 def table_1(results: Results) -> Rows:
-    """Average traversal times, in seconds and in two-second decisions."""
+    """Tabulate average traversal times, in seconds and in two-second decisions."""
     for name, method, trials in results.groups():
         times = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
         mean, low, high = over_worlds(times.sum(), times.count())
-        found = results.compare(method, results.baseline, results.of_set(name))
-        gain, least, most = found.gain
+        comparison = results.compare(method, results.baseline, results.of_set(name))
+        gain, least, most = comparison.gain
         rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
         yield {
             "worlds": name,
@@ -134,7 +134,7 @@ def table_1(results: Results) -> Rows:
             "95 % interval": span(low, high),
             "two-second decisions": number(mean / PERIOD),
             "successes": f"{trials.success.sum()} of {len(trials)}",
-            f"faster than {results.baseline} [s]": number(-found.difference.value) if rival else NONE,
+            f"faster than {results.baseline} [s]": number(-comparison.difference.value) if rival else NONE,
             "faster [%]": number(100 * gain, 1) if rival else NONE,
             "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
             "paper [decisions]": number(stated),
@@ -144,12 +144,12 @@ def table_1(results: Results) -> Rows:
 
 @table(
     "Table II: worlds in which one method is significantly faster",
-    "Two-sided Welch t-test of the successful trials' times at .05, in each world; a world with "
-    "fewer than two successes on a side cannot be tested and counts for neither.",
+    "Two-sided Welch t-test of the successful trials' times at .05, in each world. A world in which a method has "
+    "fewer than two successes cannot be tested and counts for neither.",
     "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
 )
 def table_2(results: Results) -> Rows:
-    """Welch tests per world."""
+    """Tabulate the Welch tests per world."""
     base = results.baseline
     for name, method, trials in results.groups(results.rivals):
         tests = welch(trials, results.of(base, results.of_set(name)))
@@ -170,13 +170,13 @@ def table_2(results: Results) -> Rows:
 
 
 @table(
-    "Table III: the same by difficulty",
+    "Table III: worlds in which one method is significantly faster, by difficulty",
     "Thirds of all training and test worlds of this evaluation, by the baseline's mean time over all trials "
-    "(a failed one counts as the limit).",
+    "(a failed trial counts as the time limit).",
     of_paper=("(*) " + paper.SWAP_SLIP,),
 )
 def table_3(results: Results) -> Rows:
-    """The same by thirds of difficulty."""
+    """Tabulate the Welch tests by thirds of difficulty."""
     base, thirds = results.baseline, results.thirds()
     parts = {part: set(results.of_set(part)) for part in SETS[:2]}
     for third, part in paper.THIRDS:
@@ -203,12 +203,12 @@ def table_3(results: Results) -> Rows:
 
 @table(
     "Table IV: traversal time on the physical course",
-    "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
-    "mean and standard deviation over the successful trials.",
+    "A simulated course of cardboard boxes built from the paper's description, not the authors' course. "
+    "Mean and standard deviation over the successful trials.",
     of_paper=("The paper's numbers are from the real robot, five trials each.",),
 )
 def table_4(results: Results) -> Rows:
-    """The physical course, with failures named."""
+    """Tabulate the physical course, with the reasons of failures."""
     for method in results.methods:
         trials = results.of(method, ["physical_course"])
         if trials.empty:
@@ -228,8 +228,8 @@ def table_4(results: Results) -> Rows:
 
 @table(
     "Arrivals, contacts, and BARN's metric",
-    "With Wilson's 95 % interval, wider where the trials of a world go alike. BARN's metric is comparable with the "
-    "Challenge's numbers only under --protocol barn-challenge.",
+    "With Wilson's 95 % interval, widened if trials in one world resemble each other. BARN's metric is comparable with "
+    "the Challenge's numbers only under --protocol barn-challenge.",
 )
 def rates(results: Results) -> Rows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
@@ -245,28 +245,28 @@ def rates(results: Results) -> Rows:
 
 @table(
     "Between any two methods",
-    "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit. p: "
-    "of the test of this mean by exchanging the two methods in worlds; Holm: corrected for all pairs of these worlds. "
-    "Faster in: worlds by Welch's test as in Table II, corrected by Holm over the worlds of the row.",
+    "Difference: the method's mean time minus the other's, averaged over worlds; a failed trial counts as the time "
+    "limit. p: paired sign-flip permutation test of this mean over worlds; Holm: corrected for all pairs of the group. "
+    "Faster in: number of worlds by Welch's test as in Table II, corrected by Holm over the worlds of the row.",
 )
 def pairs(results: Results) -> Rows:
-    """Every method against every other: paired over worlds, and world by world."""
+    """Tabulate every method against every other: paired over worlds, and world by world."""
     for name in SETS:
         worlds = results.of_set(name)
-        found = {couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)}
-        found = {couple: comparison for couple, comparison in found.items() if comparison.worlds}
-        adjusted = holm_adjusted(np.array([f.p for f in found.values()]))
-        for ((a, b), f), p in zip(found.items(), adjusted):
+        compared = {couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)}
+        compared = {couple: comparison for couple, comparison in compared.items() if comparison.worlds}
+        adjusted = holm_adjusted(np.array([one.p for one in compared.values()]))
+        for ((a, b), one), p in zip(compared.items(), adjusted):
             tests = welch(results.of(a, worlds), results.of(b, worlds))
             faster, slower = (share(n, len(tests)) for n in significant(tests, "holm"))
             yield {
                 "worlds": name,
                 "method": a,
                 "other": b,
-                "n": str(f.worlds),
-                "difference, all trials [s]": number(f.difference.value),
-                "95 % interval": span(f.difference.low, f.difference.high),
-                "p": _p(f.p),
+                "n": str(one.worlds),
+                "difference, all trials [s]": number(one.difference.value),
+                "95 % interval": span(one.difference.low, one.difference.high),
+                "p": _p(one.p),
                 "p (Holm)": _p(p),
                 "method faster in": faster,
                 "other faster in": slower,

@@ -1,4 +1,4 @@
-"""A trial: what identifies it, its result, its seed, and the plan of an evaluation."""
+"""Trials: their identity, result and seed, and the plan of an evaluation."""
 
 from __future__ import annotations
 
@@ -8,18 +8,24 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-BASELINE = "dwa"  # the method that drives with the robot's own parameters
-POLICY = "policy"  # as Trial.method_spec: the policy that is being learnt
-TRACED = ("time", "pose", "twist", "theta", "decided")  # what is kept of a drive's Trace (training/env/outcome.py)
+BASELINE = "dwa"  # method that drives with the default parameters of the robot
+POLICY = "policy"  # method_spec of the policy being learnt
+TRACED = ("time", "pose", "twist", "theta", "decided")  # stored fields of a Trace (training/env/outcome.py)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial to be driven, without noise.
+    """Trial to be driven, without exploration noise.
 
-    world and method are names, as they stand in trials.csv; world_spec and method_spec say how to get them. method_spec
-    may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. trace asks for the
-    driven path.
+    Attributes:
+        world: Name of the world, as in trials.csv.
+        method: Name of the method, as in trials.csv.
+        trial: Number of the trial of this method in this world.
+        seed: Seed of the trial.
+        world_spec: Specification that the world is loaded from.
+        method_spec: Specification that the method is made from, or POLICY.
+        trace: Whether the driven path is recorded.
+        theta: Parameter set to drive instead of the method.
     """
 
     world: str
@@ -34,11 +40,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a trial, in the order of the columns of trials.csv.
+    """Result of a trial, in the order of the columns of trials.csv (training/env/outcome.py).
 
-    time_s is the full limit where the trial timed out; min_clearance_m is the smallest laser range, mean_clearance_m
-    its mean over time (training/env/outcome.py); mean_turn the mean |yaw acceleration|; switching the mean change of
-    the parameters per decision, in action units.
+    Attributes:
+        time_s: Time [s]; the time limit if the trial timed out.
+        min_clearance_m: Smallest laser range [m]; mean_clearance_m is the mean over time of the smallest range.
+        mean_turn: Mean absolute yaw acceleration [rad/s^2].
+        switching: Mean change of the parameters per decision, in action units.
     """
 
     success: bool = False
@@ -58,7 +66,7 @@ class Result:
 
 
 def seed_of(base: int, world: str, trial: int) -> int:
-    """Return the trial's seed: the same for every method, and whatever other worlds are driven."""
+    """Return the seed of a trial, the same for every method and independent of the other worlds."""
     return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
 
 
@@ -71,15 +79,15 @@ def plan_trials(
 ) -> List[Trial]:
     """Return all trials in the order of trials.csv.
 
-    First every world's first trial with each method, then every second one, so that a run that is stopped has driven
-    all worlds, and more trials of the same evaluation only append.
+    The first trial of every world and method comes before any second trial, so that a stopped run has driven all
+    worlds, and further trials of the same evaluation only append rows.
 
     Args:
-        worlds: [(name, specification), ...].
-        chosen: the methods, [(name, specification), ...].
-        trials: of each method in each world.
-        seed: of all of them.
-        traces: of so many trials of each method in each world the driven path is kept.
+        worlds: [(name, specification), ...] of the worlds.
+        chosen: [(name, specification), ...] of the methods.
+        trials: Number of trials of each method in each world.
+        seed: Base seed of all trials.
+        traces: Number of trials of each method in each world whose driven path is kept.
     """
     return [
         Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces)

@@ -1,4 +1,4 @@
-"""Verdict on a robot's policy, or on a tuned set, from pairs of trials: a table, and a line for each comparison."""
+"""Verdict on a policy or a tuned parameter set, from paired trials: a table, and a line for each comparison."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 POLICY, SET = "applr", "static"
-MEANS = {  # columns of the table, whose values are means over the arrivals
+MEANS = {  # columns of the table with means over the successful trials, and their titles
     "time_s": "time [s]",
     "mean_clearance_m": "clearance [m]",
     "mean_jerk": "jerk [m/s^3]",
@@ -21,9 +21,9 @@ MEANS = {  # columns of the table, whose values are means over the arrivals
 
 
 def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds) -> pd.DataFrame:
-    """Return the trials of those courses that all of some methods have driven with the same seed.
+    """Return the trials of the courses that all of the methods have driven with the same seed.
 
-    A row has the "world", "trial" and "method" of a trial, what Result says, and its cost as "score" [s].
+    Each row has the fields of a Trial and of its Result, and its cost as "score" [s].
     """
     import pandas as pd
 
@@ -32,12 +32,12 @@ def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost:
 
 
 def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return the mean score [s] of each method, a column, in each world, a row."""
+    """Return the mean scores [s]: a row for each world, a column for each method."""
     return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
 def outcomes(trials: pd.DataFrame) -> str:
-    """Return a table of the methods: courses, arrivals, contacts, and means over the arrivals."""
+    """Return a table of the methods as text: courses, arrivals, contacts, and means over the arrivals."""
     import pandas as pd
 
     by_method = trials.groupby("method", sort=False)
@@ -47,19 +47,19 @@ def outcomes(trials: pd.DataFrame) -> str:
 
 
 def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
-    """Return the verdict on methods beside the robot's default parameters.
+    """Compare methods with the robot's default parameters.
 
     Args:
-        trials: of at least one course (paired_trials).
+        trials: Trials of at least one course (paired_trials).
 
     Returns:
-        The method to drive with, the default parameters unless another one is clearly better; a table, and a line for
-        each other method.
+        The method to drive with, which is BASELINE unless another method is significantly better; and the lines of the
+        verdict: a table, and a line for each other method.
     """
     scores, lines, better = mean_scores(trials), [outcomes(trials)], []
     rivals = scores.columns.drop(BASELINE)
     for method in rivals:
-        found = compare(scores[method], scores[BASELINE])
-        lines.append(f"{method} {found.line(LEVEL / len(rivals))}")
-        better += [method] * found.better(LEVEL / len(rivals))
+        comparison = compare(scores[method], scores[BASELINE])
+        lines.append(f"{method} {comparison.line(LEVEL / len(rivals))}")
+        better += [method] * comparison.better(LEVEL / len(rivals))
     return min(better, key=lambda method: scores[method].mean(), default=BASELINE), lines

@@ -1,2 +1,2 @@
-"""Better parameters for the planner that a robot runs (./applr tune): the search and what it writes."""
-# Imports every room but learner and baselines.
+"""Parameter tuning for the planner of a robot (./applr tune): the search and its output files."""
+# May import every subpackage of training except learner and baselines.

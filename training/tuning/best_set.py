@@ -1,6 +1,6 @@
-"""The best parameter set of a robot within a time: CMA-ES in two simulators, a last race, and pruning.
+"""Search for the best parameter set of a robot within a time: CMA-ES in two simulators, a last race, and pruning.
 
-tune_robot.py calls it; search.py has the parts.
+tune_robot.py runs the search, search.py has its parts.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from worlds import World
 if TYPE_CHECKING:
     from training.tune_robot import TuneOptions
 
-# share of the time until which the search drives in the kinematic simulator, then in pybullet, the best sets race, and
-# parameters are put back; the rest is left to the verdicts
-COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PUT_BACK_SHARE = 0.25, 0.62, 0.74, 0.86
-SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}
-COARSE, FINE = "kinematic", "pybullet"  # simulators of the search's first part, and of all the rest
-LIMIT_OPTIMAL_TIMES = 10.0  # optimal times after which a drive of the search has failed
-FINALISTS = 5  # generations whose means take part in the last race: a winner of few drives was mostly lucky
-PUT_BACK_BLOCKS = 6  # largest number of blocks of drives in which a parameter is put back
-LINES_S = 10.0, 15.0  # time until the first line about long work, and between further ones [s]
-DRAWN: Dict[str, Any] = {  # how drives differ from the nominal robot, which stays on its own ground
+# ends of the stages as shares of the time: search in the kinematic simulator, search in pybullet, race of the best
+# sets, pruning; the rest is left to the verdicts
+COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PRUNE_SHARE = 0.25, 0.62, 0.74, 0.86
+SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}  # arguments of search()
+COARSE, FINE = "kinematic", "pybullet"  # simulators of the first part of the search, and of everything after it
+LIMIT_OPTIMAL_TIMES = 10.0  # time limit of a drive of the search, in optimal times of the longest course
+FINALISTS = 5  # number of last generations whose means enter the last race; winners of few drives are mostly lucky
+PRUNE_BLOCKS = 6  # largest number of blocks of drives that decide on reverting a parameter
+LINES_S = 10.0, 15.0  # time until the first progress line, and interval between further lines [s]
+DRAWN: Dict[str, Any] = {  # randomisation of the drives; the ground stays that of the robot
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
     **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
 }
@@ -51,7 +51,7 @@ say = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
-    """Return the trial settings of a search in some worlds; the simulator is added later."""
+    """Return the trial settings of a search in some worlds, still without the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
     rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE, "loaded": True, "randomisation": DRAWN}
     return TrialSettings(
@@ -73,32 +73,32 @@ def best_set(
         options: Options of the command.
         settings: Trial settings without the simulator (drives_of).
         worlds: [(name, specification, world), ...].
-        first: Parameter sets (k, n) to begin with (warm_starts).
+        first: Parameter sets (k, n) at which the search begins (warm_starts).
         table: Table that keeps the trials.
         clock: Clock that ends each stage.
 
     Raises:
-        ApplrError: no set arrives anywhere.
+        ApplrError: No set arrives on any course.
     """
     robot, seed = settings.robot, options.seed
     whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
     space = whole.chosen
     means, driven = [], []  # type: List[np.ndarray], List[str]
 
-    def tell(what: str) -> None:
-        say(f"{options.minutes * clock.spent():4.1f} min: {what}")
+    def report(line: str) -> None:
+        say(f"{options.minutes * clock.spent():4.1f} min: {line}")
 
     def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
-        """Return each set's results in the worlds of a block; all sets drive the first one at first."""
+        """Return the results of each set in the worlds of a block. All sets drive one world before the next."""
         runner = partial(run, settings.model_copy(update={"simulator": simulator}))
         plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
         trials = [trial for of_world in zip(*plan) for trial in of_world]
-        with announced(f"driving {len(sets)} sets in {len(block)} courses, {simulator}", say, *LINES_S):
+        with announced(f"driving {len(sets)} sets on {len(block)} courses, {simulator}", say, *LINES_S):
             results = drive(pool, runner, table, trials)
         return [[results[trial] for trial in of_set] for of_set in plan]
 
     def rounds() -> Iterator[Evaluate]:
-        """Yield what drives each generation."""
+        """Yield the function that drives each generation, until the time of the search has passed."""
         while (spent := clock.spent()) < SEARCH_SHARE or not driven:
             driven.append(COARSE if spent < COARSE_SHARE else FINE)
             yield partial(drives, driven[-1])
@@ -109,24 +109,24 @@ def best_set(
         (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
         cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
         begun = race(partial(coarse, seed=seed), whole.pick(first), every[:2], cost)
-        tell(f"best of {len(begun)} sets to begin with: {begun[0]}")
+        report(f"best of {len(begun)} starting sets: {begun[0]}")
         starts = [one.theta for one in begun]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
             means.append(mean)
-            tell(f"generation {len(means)}, {driven[-1]}: {winner}")
+            report(f"generation {len(means)}, {driven[-1]}: {winner}")
         finalists = map(tuple, [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]])
         sets = np.array(list(dict.fromkeys(finalists)))
         best = race(partial(fine, seed=seed), sets, clock.until(RACE_SHARE, every), cost)[0]
-        tell(f"best of the last race: {best}")
+        report(f"best of the last race: {best}")
         if not any(result.success for result in best.results):
             demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
-            raise ApplrError(f"no set arrives in any course, so that there is nothing to compare: {demo} shows why")
+            raise ApplrError(f"no set arrives on any course, so there is nothing to compare: {demo} shows why")
         theta = space.clip([float(f"{value:.4g}") for value in best.theta])
-        turns = np.linspace(clock.spent(), PUT_BACK_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
-        some = blocks_of(len(worlds), seed + 1)[:PUT_BACK_BLOCKS]
+        turns = np.linspace(clock.spent(), PRUNE_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
+        some = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
 
         def next_turn() -> Iterator[Block]:
-            say(f"putting back at the robot's own value, one by one: {len(turns)} parameters are left")
+            say(f"reverting to the default, one by one: {len(turns)} parameters are left")
             return clock.until(turns.pop(0), some)
 
         theta, saved = prune_parameters(space, partial(fine, seed=seed + 1), theta, next_turn, cost)
@@ -134,14 +134,14 @@ def best_set(
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Return parameter sets (k, n) to begin with: the robot's own, the set in its folder, and those of included robots.
+    """Return parameter sets (k, n) to begin with: the defaults, the set of the robot, and sets of included robots.
 
-    Each set is also tried half-way to the robot's own parameters. Sets of other robots are scaled to its size and
-    speed; parameters that the dimensionless encoding does not know keep their place in the range.
+    Each set is also tried half-way to the robot's default parameters. Sets of other robots are scaled to its size and
+    speed. Parameters outside the dimensionless encoding keep their position within the range.
     """
-    space, found = space_of(robot), [space_of(robot).theta0]
+    space, starts = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
-        with suppress(ApplrError):  # there is no set, or one of other parameters, or the laser does not look ahead
+        with suppress(ApplrError):  # no set, a set of other parameters, or a laser that does not face ahead
             theirs, _ = space_of(other).read(methods.shipped(methods.SET, other))
             action = space_of(other).to_action(theirs)
             if other is not robot:
@@ -149,5 +149,5 @@ def warm_starts(robot: Robot) -> np.ndarray:
                 encoding, their_encoding = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(other, 1.0)
                 here = zip(space.names, space.to_action(encoding.theta(their_encoding.action(theirs))))
                 action = np.array([at if name in encoding.chosen else there.get(name, at) for name, at in here])
-            found += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
-    return np.array(found)
+            starts += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
+    return np.array(starts)

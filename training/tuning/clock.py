@@ -1,4 +1,4 @@
-"""The time of a search."""
+"""Time budget of a search."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ T = TypeVar("T")
 class Clock:
     """Wall time of a search over all its sessions.
 
-    The table of trials keeps each reading, so that a search that was stopped repeats its decisions, finds its trials in
-    the table, and goes on where it was.
+    The table of trials keeps each reading. A continued search therefore repeats its decisions, finds its trials in the
+    table, and goes on where it was stopped.
 
     Args:
         table: Table that keeps the readings.
         name: Name of the readings in the table.
-        seconds: Time of the whole search [s].
+        seconds: Time budget of the whole search [s].
     """
 
     def __init__(self, table: Trials, name: str, seconds: float):
@@ -36,7 +36,7 @@ class Clock:
         return self._readings[self._asked - 1] / self._seconds
 
     def until(self, share: float, blocks: Iterable[T]) -> Iterator[T]:
-        """Yield blocks until this share of the time is spent, but at least one."""
+        """Yield blocks until this share of the time has passed, but at least one block."""
         for number, block in enumerate(blocks):
             if number and self.spent() >= share:
                 return

@@ -1,4 +1,4 @@
-"""The found set: as files, what each of its parameters saves, and its drives in courses that the search did not use."""
+"""Tuned parameter set: its files, the savings of each parameter, and its drives on courses unseen by the search."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from training.tune_robot import TuneOptions
 
-HEAD = """# Parameters of move_base for {robot}, to be loaded after its own files:
+HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
 # Its distance biases count {unit}.
 """
@@ -38,14 +38,14 @@ UNITS = {
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Write {name: value} of a set as JSON for this package's methods, and as YAML for any move_base."""
+    """Write the {name: value} of a set as JSON for this package's methods, and as YAML for any move_base."""
     head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
 def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> pd.DataFrame:
-    """Drive the robot's own parameters and the tuned set in some worlds; return the paired trials of both.
+    """Drive the robot's default parameters and the tuned set in some worlds, and return the paired trials of both.
 
     Args:
         options: Options of the command.
@@ -63,19 +63,24 @@ def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str)
 
 
 def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
-    """Return a table of the changed parameters: both values, what each saves per course [s], and what it is.
+    """Return a table of the changed parameters: both values, saving per course [s], and meaning.
 
-    A parameter saves what is lost when it alone is reverted to the robot's own value: the mean over courses with its
-    95 % interval, in which a failure counts for much, and the median.
+    The saving of a parameter is the cost of reverting it alone to its default: the mean over courses with its 95 %
+    interval, in which failures weigh heavily, and the median.
+
+    Args:
+        robot: Robot that was tuned.
+        values: {name: value} of the tuned set.
+        saved: {name: (mean, low, high, median)} of the savings (prune_parameters).
     """
     import pandas as pd
 
     space, known, rows = space_of(robot), servers(robot.all_parameters()), []
-    own = space.as_dict(space.theta0)
+    defaults = space.as_dict(space.theta0)
     for name, value in values.items():
         target = space.targets[name][0]
         declared = next(p for p in known[target.server].parameters if p.name in target.names)
-        both = (f"{each:.4g} {declared.unit}".rstrip() for each in (own[name], value))
+        both = (f"{each:.4g} {declared.unit}".rstrip() for each in (defaults[name], value))
         rows.append((name, *both, *np.round(saved[name], 1), declared.doc))
     columns = ["parameter", "own", "tuned", "saves [s]", "from", "to", "in the median", "what it is"]
     return pd.DataFrame(rows, columns=columns)

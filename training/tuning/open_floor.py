@@ -1,9 +1,9 @@
-"""Open floor: the check by driving, with which check_robot.py ends and ./applr tune begins.
+"""Test drives on open floor, with which check_robot.py ends and ./applr tune begins.
 
-Four drives with planner and collision monitor, each until move_base says that its goal is reached: straight on, a turn
-on the spot, around a box, and through a door. Where one fails, other values of one parameter at a time are driven on
-the same floor, and the first with which all arrive is what to change. A planner that stands before the door alone has a
-limit, which is a remark, and no wrong set-up: the defaults of DWAPlannerROS do so.
+Four courses are driven with planner and collision monitor, each until move_base reports that its goal is reached:
+straight on, a turn on the spot, around a box, and through a door. If a course fails, one parameter at a time is changed
+and driven on the same floor. The first change with which all courses succeed is the remedy. A planner that only stands
+before the door gets a remark, not an error, because the defaults of DWAPlannerROS have this limit.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import Robot
 from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
+from training.env.outcome import Outcome
 from worlds import Course, World
 
-GOAL_DISTANCE_M = 5.0  # at the robot's scale
-WINDOW_SHARE = 0.45  # of the size of a global costmap that rolls: its goals are nearer than half of that
-DOOR_MARGIN_M = 0.3  # by which the door is wider than the padded footprint
-LIMIT_S = 60.0  # for a drive
-NO_REMEDY = "no single parameter of the planner mends it: compare footprint, body, laser and base in robot.yaml"
+GOAL_DISTANCE_M = 5.0  # distance of the goals at the Jackal's scale [m]
+WINDOW_SHARE = 0.45  # largest goal distance as a share of the size of a rolling global costmap
+DOOR_MARGIN_M = 0.3  # margin of the door beyond the padded width of the footprint [m]
+LIMIT_S = 60.0  # time limit of a drive [s]
+NO_REMEDY = "no change of a single planner parameter helps: compare footprint, body, laser and base in robot.yaml"
 STANDS = f"it turns or stands, and has not arrived after {LIMIT_S:g} s"
-REASON_SHARE = 0.1  # share of a drive from which on something counts as the reason
+REASON_SHARE = 0.1  # share of a drive above which an event counts as the reason of a failure
 SEED = 1
-FACTORS = (  # of parameters of the robot's space, in the order in which they are tried
+FACTORS = (  # changes of parameters of the robot's space, in the order of the attempts
     *(("occdist_scale", 0.1), ("occdist_scale", 0.01), ("sim_time", 1.5), ("sim_time", 0.6), ("max_vel_x", 0.5)),
     *(("goal_distance_bias", 3.0), ("path_distance_bias", 0.3), ("vx_samples", 3.0)),
 )
-GOAL_TOLERANCE = 0.2  # m and rad, of the goal
+GOAL_TOLERANCE = 0.2  # tried tolerance of the goal [m, rad]
 
 
 def courses(robot: Robot) -> List[World]:
-    """Return the courses, named in words. No place ends one: the planner has to say that it is at its goal."""
+    """Return the four courses. No position ends them: the planner has to report that its goal is reached."""
     length, width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)
     way, door, ahead = GOAL_DISTANCE_M * robot.world_scale, width + DOOR_MARGIN_M, math.pi / 2
     world = robot.all_parameters()["global_costmap"]
-    if world["rolling_window"]:  # beyond which no goal has a plan
+    if world["rolling_window"]:  # no goal outside of a rolling costmap has a plan
         way = min(way, WINDOW_SHARE * min(world["width"], world["height"]))
     box = (0.0, way / 2, 0.0, length / 2, length / 2)
     walls = [(side * (door / 2 + way), way / 2, 0.0, 2 * way, 0.1) for side in (-1, 1)]
@@ -60,7 +61,7 @@ def courses(robot: Robot) -> List[World]:
 
 
 class Floor(Episode):
-    """The loop that drives a robot with its own parameters, and counts what its planner and its monitor do."""
+    """Episode loop with a robot's default parameters, which counts the actions of planner and monitor."""
 
     def __init__(self, robot: Robot):
         planner = MoveBase(counting_cells(robot.parameters()))
@@ -68,9 +69,9 @@ class Floor(Episode):
         self.time_limit = LIMIT_S
 
     def drive(self, world: World) -> str:
-        """Drive one course to its end; return why it has not arrived, "" where it has."""
+        """Drive one course to its end. Return the reason of a failure, or "" if the robot arrived."""
         self._counts, self._critics, self._held = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
-        self._asked = 0.0  # m
+        self._asked = 0.0  # commanded distance [m]
         outcome = self.reset(world, SEED)
         while not outcome.over:
             outcome = self.decide(outcome.theta)
@@ -79,42 +80,42 @@ class Floor(Episode):
             return ""
         return "it touches something, and " * outcome.collided + self._why(outcome)
 
-    def _called_within(self, cycle, state) -> Optional[float]:
-        """Return the planner's tolerance where it has turned at its goal, too."""
+    def _called_within(self, cycle: Any, state: Any) -> Optional[float]:
+        """Return the planner's tolerance [m] once it has also turned to the goal's heading, else None."""
         return self._tolerance if cycle.result is not None and cycle.result[0] == "succeeded" else None
 
-    def _cycle(self):
+    def _cycle(self) -> Tuple[Any, Any]:
         cycle, state = super()._cycle()
         planner = self.move_base.local_planner
         refusals = planner.refusals(self.move_base.local_costmap) if cycle.controlled else {}
         self._critics.update(refusals)
         self._counts.update(cycles=1, turns=cycle.controlled, refused=bool(refusals), plans=cycle.new_plan)
-        if self._counts["turns"]:  # what the monitor let through holds until the next command
+        if self._counts["turns"]:  # the monitor's last command holds until the next command
             self._held[self.verdict.reason] += self.verdict.blocked
             self._asked += abs(self.verdict.command[0]) * CONTROL_PERIOD
         return cycle, state
 
-    def _why(self, outcome) -> str:
-        """Return why it has not arrived, by what happened most."""
+    def _why(self, outcome: Outcome) -> str:
+        """Return the reason of a failure, by the most frequent event."""
         counts, way = self._counts, outcome.path_length_m
         if not counts["plans"]:
-            return "the global planner finds no way"
+            return "the global planner finds no path"
         refused, held = counts["refused"] / max(1, counts["turns"]), sum(self._held.values()) / counts["cycles"]
         if refused > REASON_SHARE:
             del self._critics["samples"]
             critic = self._critics.most_common(1)[0][0]
-            return f"in {100 * refused:.0f} % of its cycles the local planner refuses every velocity, most by {critic}"
+            return f"the planner rejects every velocity in {100 * refused:.0f} % of its cycles, mostly by {critic}"
         if held > REASON_SHARE:
-            return f"the collision monitor holds it {100 * held:.0f} % of the time: {self._held.most_common(1)[0][0]}"
+            return f"the collision monitor intervenes {100 * held:.0f} % of the time: {self._held.most_common(1)[0][0]}"
         if self._asked > 1.0 + 2.0 * way:
-            return f"its wheels move it {way:.1f} m where {self._asked:.1f} m are commanded"
+            return f"it moves {way:.1f} m although {self._asked:.1f} m are commanded"
         if outcome.aborted:
             return "move_base ends with " + outcome.reason.partition(": ")[2]
         return STANDS
 
 
 def try_out(robot: Robot) -> Tuple[bool, List[str]]:
-    """Return whether the robot drives on open floor, and a line for each course, a remark, or what to change."""
+    """Return whether the robot drives on open floor, and a line for each course and for a remark or remedy."""
     floor, lines = Floor(robot), []
     failed: Dict[str, str] = {}
     for world in courses(robot):
@@ -129,14 +130,14 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
         return not any(map(Floor(changed).drive, first))
 
     remedy = next((words for words, changed in changes(robot) if arrives(changed)), "")
-    remedy = f"all four arrive if you {remedy}" if remedy else NO_REMEDY
+    remedy = f"all four courses succeed if you {remedy}" if remedy else NO_REMEDY
     if failed == {world.name: STANDS}:
-        return True, [*lines, f"remark: as the C++ planner would, it does not {world.name}: {remedy}"]
+        return True, [*lines, f"remark: like the C++ planner, it does not {world.name}: {remedy}"]
     return False, [*lines, f"error: the set-up is wrong: {remedy}"]
 
 
 def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
-    """Yield changes of one parameter that decides on drives, in words, and the robot with each."""
+    """Yield changes of one parameter at a time, in words, and the robot with each change."""
     tree, space = robot.all_parameters(), {parameter.name: parameter for parameter in robot.space}
     wanted: List[Tuple[List[Tuple[str, str]], float]] = []
     for parameter, factor in ((space[name], factor) for name, factor in FACTORS if name in space):
@@ -155,4 +156,4 @@ def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
         if value != now:
             path = "/".join(filter(None, places[0]))
             changed = robot.with_parameters(made, f"{robot.name} with {path} {value:g}")
-            yield f"give {path} {value:g} instead of {now:g}", changed
+            yield f"set {path} to {value:g} instead of {now:g}", changed

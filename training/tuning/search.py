@@ -1,7 +1,6 @@
-"""The search for one parameter set: races between sets on common trials, CMA-ES by their ranks, and pruning.
+"""Search for one parameter set: races between sets on common trials, CMA-ES by their ranks, and pruning.
 
-In each generation new sets race through the same newly drawn worlds with the same seeds, and CMA-ES is given their
-ranks.
+In each generation, new sets race through the same newly drawn worlds with the same seeds, and CMA-ES gets their ranks.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ from training.evaluation.periodic import CHOOSING
 from training.evaluation.score import summary
 from training.evaluation.trial import Trial, seed_of
 
-BLOCK = 8  # trials between two tests of a race
-LEAST = 0.05  # time per course that a parameter has to save [s]
+BLOCK = 8  # number of trials between two tests of a race
+LEAST = 0.05  # smallest saving per course for which a parameter stays changed [s]
 
-Block = List[int]  # indices of worlds in which sets drive once each
-# Drive sets (k, n) in the worlds of a block, with a keyword seed unless that is bound; return the results of each.
+Block = List[int]  # indices of the worlds that each set drives once
+# Evaluates sets (k, n) in the worlds of a block and returns the results of each; takes a keyword seed unless bound.
 Evaluate = Callable[..., Sequence[Sequence[Any]]]
 Cost = Callable[[Any], float]
 
 
 class Raced(NamedTuple):
-    """A set (n,) after a race: its place among those that began it, the results of its trials, and their costs."""
+    """Parameter set theta (n,) after a race: its index among the starters, the results of its trials, their costs."""
 
     place: int
     theta: np.ndarray
@@ -36,17 +35,17 @@ class Raced(NamedTuple):
     costs: np.ndarray
 
     def __str__(self) -> str:
-        found = summary(self.results)
-        how = f"{100 * found['success']:.0f} % arrive, {100 * found['collided']:.0f} % touch something"
-        return f"score {self.costs.mean():.2f} in {found['trials']} drives ({how}, metric {found['metric']:.3f})"
+        means = summary(self.results)
+        how = f"{100 * means['success']:.0f} % arrive, {100 * means['collided']:.0f} % touch something"
+        return f"score {self.costs.mean():.2f} in {means['trials']} drives ({how}, metric {means['metric']:.3f})"
 
 
 def plan_sets(
     space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, block: Block, seed: int, simulator: str
 ) -> List[List[Trial]]:
-    """Return the trials of each set (k, n) in some worlds, [(name, specification), ...], in which all have one seed.
+    """Return the trials of each set (k, n) in the worlds of a block, with the same seed for all sets in a world.
 
-    Trials are named for set and simulator; evaluate.py's have other seeds.
+    Trials are named after set and simulator. Their seeds differ from those of evaluate.py.
     """
     courses = [(*worlds[i], seed_of(CHOOSING + seed, worlds[i][0], 0)) for i in block]
     plan = []
@@ -71,21 +70,20 @@ def search(
     """Yield the winner of each generation of CMA-ES, and the mean of the distribution after it.
 
     Args:
-        space: of the sets.
-        worlds: how many there are.
-        rounds: what drives the sets of each generation; no generation begins after the last.
-        starts: sets (n,), at least one. The distribution begins around the first; all take part in the first
-            generation.
-        cost: of a trial.
-        seed: of candidates, worlds and trials.
-        sigma: standard deviation of the first generation, with parameters scaled to [-1, 1].
-        population: sets in a generation.
-        worlds_per_set: worlds in which a generation races: all sets drive a quarter of them, the better half another
-            quarter, and the better half of those the rest.
+        space: Parameter space of the sets.
+        worlds: Number of worlds.
+        rounds: Functions that evaluate the sets of each generation; the search ends with them.
+        starts: Sets (n,), at least one. The distribution begins around the first set; all enter the first generation.
+        cost: Function that returns the cost of a result.
+        seed: Seed of candidates, worlds and trials.
+        sigma: Standard deviation of the first generation, with parameters scaled to [-1, 1].
+        population: Number of sets in a generation.
+        worlds_per_set: Number of worlds of a generation's race. All sets drive a quarter of them, the better half
+            another quarter, and the better half of those the rest.
     """
-    import cma  # and with it scipy.stats and matplotlib
+    import cma  # not at the top: cma imports scipy.stats and matplotlib
 
-    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # not from the very edge of the box
+    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # The distribution begins off the bounds.
     options = {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9}
     rng, strategy = np.random.default_rng(seed), cma.CMAEvolutionStrategy(middle, sigma, options)
     for generation, run in enumerate(rounds):
@@ -105,21 +103,21 @@ def search(
 def prune_parameters(
     space: Space, run: Evaluate, theta: np.ndarray, blocks: Callable[[], Iterable[Block]], cost: Cost
 ) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
-    """Revert parameters of a set (n,) to the robot's own values if nothing is lost, those changed least first.
+    """Revert parameters of a set (n,) to the robot's defaults if nothing is lost, the least changed parameters first.
 
-    Nothing is lost if neither the mean nor the median of the paired costs is larger by LEAST. A failure costs so much
-    that the mean of some drives is mostly of failures: most must not be dearer, either.
+    Nothing is lost if neither the mean nor the median of the paired costs rises by LEAST. The median is tested as well,
+    because a few failures dominate the mean.
 
     Args:
-        space: of the set.
-        run: drives both sets of a comparison in the same worlds.
-        theta: the set.
-        blocks: makes the blocks of a comparison, which ends when one of both is clearly worse.
-        cost: of a trial.
+        space: Parameter space of the set.
+        run: Function that drives both sets of a comparison in the same worlds.
+        theta: Set to prune.
+        blocks: Function that returns the blocks of a comparison, which ends when one set is clearly worse.
+        cost: Function that returns the cost of a result.
 
     Returns:
-        The set, and for each parameter that stays in it by how much the cost rises without it [s]: the mean, the ends
-        of its 95 % interval, and the median.
+        The pruned set, and for each parameter that stays changed the rise of the cost without the change [s]: the mean,
+        the ends of its 95 % interval, and the median.
     """
     theta = space.clip(theta)
     saved: Dict[str, Tuple[float, ...]] = {}
@@ -141,38 +139,37 @@ def prune_parameters(
 def race(run: Evaluate, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, halve: bool = False) -> List[Raced]:
     """Race sets (k, n) through the same trials, block after block.
 
-    After each block those drop out that a paired test finds clearly worse than the leader (the idea of F-race).
+    After each block, sets that a paired test finds clearly worse than the leader drop out (the idea of F-race).
 
     Args:
-        run: drives those sets that are still in the race in the trials of a block.
-        sets: at least one.
-        blocks: trials in the order in which they are added; the next is asked for when the last is driven.
-        cost: of a result; small is good.
-        halve: whether at most half of the candidates, rounded up, stay after each block (successive halving).
+        run: Function that drives the sets still in the race in the trials of a block.
+        sets: Parameter sets, at least one.
+        blocks: Blocks of trials in their order; each is requested when the block before is driven.
+        cost: Function that returns the cost of a result; less is better.
+        halve: Whether at most half of the sets, rounded up, stay after each block (successive halving).
 
     Returns:
-        The sets, the best first: those that stayed longer come before those that dropped out earlier, and those of one
-        block are ordered by their mean cost.
+        The sets, best first: sets that stayed longer come first, sets that dropped out together are sorted by cost.
     """
-    found = [Raced(place, theta, [], np.zeros(0)) for place, theta in enumerate(sets)]
+    racing = [Raced(place, theta, [], np.zeros(0)) for place, theta in enumerate(sets)]
     dropped: List[Raced] = []
     for block in blocks:
-        leader = found[0]
+        leader = racing[0]
         if leader.results:
-            staying = [one for one in found if one is leader or not clearly_worse(one.costs, leader.costs)]
-            staying = staying[: -(-len(found) // 2)] if halve else staying
-            dropped = [one for one in found if all(one is not other for other in staying)] + dropped
-            found = staying
-            if len(found) == 1:
+            staying = [one for one in racing if one is leader or not clearly_worse(one.costs, leader.costs)]
+            staying = staying[: -(-len(racing) // 2)] if halve else staying
+            dropped = [one for one in racing if all(one is not other for other in staying)] + dropped
+            racing = staying
+            if len(racing) == 1:
                 break
-        driven = run(np.array([one.theta for one in found]), block)
-        results = [[*one.results, *more] for one, more in zip(found, driven)]
-        found = [Raced(*one[:2], all_, np.array([cost(r) for r in all_])) for one, all_ in zip(found, results)]
-        found.sort(key=lambda one: float(one.costs.mean()))
-    return found + dropped
+        driven = run(np.array([one.theta for one in racing]), block)
+        results = [[*one.results, *more] for one, more in zip(racing, driven)]
+        racing = [Raced(*one[:2], all_, np.array([cost(r) for r in all_])) for one, all_ in zip(racing, results)]
+        racing.sort(key=lambda one: float(one.costs.mean()))
+    return racing + dropped
 
 
 def blocks_of(worlds: int, seed: int) -> List[Block]:
-    """Return all of so many worlds once, in an order drawn with the seed, in blocks of BLOCK."""
+    """Return the indices of all worlds, in an order drawn with the seed, in blocks of BLOCK."""
     order = np.random.default_rng(seed).permutation(worlds).tolist()
     return [order[i : i + BLOCK] for i in range(0, len(order), BLOCK)]

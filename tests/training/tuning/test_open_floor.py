@@ -38,8 +38,8 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
 @pytest.mark.parametrize(
     ("file", "old", "new", "course", "why"),
     [
-        (PLANNER, "acc_lim_x: 2.5", "acc_lim_x: 0.1", 0, "refuses every velocity, most by velocity limits"),
-        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor holds it"),
+        (PLANNER, "acc_lim_x: 2.5", "acc_lim_x: 0.1", 0, "% of its cycles, mostly by velocity limits"),
+        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor intervenes"),
         (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
     ],
 )
@@ -55,7 +55,7 @@ def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
 def test_wheels_that_do_not_move_it_are_said():
     floor = Floor(BURGER)
     floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
-    assert floor.drive(courses(BURGER)[0]).startswith("its wheels move it")
+    assert floor.drive(courses(BURGER)[0]).startswith("it moves ")
 
 
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
@@ -66,7 +66,7 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
         assert [space.names[i] for i in np.flatnonzero(theta != own)] == [name] * (name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
-    speed = found["give DWAPlannerROS/max_vel_x 0.11 instead of 0.22"].parameters()["DWAPlannerROS"]
+    speed = found["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()["DWAPlannerROS"]
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
 
 
@@ -75,8 +75,8 @@ def test_a_planner_that_stands_before_the_door_alone_is_a_remark_with_what_to_en
     assert check_robot.main(["husky"]) == 0
     *_, door, remark = capsys.readouterr().out.splitlines()
     assert door.startswith("drive through a door of 0.98 m: it turns or stands")
-    arrive = "all four arrive if you give DWAPlannerROS/occdist_scale 0.005 instead of 0.01"
-    assert remark == f"remark: as the C++ planner would, it does not drive through a door of 0.98 m: {arrive}"
+    arrive = "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
+    assert remark == f"remark: like the C++ planner, it does not drive through a door of 0.98 m: {arrive}"
 
 
 def test_a_monitor_that_stops_it_before_the_door_is_a_wrong_set_up(tmp_path, monkeypatch):
@@ -86,5 +86,5 @@ def test_a_monitor_that_stops_it_before_the_door_is_a_wrong_set_up(tmp_path, mon
     robot = read(str(folder))
     monkeypatch.setattr(open_floor, "changes", lambda robot: ())
     drives, (*_, door, error) = open_floor.try_out(robot)
-    assert (drives, "door of 0.53 m: the collision monitor holds it" in door) == (False, True), door
-    assert "no single parameter of the planner mends it" in error
+    assert (drives, "door of 0.53 m: the collision monitor intervenes" in door) == (False, True), door
+    assert "no change of a single planner parameter helps" in error

@@ -108,7 +108,7 @@ def tune(folder, runner, *more):
 def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     assert tune(jackal, "toy") == 0
     printed = capsys.readouterr().out
-    left = re.findall(r"^putting back .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
+    left = re.findall(r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
@@ -174,7 +174,7 @@ def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal
     printed = capsys.readouterr().out
     assert "better: no, " in printed
     assert "better: yes" not in printed
-    assert "\nnothing written; the set is in " in printed or "no other value of a parameter saves anything" in printed
+    assert "\nnothing written: the set is in " in printed or "no changed parameter saves anything" in printed
     assert sorted(jackal.iterdir()) == before
 
 
@@ -194,7 +194,7 @@ def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
     assert tune(jackal, "none_arrives") == 1
     demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
     said = capsys.readouterr()
-    assert f"no set arrives in any course, so that there is nothing to compare: {demo}" in said.err
+    assert f"no set arrives on any course, so there is nothing to compare: {demo}" in said.err
     assert "better:" not in said.out
 
 
@@ -228,7 +228,7 @@ def test_a_run_that_was_stopped_goes_on_and_drives_nothing_twice(jackal, monkeyp
 def test_a_finished_run_searches_on_from_what_it_found(jackal, capsys):
     for _ in range(2):
         assert tune(jackal, "toy", "--minutes", "4") == 0
-        begun = re.search(r"best of (\d+) sets to begin with: ", capsys.readouterr().out)
+        begun = re.search(r"best of (\d+) starting sets: ", capsys.readouterr().out)
     assert int(begun[1]) == len(best_set.warm_starts(robots.load(str(jackal))))
 
 
