@@ -1,7 +1,7 @@
-"""The collision monitor: a classical check between whatever chooses velocities and the base.
+"""Collision monitor: a classical safety check between the planner and the base.
 
-No ROS in it. CollisionMonitor takes every scan and every command and lets through the fastest command after which the
-base can still stop before it touches anything. The ROS node, the training environment and evaluation use the same
-object.
+CollisionMonitor takes every scan and every command. It passes the fastest command after which the base can still stop
+before it touches anything. The ROS node, the training environment and the evaluation use the same class, which does
+not depend on ROS.
 """
 # Imports planner/costmap, robots and common; no ROS.

@@ -1,61 +1,63 @@
-"""What scans have shown around the robot: points of obstacles, and space that is free.
+"""Map of the robot's surroundings from past scans: obstacle points and observed free space.
 
-CollisionMonitor holds an ObstacleMemory for each laser and one SeenSpace. A scanner that covers 270 degrees does not
-look behind, one near the front edge does not see what lies beside the rear wheels, and none sees behind what it sees.
-The points that it measured there before are kept in the frame of ScanMatcher's poses until they are measured anew, seen
-through, too far away or too old. Space that no scan has shown and the body has not been in, or about a point that was
-forgotten, is unknown: there the monitor lets the robot creep only (safe_scale in stopping.py looks the cells up).
+CollisionMonitor holds one ObstacleMemory per laser and one SeenSpace. Every scanner has blind regions: a scanner with
+270 degrees does not cover the rear, and obstacles occlude what lies behind them. Obstacle points are kept in the frame
+of ScanMatcher's poses until they are measured again, seen through, too far away or too old. Space is unknown if neither
+a scan nor the body has covered it, or if a point in it was forgotten. In unknown space the monitor limits the robot to
+creep speed (safe_scale in stopping.py looks the cells up).
 """
 
 import math
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.scan_matching import beam_at
 
-CAPACITY_POINTS = 16384  # points; beyond, the oldest go
-SPACING_M = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
-TOLERANCE_M = 0.08  # [m]: a measured range that differs less from a point's distance is that point
-THIN_M = 0.02  # [m]: where neighbouring beams are farther apart, what they pass by may stand between them
-CELL_M = 0.05  # [m]
-TOUCHED_M = 0.71 * CELL_M  # [m]: a cell whose middle is so far from the body may be touched by it
-BEHIND_M = 0.1  # [m]: so far behind a point where a beam has ended nothing can be reached but through the point
-SHOWN_M = 2.5  # [m] from the scanner within which a scan shows space: farther than any stopping distance
+CAPACITY_POINTS = 16384  # largest number of remembered points; the oldest points are dropped first
+SPACING_M = 0.015  # smallest distance between stored points of neighbouring beams [m]
+TOLERANCE_M = 0.08  # largest difference between a range and a point's distance if the beam has hit that point [m]
+THIN_M = 0.02  # spacing of neighbouring beams beyond which an obstacle may stand between them unseen [m]
+CELL_M = 0.05  # side of a cell of the grid of observed space [m]
+TOUCHED_M = 0.71 * CELL_M  # distance from the body within which the centre of a touched cell may lie [m]
+BEHIND_M = 0.1  # depth behind a hit that counts as observed, because only a way through the hit leads there [m]
+SHOWN_M = 2.5  # distance from the scanner up to which a scan observes space; exceeds all stopping distances [m]
 
 
 class ObstacleMemory:
-    """Points (x, y) [m] in a fixed frame, with the time at which they were measured.
+    """Obstacle points (x, y) [m] in a fixed frame, with the times of their measurements.
 
     Args:
-        radius: distance [m] from the scanner beyond which points are forgotten.
-        seconds: age [s] at which points that are not measured again are forgotten.
+        radius: distance from the scanner beyond which points are forgotten [m].
+        seconds: age at which points are forgotten unless they are measured again [s].
     """
 
-    def __init__(self, radius=8.0, seconds=300.0):
+    def __init__(self, radius: float = 8.0, seconds: float = 300.0):
         self.radius, self.seconds = float(radius), float(seconds)
         self._points = np.zeros((CAPACITY_POINTS, 3))
         self._forgotten = np.empty((CAPACITY_POINTS, 2))
         self._count = 0
 
     @property
-    def points(self):
-        """(n, 2) float64 x, y [m] of all remembered points, in the fixed frame, the oldest first."""
+    def points(self) -> np.ndarray:
+        """All remembered points (n, 2) float64 [m] in the fixed frame, oldest first."""
         return self._points[: self._count, :2]
 
-    def clear(self):
-        """Forgets everything, for instance after the odometry was reset."""
+    def clear(self) -> None:
+        """Forget all points, for instance after the odometry was reset."""
         self._count = 0
 
-    def update(self, scan):
-        """Takes a scan (common.scan.LaserScan in the fixed frame).
+    def update(self, scan: LaserScan) -> np.ndarray:
+        """Add the points of a scan in the fixed frame, and remove the points that it sees through.
 
-        Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
-        NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
+        Beams outside [range_min, range_max) add no point. Ranges of +inf and beyond the radius clear the points before
+        them. NaN, -inf and ranges below range_min neither add nor clear, because they measure nothing (REP 117).
 
         Returns:
-            (k, 2) x, y [m] of the points that were forgotten without a scan that shows them gone: for their age, their
-            distance, or because there are too many.
+            (k, 2) the points [m] that were forgotten because of their age, their distance or a full memory. No scan has
+            shown that they are gone.
         """
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         x, y, yaw = (float(v) for v in scan.sensor_pose)
@@ -64,8 +66,8 @@ class ObstacleMemory:
         self._count, lost = _update(self._points, self._count, self._forgotten, ranges, beams, (x, y, yaw), limits)
         return self._forgotten[:lost]
 
-    def around(self, pose, reach):
-        """Return (k, 2) the points at most `reach` [m] from a robot at pose (x, y, yaw) [m], in its frame [m]."""
+    def around(self, pose: Pose, reach: float) -> np.ndarray:
+        """Return the points (k, 2) [m] within `reach` [m] of a robot at pose (x, y, yaw), in the robot's frame."""
         return _around(self._points, self._count, tuple(map(float, pose)), float(reach))
 
 
@@ -84,13 +86,13 @@ def _around(points, count, pose, reach):
 
 @kernel
 def _update(points, count, forgotten, ranges, beams, sensor, limits):
-    """Return (number of points, number of rows of `forgotten` that were written)."""
+    """Return the number of points and the number of rows written to `forgotten`."""
     count, lost = _keep(points, count, forgotten, ranges, beams, sensor, limits)
     angle_min, increment, range_min, range_max = beams
     sx, sy, syaw = sensor
     radius, _, now = limits
     surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
-    count -= surplus  # the oldest stand in front
+    count -= surplus  # The oldest points are at the front.
     forgotten[lost : lost + surplus] = points[:surplus, :2]
     lost += surplus
     for k in range(count):
@@ -115,7 +117,7 @@ def _update(points, count, forgotten, ranges, beams, sensor, limits):
 
 @kernel
 def _keep(points, count, forgotten, ranges, beams, sensor, limits):
-    """Move the points that stay to the front of the array; returns how many they are, and how many are forgotten."""
+    """Move the points that are kept to the front of the array, and return the numbers of kept and forgotten points."""
     radius, oldest, _ = limits
     kept = lost = 0
     for k in range(count):
@@ -133,9 +135,9 @@ def _keep(points, count, forgotten, ranges, beams, sensor, limits):
 
 @kernel
 def _is_measured(x, y, ranges, beams, sensor):
-    """Return whether a beam ends at the point (it is measured anew), or passes with its neighbours (it is gone).
+    """Return whether the scan replaces a point: a beam ends there, or passes it together with both neighbours.
 
-    From where the scanner could not have seen it, beyond its range or thinner than its beams are apart, it stays.
+    False if the scanner cannot see the point, because it is out of range or may stand between two beams.
     """
     angle_min, increment, range_min, range_max = beams
     dx, dy = x - sensor[0], y - sensor[1]
@@ -161,47 +163,53 @@ def _is_measured(x, y, ranges, beams, sensor):
 
 
 class SeenSpace:
-    """A grid that moves with the robot in the frame of ScanMatcher's poses: 1 where a cell is known.
+    """Rolling grid of observed space around the robot, in the frame of ScanMatcher's poses.
 
     Attributes:
-        cells: (n, n) uint8; the cell of point (x, y) is [floor(x / CELL_M) % n, floor(y / CELL_M) % n].
+        cells: (n, n) uint8, 1 if observed; the cell of point (x, y) is [floor(x / CELL_M) % n, floor(y / CELL_M) % n].
         corner: (2,) int64, floor(x / CELL_M) and floor(y / CELL_M) of the lowest cell of the window.
 
     Args:
-        radius: distance [m] from the robot within which cells are kept, and obstacles remembered.
+        radius: distance from the robot within which obstacles are remembered [m]; the grid covers at least this.
     """
 
-    def __init__(self, radius):
+    def __init__(self, radius: float):
         self.cells = np.zeros((2 * math.ceil((max(radius, SHOWN_M) + 1.0) / CELL_M),) * 2, np.uint8)
         self.corner = np.zeros(2, np.int64)
-        self._shown = min(SHOWN_M, float(radius))  # what would not be remembered is not shown either
+        self._shown = min(SHOWN_M, float(radius))  # Space counts as observed only where obstacles are remembered.
 
-    def clear(self):
-        """Forget all that was seen."""
+    def clear(self) -> None:
+        """Mark all cells as unknown."""
         self.cells[:] = 0
 
-    def update(self, scan):
-        """Takes a scan (common.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
+    def update(self, scan: LaserScan) -> None:
+        """Mark the space that a scan in the fixed frame observes. NaN, -inf and ranges below range_min observe none."""
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = map(float, scan.sensor_pose)
         shown = min(self._shown, float(scan.range_max), THIN_M / abs(beams[1]))
         _see(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
 
-    def forget(self, points):
-        """Count as not seen what is about points (k, 2) [m] of obstacles that the memory has let go."""
+    def forget(self, points: np.ndarray) -> None:
+        """Mark the cells around forgotten obstacle points (k, 2) [m] as unknown."""
         if len(points):
             _forget(self.cells, self.corner, points)
 
-    def stand(self, planes, reach, pose):
-        """Count as free what the body (half planes within `reach` [m] of its origin) touches at pose (x, y, yaw)."""
+    def stand(self, planes: np.ndarray, reach: float, pose: Pose) -> None:
+        """Mark the cells under the body as observed.
+
+        Args:
+            planes: (k, 3) half planes of the body (stopping.half_planes).
+            reach: largest distance of the body from its origin [m].
+            pose: (x, y, yaw) of the robot [m, rad].
+        """
         x, y, yaw = pose
         _stand(self.cells, self.corner, planes, reach, (float(x), float(y), float(yaw)))
 
 
 @kernel
 def _follow(cells, corner, x, y):
-    """Move the window to the robot; what comes in on the other side has not been seen."""
+    """Move the window to the robot, and mark the cells that enter it as unknown."""
     n = cells.shape[0]
     for axis, place in enumerate((x, y)):
         old, new = corner[axis], int(math.floor(place / CELL_M)) - n // 2

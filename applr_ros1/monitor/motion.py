@@ -1,39 +1,41 @@
-"""Velocity of the base by its poses, which the velocity that odometry states is checked against.
+"""Velocity of the base derived from its poses, to cross-check the velocity in the odometry message.
 
-CollisionMonitor holds one PoseMotion. Its poses are ScanMatcher's: they show how far the base slides, also sideways,
-and in which direction it moves where the stated velocity has the wrong sign or size.
+CollisionMonitor holds one PoseMotion. Its poses are corrected by ScanMatcher, so they show lateral slip, and the true
+direction of motion if the sign or size of the odometry's velocity is wrong.
 """
 
 import math
 from collections import deque
+from typing import Deque, Tuple
 
-from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.angles import Pose, compose, inverse
 
-SPAN_S = 0.25  # [s]: poses so long ago are compared with the newest one
-SHORTEST_S = 0.08  # [s]: over less nothing is said
-DIFFERENCE_M_S, DIFFERENCE_RAD_S = 0.15, 0.4  # [m/s, rad/s]: differences up to these, and
-DIFFERENCE_SHARE = 0.2  # up to this share of the velocity, are those of a velocity that changes
+SPAN_S = 0.25  # time baseline of a velocity estimate [s]
+SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
+# Differences between the two velocities that an accelerating base can show: constant part [m/s, rad/s], and share.
+DIFFERENCE_M_S, DIFFERENCE_RAD_S = 0.15, 0.4
+DIFFERENCE_SHARE = 0.2
 
 
 class PoseMotion:
-    """Velocity of the base from its poses of the last quarter of a second.
+    """Velocity of the base, estimated from the poses of the last SPAN_S seconds.
 
     Attributes:
-        velocity: (v ahead [m/s], w [rad/s], s to the left [m/s]) in the base's frame; zeros until poses have come.
+        velocity: (forward v [m/s], w [rad/s], leftward s [m/s]) in the base's frame; zeros until enough poses arrived.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.clear()
 
-    def clear(self):
+    def clear(self) -> None:
         """Forget all poses."""
-        self._poses = deque()
+        self._poses: Deque[Tuple[float, Pose]] = deque()
         self.velocity = (0.0, 0.0, 0.0)
 
-    def take(self, stamp, pose):
-        """Take the base's pose (x, y, yaw) [m, rad] at `stamp` [s]."""
+    def take(self, stamp: float, pose: Pose) -> None:
+        """Add the pose (x, y, yaw) [m, rad] of the base at `stamp` [s], and update the velocity."""
         poses = self._poses
-        if poses and not 0.0 <= stamp - poses[-1][0] <= SPAN_S:  # the clock was set, or poses ceased
+        if poses and not 0.0 <= stamp - poses[-1][0] <= SPAN_S:  # The clock was set, or poses were missing.
             self.clear()
             poses = self._poses
         if poses and stamp == poses[-1][0]:
@@ -46,14 +48,14 @@ class PoseMotion:
             return
         x, y, yaw = compose(inverse(before), pose)
         yaw = math.remainder(yaw, 2.0 * math.pi)
-        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)  # the direction in the middle of the way
+        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)  # heading halfway between both poses
         time = stamp - since
         self.velocity = (c * x + s * y) / time, yaw / time, (c * y - s * x) / time
 
-    def contradicts(self, twist):
-        """Return whether the base moves the other way than the measured (v, w), or much faster."""
+    def contradicts(self, twist: Tuple[float, float]) -> bool:
+        """Return whether the base moves against the measured (v, w) [m/s, rad/s], or much faster."""
         return any(
             abs(moved) > limit
-            and (moved * stated < 0.0 or abs(moved) > abs(stated) + limit + DIFFERENCE_SHARE * abs(moved))
-            for moved, stated, limit in zip(self.velocity, twist, (DIFFERENCE_M_S, DIFFERENCE_RAD_S))
+            and (moved * measured < 0.0 or abs(moved) > abs(measured) + limit + DIFFERENCE_SHARE * abs(moved))
+            for moved, measured, limit in zip(self.velocity, twist, (DIFFERENCE_M_S, DIFFERENCE_RAD_S))
         )

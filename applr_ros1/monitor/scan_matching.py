@@ -1,73 +1,79 @@
-"""Pose of the robot by what the scanner shows, where the wheels have slipped. CollisionMonitor holds one ScanMatcher.
+"""Scan matcher that corrects the odometry when the wheels slip. CollisionMonitor holds one ScanMatcher.
 
-A base that brakes harder than its tyres hold slides on while its wheels stand: its odometry is then wrong by
-centimetres, and whatever the monitor remembers behind it by as much. The difference shows in the next scan, because
-what stood still seems to have moved. Each scan is laid over an earlier one (point to line; Censi, "An ICP variant using
-a point-to-line metric", ICRA 2008), beginning at the odometry's pose, and once more where the base would be had it gone
-on as between the last two scans: a base that slides keeps its speed while its wheels stand or turn backwards. The
-latter counts where it fits clearly better. What does not fit, such as a walking person, has little weight, and where
-scans do not tell a direction, as along a bare corridor, the odometry stands.
+A base that brakes beyond its friction limit slides while its wheels stand still. Its odometry is then wrong by
+centimetres, and so are the remembered obstacles. The next scan reveals the error, because static obstacles seem to
+have moved. Each scan is matched to an earlier scan (point to line; Censi, "An ICP variant using a point-to-line
+metric", ICRA 2008) from two initial guesses. The first is the odometry's pose. The second extrapolates the last motion,
+because a sliding base keeps its speed while its wheels stand or turn backwards, and is used if it fits clearly better.
+Points that do not fit, such as a walking person, get a low weight. The odometry serves as a prior and decides along
+unobservable directions, such as a bare corridor.
 """
 
 import math
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import compose, inverse, normalize_angle
+from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
 from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import LaserScan
 
-REACH_M = 8.0  # [m]: farther beams are not used
-STRIDE_BEAMS = 3  # every third beam is laid over the earlier scan
-BASE_M = 0.02  # [m]: a surface's direction is taken from its points so far to both sides
-APART_M_RAD = 0.15, 0.3  # [m, rad]: a scan that is farther from every reference becomes one more of them
-REFERENCES_KEPT = 256  # references
-ITERATIONS, COARSE = 12, 4
-WIDE_M, NARROW_M = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, in the coarse and later iterations
-NOISE_M = 0.01  # [m]: of a distance between a point and its line
-SLIP_M, YAW_ERROR_RAD = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
-LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # [m, rad]: a larger correction at once is rejected
-BETTER_WEIGHT = 0.05  # by so much the mean weight of a match that does not begin at the odometry's pose must be better
-LONGEST_S = 0.5  # [s]: over more between two scans nothing goes on as before
-ENOUGH_POINTS = 20  # points that must have found a line ...
-FITTING_WEIGHT = 0.5  # ... and the mean weight that they must have then
-ELSEWHERE_SHARE = 0.15  # share of a scan's points that the other, which does not fit, must see through, both ways
+REACH_M = 8.0  # longest range that is used for matching [m]
+STRIDE_BEAMS = 3  # stride of the beams that are matched to an earlier scan
+BASE_M = 0.02  # distance to both sides over which the direction of a surface is estimated [m]
+APART_M_RAD = 0.15, 0.3  # distance and angle from every reference beyond which a scan becomes a reference [m, rad]
+REFERENCES_KEPT = 256  # largest number of reference scans
+ITERATIONS, COARSE = 12, 4  # numbers of all iterations and of the coarse iterations at the beginning
+WIDE_M, NARROW_M = 0.1, 0.02  # point-to-line distance with weight 1/4, in coarse and later iterations [m]
+NOISE_M = 0.01  # standard deviation of a point-to-line distance [m]
+SLIP_M, YAW_ERROR_RAD = 0.05, 0.01  # expected errors of the odometry between two scans [m, rad]
+LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # largest correction by one scan; larger ones are rejected [m, rad]
+BETTER_WEIGHT = 0.05  # advantage in mean weight that a match from the extrapolated pose needs
+LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
+ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
+FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
+ELSEWHERE_SHARE = 0.15  # share of points seen through, in both directions, that shows another place
+
+
+Reference = Tuple[np.ndarray, Tuple[float, float], Pose]  # ranges, (first angle, increment), corrected pose
 
 
 class ScanMatcher:
-    """Corrects poses of the odometry frame by a slowly changing transform, found from scans.
+    """Corrector of odometry poses: a slowly changing transform, estimated by scan matching.
 
     Attributes:
-        lost: whether the newest scan contradicts the one before: the robot, or its odometry, was set to another place.
-            What has gone, such as a door that opens, does not make it so: the newest scan has to show something in
-            space that was seen free, too.
+        lost: whether the latest scan contradicts the previous one, because the robot or its odometry was moved. This
+            needs obstacles in space that was observed free. Obstacles that vanish, such as an opening door, are not
+            enough.
     """
 
-    def __init__(self):
-        self._surface = None, np.empty((0, 6))  # ranges of the scan over which one was laid last, and its lines()
-        self._places = None, np.empty((0, 3))  # the newest reference, and the poses of all
+    def __init__(self) -> None:
+        # Ranges of the scan that was matched last, and its lines().
+        self._surface: Tuple[Optional[np.ndarray], np.ndarray] = None, np.empty((0, 6))
+        self._places: Tuple[Any, np.ndarray] = None, np.empty((0, 3))  # latest reference, and poses of all references
         self.clear()
 
-    def clear(self):
-        """Begins anew: poses are the odometry's until two scans have come."""
-        self.correction = (0.0, 0.0, 0.0)
-        self._references = []  # (ranges, beams, corrected pose) of scans all along the way
+    def clear(self) -> None:
+        """Reset the correction and forget all scans. Poses stay uncorrected until two scans have arrived."""
+        self.correction: Pose = (0.0, 0.0, 0.0)
+        self._references: List[Reference] = []  # scans along the way
         self.lost = False
-        self._last = None  # stamp [s], corrected pose, and (ranges, beams, corrected pose) of the newest scan
-        self._measured = None  # the ranges of the newest scan as they came
-        self._speed = (0.0, 0.0, 0.0)  # from the last two: forwards, to the left [m/s], turning [rad/s]
+        self._last: Optional[Tuple[float, Pose, Reference]] = None  # stamp [s], pose and data of the last scan
+        self._measured: Any = None  # raw ranges of the last scan
+        self._speed: Pose = (0.0, 0.0, 0.0)  # forward and leftward speed [m/s], turn rate [rad/s] of the last motion
 
-    def corrected(self, pose):
-        """Return the pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
+    def corrected(self, pose: Pose) -> Pose:
+        """Return the corrected pose for a pose (x, y, yaw) of the odometry frame [m, rad]."""
         return compose(self.correction, pose)
 
-    def add_scan(self, scan):
-        """Takes a scan (common.scan.LaserScan in the odometry frame) and corrects the transform.
+    def add_scan(self, scan: LaserScan) -> bool:
+        """Match a scan in the odometry frame, and update the correction.
 
-        It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it, and
-        where it does not fit there over the one before. A scan that makes it `lost` is the first of new ones.
+        The scan is matched to the nearest reference, so that a robot returns to the same coordinates. If it does not
+        fit there, it is matched to the previous scan. If the robot is lost, all references are discarded.
 
         Returns:
-            Whether the scan fits onto an earlier one; without that the transform stays as it was.
+            Whether the scan fits an earlier one. Otherwise the correction stays the same.
         """
         pose = self.corrected(scan.sensor_pose)
         measured = np.asarray(scan.ranges, dtype=np.float32)
@@ -77,18 +83,19 @@ class ScanMatcher:
         beams = float(scan.angle_min), float(scan.angle_increment)
         nearest = self._nearest(pose)
         guesses = self._guesses(pose, scan.stamp)
-        found, self.lost = None, False
+        matched, self.lost = None, False
         if nearest is not None:
-            found = self._lay_over(self._references[nearest], ranges, beams, guesses)
-            if found is None:
+            matched = self._lay_over(self._references[nearest], ranges, beams, guesses)
+            if matched is None:
+                assert self._last is not None
                 del self._references[nearest]
                 nearest = None
-                found = self._lay_over(self._last[2], ranges, beams, guesses)
-                self.lost = found is None and self._is_elsewhere(measured, (ranges, beams, pose))
+                matched = self._lay_over(self._last[2], ranges, beams, guesses)
+                self.lost = matched is None and self._is_elsewhere(measured, (ranges, beams, pose))
         if self.lost:
             self._references.clear()
-        if found is not None:
-            pose = found
+        if matched is not None:
+            pose = matched
             self.correction = compose(pose, inverse(scan.sensor_pose))
         newest = ranges, beams, pose
         self._measured = measured
@@ -98,55 +105,61 @@ class ScanMatcher:
         self._speed = (0.0, 0.0, 0.0)
         if self._last is not None and 0.0 < scan.stamp - self._last[0] <= LONGEST_S:
             since = scan.stamp - self._last[0]
-            self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
+            x, y, yaw = compose(inverse(self._last[1]), pose)
+            self._speed = x / since, y / since, yaw / since
         self._last = scan.stamp, pose, newest
-        return found is not None
+        return matched is not None
 
-    def _is_elsewhere(self, measured, newest):
-        """Return whether a scan and the last one see through each other's points, or the last one had next to none."""
+    def _is_elsewhere(self, measured: np.ndarray, newest: Reference) -> bool:
+        """Return whether a scan and the last one see through each other's points, or the last has few points."""
+        assert self._last is not None
         last = self._last[2]
         shown, appeared = _seen_through(*newest, self._measured, *last[1:])
         seen, gone = _seen_through(*last, measured, *newest[1:])
         came = shown >= ENOUGH_POINTS and appeared > ELSEWHERE_SHARE * shown
         return came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen)
 
-    def _guesses(self, pose, stamp):
-        """[pose, and where the base would be had it gone on as between the last two scans, if that is elsewhere]."""
+    def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
+        """Return the initial guesses: the odometry's pose, and the extrapolated pose if it differs."""
         if self._last is None or not 0.0 < stamp - self._last[0] <= LONGEST_S:
             return [pose]
-        gone_on = compose(self._last[1], tuple(speed * (stamp - self._last[0]) for speed in self._speed))
+        v, s, w = (speed * (stamp - self._last[0]) for speed in self._speed)
+        gone_on = compose(self._last[1], (v, s, w))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
 
-    def _lay_over(self, earlier, ranges, beams, guesses):
-        """Return the pose at which a scan fits onto an earlier one, or None."""
+    def _lay_over(
+        self, earlier: Reference, ranges: np.ndarray, beams: Tuple[float, float], guesses: List[Pose]
+    ) -> Optional[Pose]:
+        """Return the pose at which a scan fits an earlier scan, or None if no guess leads to a fit."""
         old, old_beams, old_pose = earlier
         if self._surface[0] is not old:
             self._surface = old, lines(old, old_beams)
-        points, tried = _points(ranges, beams), []
+        points = _points(ranges, beams)
+        tried: List[Tuple[bool, float, Pose]] = []
         for guess in guesses:
-            pose, found, weight = _match(self._surface[1], old_beams, old_pose, points, guess)
+            pose, count, weight = _match(self._surface[1], old_beams, old_pose, points, guess)
             moved, turned = _difference(pose, guess)
             fits = (
-                found >= ENOUGH_POINTS
-                and weight >= FITTING_WEIGHT * found
+                count >= ENOUGH_POINTS
+                and weight >= FITTING_WEIGHT * count
                 and moved <= LARGEST_SHIFT_M
                 and turned <= LARGEST_TURN_RAD
             )
-            tried.append((fits, weight / max(found, 1) - BETTER_WEIGHT * bool(tried), pose))
+            tried.append((fits, weight / max(count, 1) - BETTER_WEIGHT * bool(tried), pose))
         fits, _, pose = max(tried, key=lambda match: match[:2])
         return pose if fits else None
 
-    def _nearest(self, pose):
-        """Return the number of the reference nearest to a pose; None without any."""
+    def _nearest(self, pose: Pose) -> Optional[int]:
+        """Return the index of the reference nearest to a pose, or None if there is no reference."""
         if not self._references:
             return None
-        if self._places[0] is not self._references[-1]:  # one that goes makes room for the newest
+        if self._places[0] is not self._references[-1]:  # References change only together with the latest one.
             self._places = self._references[-1], np.array([place for _, _, place in self._references])
         return _nearest(self._places[1], pose)
 
 
-def _difference(a, b):
-    """Return distance [m] and angle [rad] between two poses."""
+def _difference(a: Pose, b: Pose) -> Tuple[float, float]:
+    """Return the distance [m] and the angle [rad] between two poses."""
     return math.hypot(a[0] - b[0], a[1] - b[1]), abs(normalize_angle(a[2] - b[2]))
 
 
@@ -163,7 +176,7 @@ def _nearest(places, pose):
 
 @kernel
 def _points(ranges, beams):
-    """Return (k, 3) x, y [m] in the scanner's frame of every STRIDE_BEAMS-th beam that has a return, and its number."""
+    """Return (k, 3) x, y [m] in the scanner's frame and index of every STRIDE_BEAMS-th beam that has a return."""
     points = np.empty((ranges.shape[0] // STRIDE_BEAMS + 1, 3))
     k = 0
     for i in range(0, ranges.shape[0], STRIDE_BEAMS):
@@ -176,20 +189,20 @@ def _points(ranges, beams):
 
 @kernel
 def _match(surface, old_beams, old_pose, points, guess):
-    """Return the pose (x, y, yaw) at which points lie best on an earlier scan's lines(), their number, sum of weights.
+    """Return the pose (x, y, yaw) at which points fit an earlier scan's lines() best, their number, and sum of weights.
 
-    All is reckoned in the frame of that scan's scanner, where its lines were found once and for all. points (k, 3):
-    see _points(); of each the earlier scan's beam that points to it is noted for the next time.
+    Computes in the frame of the earlier scan's scanner, so that its lines are computed only once. Writes the earlier
+    scan's beam towards each point to the third column of points (k, 3), as a start for the next search.
     """
     c, s = math.cos(old_pose[2]), math.sin(old_pose[2])
     dx, dy = guess[0] - old_pose[0], guess[1] - old_pose[1]
     guess_x, guess_y, guess_yaw = c * dx + s * dy, c * dy - s * dx, guess[2] - old_pose[2]
     x, y, yaw = guess_x, guess_y, guess_yaw
-    found, weights = 0, 0.0
+    count, weights = 0, 0.0
     for iteration in range(ITERATIONS):
         scale = WIDE_M if iteration < COARSE else NARROW_M
-        found, weights = 0, 0.0
-        # normal equations of the correction (dx, dy, dyaw), with the odometry's pose as prior
+        count, weights = 0, 0.0
+        # The normal equations of the correction (dx, dy, dyaw) have the odometry's pose as a prior.
         a00 = a11 = (NOISE_M / SLIP_M) ** 2
         a22 = (NOISE_M / YAW_ERROR_RAD) ** 2
         a01 = a02 = a12 = 0.0
@@ -204,7 +217,7 @@ def _match(surface, old_beams, old_pose, points, guess):
             distance = nx * (x + ox - qx) + ny * (y + oy - qy)
             weight = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
             lever = ny * ox - nx * oy
-            found += 1
+            count += 1
             weights += weight
             a00 += weight * nx * nx
             a01 += weight * nx * ny
@@ -220,12 +233,12 @@ def _match(surface, old_beams, old_pose, points, guess):
         if iteration >= COARSE and abs(c * dx - s * dy) + abs(s * dx + c * dy) + abs(dyaw) < 1e-5:
             break
     pose = old_pose[0] + c * x - s * y, old_pose[1] + s * x + c * y, old_pose[2] + yaw
-    return pose, found, weights
+    return pose, count, weights
 
 
 @kernel
 def _seen_through(old, old_beams, old_pose, new, beams, pose):
-    """Return how many points of one scan (old) lie in another's field of view, and how many of them it sees through."""
+    """Return the number of points of scan `old` in the field of view of scan `new`, and the number it sees through."""
     seen = gone = 0
     for i in range(old.shape[0]):
         if math.isnan(old[i]):
@@ -243,9 +256,9 @@ def _seen_through(old, old_beams, old_pose, new, beams, pose):
 
 @kernel
 def lines(ranges, beams):
-    """Return (n, 6) of a scan: each beam's point [m], unit normal of the surface to the next one's, and direction.
+    """Return (n, 6) for a scan: per beam the point [m], unit normal of the surface to the next point, and direction.
 
-    In the scanner's frame. The normal is NaN where there is no surface: at an edge, and where a beam has no return.
+    All are in the scanner's frame. The normal is NaN if there is no surface: at an edge, and for a beam without return.
     """
     n = ranges.shape[0]
     surface = np.empty((n, 6))
@@ -254,12 +267,12 @@ def lines(ranges, beams):
         c, s = math.cos(angle), math.sin(angle)
         surface[i] = ranges[i] * c, ranges[i] * s, np.nan, np.nan, c, s
     for i in range(n - 1):
-        near = abs(ranges[i] * beams[1])  # between neighbouring points of a surface that is seen squarely
+        near = abs(ranges[i] * beams[1])  # spacing of neighbouring points of a surface at a right angle to the beam [m]
         if not abs(ranges[i + 1] - ranges[i]) < 4.0 * near:
             continue
         span = min(int(math.ceil(BASE_M / max(near, 1e-6))), 20)
         low, high = i, i + 1
-        while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:  # not across an edge
+        while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:
             low -= 1
         while high < n - 1 and high - i - 1 < span and abs(ranges[high + 1] - ranges[high]) < 4.0 * near:
             high += 1
@@ -272,7 +285,7 @@ def lines(ranges, beams):
 
 @kernel
 def _line(surface, place):
-    """Return the surface in the direction of a beam with a fraction: (hit, point on it, unit normal)."""
+    """Return the surface in the direction of a fractional beam index: (hit, point on the surface, unit normal)."""
     i = int(math.floor(place))
     if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
         return False, 0.0, 0.0, 0.0, 0.0
@@ -283,9 +296,9 @@ def _line(surface, place):
 
 @kernel
 def _beam_near(surface, beams, x, y, last):
-    """Return beam_at of the point x, y [m] in the scanner's frame, faster where it was near the beam `last`.
+    """Return beam_at of the point x, y [m] in the scanner's frame, faster if the point is near the beam `last`.
 
-    From beam to beam by the angle between a beam and the point, whose arc tangent is a short series.
+    Steps from beam to beam by the angle between beam and point, with a short series for the arc tangent.
     """
     i = int(last)
     for _ in range(3):
@@ -305,10 +318,10 @@ def _beam_near(surface, beams, x, y, last):
 
 @kernel
 def beam_at(angle_min, increment, bearing):
-    """Return the index, with a fraction, of the beam that points to a bearing [rad]; past the scan's end for none."""
+    """Return the fractional index of the beam towards a bearing [rad]. Past the scan's end if there is none."""
     turn = bearing - angle_min if increment > 0.0 else angle_min - bearing
     if -2.0 * math.pi < turn < 0.0:
-        turn += 2.0 * math.pi  # what % gives there, which takes far longer
+        turn += 2.0 * math.pi  # The result equals that of the modulo, which is far slower.
     elif not 0.0 <= turn < 2.0 * math.pi:
         turn %= 2.0 * math.pi
     return turn / abs(increment)

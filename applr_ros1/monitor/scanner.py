@@ -1,45 +1,49 @@
-"""Check of a scanner that may be broken: geometry, blindness, frozen images, sectors. CollisionMonitor asks it."""
+"""Fault detection for a scanner: geometry, blindness, frozen images and failed sectors. Used by CollisionMonitor."""
 
 import math
 from dataclasses import replace
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CAPACITY_POINTS
 from applr_ros1.monitor.scan_matching import beam_at
 
-FINEST_RAD = 1e-5  # [rad] between beams
-FARTHEST_M = 1e6  # [m, rad]: no pose of a sensor or the robot is farther from its frame's origin
-BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
-ENOUGH_HITS = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
+FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
+FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [m, rad]
+BLIND_SHARE = 0.95  # share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind
+ENOUGH_HITS = 5  # number of hits in the previous scan from which an empty scan counts as a fault
 VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
-FROZEN_SCANS = 5  # equal images in a row ...
-FROZEN_M, FROZEN_RAD = 0.03, 0.03  # ... while the robot moved by more than this [m, rad]
-SECTOR_RAD = math.pi / 4  # [rad]: neighbouring beams of at least so much that all at once return nothing ...
-STOOD_SHARE = 0.3  # ... where for this share of them something must stand, are not believed
-REPEATED_M_RAD = 0.005  # [m, rad]: an equal image after a motion of more than this is not news
+FROZEN_SCANS = 5  # number of identical images in a row that count as frozen if the robot moves
+FROZEN_M, FROZEN_RAD = 0.03, 0.03  # motion during identical images from which they count as frozen [m, rad]
+# A wide sector that loses all returns at once is a sensor fault: real obstacles do not vanish that fast.
+SECTOR_RAD = math.pi / 4  # smallest width of a sector without returns that can count as failed [rad]
+STOOD_SHARE = 0.3  # share of the beams of such a sector that must have had an obstacle to return them
+REPEATED_M_RAD = 0.005  # motion beyond which an identical image counts as repeated old data [m, rad]
 
 
 class ScannerCheck:
-    """Remembers just enough of the earlier scans to tell a working scanner from a broken one.
+    """Fault detector that compares each scan with the previous scans of its laser.
 
     Attributes:
-        repeats: whether the newest scan shows what the one before showed, though the robot moved.
+        repeats: whether the latest image equals the previous one although the robot moved.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.clear()
 
-    def clear(self):
-        """Forgets earlier scans, for instance after the odometry was reset."""
-        self._last = None  # ranges, (range_min, range_max), beams and pose of the last scan that had hits
-        self._doubted = np.zeros(0, bool)  # beams that measured nothing where something must stand
-        self._doubts = False  # whether there are such
+    def clear(self) -> None:
+        """Forget all scans, for instance after the odometry was reset."""
+        self._last: Any = None  # ranges, (range_min, range_max), beams and pose of the last scan with hits
+        self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
+        self._doubts = False  # whether any beam is doubted
         self._forget_image()
 
-    def fault(self, scan):
-        """Return what is wrong with a scan (common.scan.LaserScan in the odometry frame), a line or ""."""
+    def fault(self, scan: LaserScan) -> str:
+        """Return the fault of a scan in the odometry frame as one line, or "" if there is none."""
         problem = geometry_fault(scan)
         if problem:
             return problem
@@ -49,17 +53,17 @@ class ScannerCheck:
         full_turn = (len(ranges) + 0.5) * abs(beams[1]) >= 2.0 * math.pi
         blind, hits, widest = _look(ranges, *limits, full_turn)
         if blind >= BLIND_SHARE * len(ranges):
-            count = f"{blind} of {len(ranges)} beams"
-            return f"the scanner is blind: {count} are NaN or nearer than range_min {scan.range_min:g} m"
+            share = f"{blind} of {len(ranges)} beams"
+            return f"the scanner is blind: {share} are NaN or nearer than range_min {scan.range_min:g} m"
         if len(self._doubted) != len(ranges) or not hits:
             self._doubted, self._doubts = np.zeros(len(ranges), bool), False
         if not hits:
             self._forget_image()
             count = self._expected(scan, beams)[1]
-            sentence = f"the scanner sees nothing where it saw {count} obstacle points before"
+            sentence = f"the scanner returns no hit, but {count} obstacle points of the previous scan are in range"
             return sentence if count >= ENOUGH_HITS else ""
         wide = widest * abs(beams[1]) >= SECTOR_RAD
-        if wide or self._doubts:  # wide sectors that return nothing all at once: nothing that stands there goes so fast
+        if wide or self._doubts:
             expected = self._expected(scan, beams)[0] if wide else self._doubted
             self._doubts = _doubt(ranges, limits[1], abs(beams[1]), full_turn, expected, self._doubted)
         problem = self._freezing(ranges, scan.sensor_pose)
@@ -67,24 +71,24 @@ class ScannerCheck:
             self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
         return problem
 
-    def believed(self, scan):
-        """Return the newest scan; NaN are the ranges of a sector that has failed until its beams return again."""
+    def believed(self, scan: LaserScan) -> LaserScan:
+        """Return the latest scan with NaN in place of the ranges of failed sectors, until these return hits again."""
         return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges)) if self._doubts else scan
 
-    def _forget_image(self):
-        self._image = None
+    def _forget_image(self) -> None:
+        self._image: Optional[np.ndarray] = None
         self._equal, self._since = 0, (0.0, 0.0, 0.0)
         self.repeats = False
 
-    def _expected(self, scan, beams):
-        """Return the beams (n,) that must meet what the last scan hit unless it has gone; the number of those hits."""
+    def _expected(self, scan: LaserScan, beams: Tuple[float, float]) -> Tuple[np.ndarray, int]:
+        """Return the mask (n,) of the beams that point to hits of the last scan, and the number of these hits."""
         marks = np.zeros(len(scan.ranges), np.bool_)
         pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
         return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
 
-    def _freezing(self, ranges, pose):
+    def _freezing(self, ranges: np.ndarray, pose: Pose) -> str:
         if self._image is None or not _is_same(ranges, self._image):
-            self._image, self._equal, self._since = ranges.copy(), 0, tuple(pose)
+            self._image, self._equal, self._since = ranges.copy(), 0, pose
             self.repeats = False
             return ""
         self._equal += 1
@@ -97,18 +101,19 @@ class ScannerCheck:
         return f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {motion}"
 
 
-def geometry_fault(scan):
-    """Return what is impossible about a scan's description, in one line, or ""."""
+def geometry_fault(scan: LaserScan) -> str:
+    """Return the fault of a scan's geometry as one line, or "" if it is valid."""
     count = np.size(scan.ranges)
-    numbers = scan.angle_min, scan.angle_increment, scan.range_min, *scan.sensor_pose, scan.stamp  # not range_max
+    # range_max may be infinite.
+    numbers = scan.angle_min, scan.angle_increment, scan.range_min, *scan.sensor_pose, scan.stamp
     if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
     if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FARTHEST_M:
         return f"the scan's first angle or pose is beyond {FARTHEST_M:g}"
-    if not 3 <= count <= CAPACITY_POINTS:  # of more some would be neither remembered nor unseen
-        return f"a scan of {count} beams: 3 to {CAPACITY_POINTS} are possible"
+    if not 3 <= count <= CAPACITY_POINTS:  # Surplus points would be neither remembered nor marked as unknown.
+        return f"the scan has {count} beams: use a scanner with 3 to {CAPACITY_POINTS}"
     if abs(scan.angle_increment) < FINEST_RAD or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
-        return f"{count} beams {scan.angle_increment:g} rad apart are no planar scan"
+        return f"the scan has {count} beams {scan.angle_increment:g} rad apart: this is not a planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"
     return ""
@@ -116,16 +121,16 @@ def geometry_fault(scan):
 
 @kernel
 def _look(ranges, range_min, range_max, full_turn):
-    """Return how many beams measure nothing at all, how many hit, and the most neighbours that see nothing there."""
+    """Return the numbers of invalid ranges and of hits, and the length of the longest run of beams without return."""
     n = ranges.shape[0]
     blind = hits = run = widest = 0
     for i in range(n):
         r = ranges[i]
-        blind += math.isnan(r) or r < range_min  # +inf measured that nothing is there
+        blind += math.isnan(r) or r < range_min  # +inf is a valid measurement of free space (REP 117).
         hits += range_min <= r < range_max
         run = run + 1 if r >= range_max else 0
         widest = max(widest, run)
-    for i in range(n if full_turn and run < n else 0):  # on across the ends of a full turn
+    for i in range(n if full_turn and run < n else 0):  # A run may continue across the ends of a full turn.
         if not ranges[i] >= range_max:
             break
         run += 1
@@ -133,14 +138,14 @@ def _look(ranges, range_min, range_max, full_turn):
     return blind, hits, widest
 
 
-def _is_same(a, b):
-    """Return whether two images are the same; NaN equals NaN."""
+def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether two images are equal; NaN equals NaN."""
     return len(a) == len(b) and bool(np.all((a == b) | (np.isnan(a) & np.isnan(b))))
 
 
 @kernel
 def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
-    """Mark the beams of a new scan that point to the hits of an old one, where those are in reach; returns how many."""
+    """Mark the beams of a new scan that point to hits of an old scan within reach, and return the number of hits."""
     n = marks.shape[0]
     count = 0
     for i in range(old.shape[0]):
@@ -158,13 +163,13 @@ def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
 
 @kernel
 def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
-    """Doubt the beams of each wide sector without a return that has STOOD_SHARE of its beams among the expected ones.
+    """Doubt the beams of each wide sector without returns in which STOOD_SHARE of the beams were expected to return.
 
-    doubted (n,): beams that return something again are not doubted any more. Returns whether any is.
+    Clears the doubt in `doubted` (n,) for beams that return again. Returns whether any beam is doubted.
     """
     n = ranges.shape[0]
     first = 0
-    while full_turn and first < n - 1 and ranges[first] >= range_max:  # a sector may go on across the ends
+    while full_turn and first < n - 1 and ranges[first] >= range_max:  # A sector may continue across the ends.
         first += 1
     begin = stood = 0
     for j in range(n + 1):

@@ -1,4 +1,4 @@
-"""Settings of the collision monitor for a base, checked."""
+"""Settings of the collision monitor for a base, with range checks."""
 
 from dataclasses import dataclass
 from typing import Tuple
@@ -16,19 +16,19 @@ class MonitorSettings:
     """Settings of the monitor for a base.
 
     Attributes:
-        body: convex outline of everything that can touch an obstacle, (x, y) [m] in the robot's frame.
-        margin: distance kept from every obstacle point [m].
-        reaction_time: from a command until the base follows the next one [s]: control period and latency. The ages of
-            scan, pose and twist, which the monitor measures, come on top.
-        deceleration: braking on which one can rely [m/s^2].
-        yaw_deceleration: the same of the turn rate [rad/s^2].
-        turn_gain: how many times as fast as commanded the base may turn.
-        turn_ahead: how far [m] ahead of the robot's origin the point lies about which it turns.
-        creep_speed: fastest speed of any point of the body [m/s] in space that no scan has shown.
-        scan_timeout: age of the newest scan, pose or twist at which the base must stand [s].
+        body: convex outline of all parts that can touch an obstacle, (x, y) [m] in the robot's frame.
+        margin: distance to keep from every obstacle point [m].
+        reaction_time: time from a command until the base follows the next one, control period plus latency [s]. The
+            monitor adds the measured ages of scan, pose and twist.
+        deceleration: guaranteed braking deceleration [m/s^2].
+        yaw_deceleration: guaranteed deceleration of the turn rate [rad/s^2].
+        turn_gain: largest ratio of actual to commanded turn rate.
+        turn_ahead: distance from the robot's origin forward to its centre of rotation [m].
+        creep_speed: fastest speed of any point of the body in unobserved space [m/s].
+        scan_timeout: age of the latest scan, pose or twist at which the base must stop [s].
         memory_radius: distance within which obstacles are remembered [m].
-        memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s]. A robot that
-            waits blocked must not outwait it: give less only where obstacles walk away behind the robot.
+        memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It must exceed the time
+            that a blocked robot waits. Lower it only if obstacles often move away behind the robot.
     """
 
     body: Tuple[Tuple[float, float], ...]
@@ -45,12 +45,12 @@ class MonitorSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
-        """Return those of a robot's description: its outline, rounded up to millimetres, and its section `monitor`."""
+        """Return the settings of a robot: its outline, rounded up to millimetres, and its section `monitor`."""
         outline = corners(robot)
         body = np.copysign(np.ceil(1e3 * np.abs(outline) - 1e-6) / 1e3, outline)
         return cls(body=tuple((x, y) for x, y in body.tolist()), **robot.monitor.model_dump())
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         bounds = dict(scan_timeout=(0.01, 10.0), memory_radius=(0.1, 100.0), memory_seconds=(0.0, 1e6))
         for name, field in Monitoring.model_fields.items():
             bounds[name] = tuple(getattr(m, key) for key in ("ge", "le") for m in field.metadata if hasattr(m, key))

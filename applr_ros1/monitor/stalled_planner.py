@@ -1,8 +1,8 @@
-"""Escape motions for a planner that makes none itself, as the C++ move_base: what the monitor drives in its place.
+"""Escape motions that the monitor drives for a planner without its own, such as the C++ move_base.
 
-The planner's stall shows in what it says: its goal is active, it has a plan to a goal that is not reached, and it
-commands nothing, or only what the monitor holds back. The node (nodes/monitor/node.py) and the trials
-(training/env/episode.py) ask a StalledPlanner with each command.
+A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero or only velocities that
+the monitor blocks. The node (nodes/monitor/node.py) and the trials (training/env/episode.py) ask a StalledPlanner with
+each command.
 """
 
 import math
@@ -11,14 +11,14 @@ from typing import Hashable, Optional, Tuple
 from applr_ros1.planner.escape import BLOCKED, Escape
 
 Twist = Tuple[float, float]
-FRESH_S = BLOCKED  # [s] for which a plan counts: a planner that has found no command plans again in each cycle
+FRESH_S = BLOCKED  # maximum age of a plan [s]; a planner without a valid command plans again in each cycle
 
 
 class StalledPlanner:
-    """Watch on one planner, with the Escape that it lacks.
+    """Stall detector for one planner, with the Escape motions to free the robot.
 
     Args:
-        tolerance: distance [m] from a goal within which the planner takes it for reached, and may stand.
+        tolerance: distance from the goal within which the planner counts it as reached and may stand [m].
     """
 
     def __init__(self, tolerance: float):
@@ -30,22 +30,22 @@ class StalledPlanner:
         self._escape.report(False)
 
     def report_held(self, held: bool) -> None:
-        """Note if the monitor let next to nothing of what was driven last through (Verdict.blocked)."""
+        """Record whether the monitor blocked the last command (Verdict.blocked)."""
         self._escape.report(held)
 
     @property
     def has_stalled(self) -> bool:
-        """Whether a motion was made since the planner's own commands last came through for a while."""
+        """Whether an escape motion was made since the planner's own commands last passed for a while."""
         return self._escape.is_held
 
     def instead(self, now: float, command: Twist, goal: Optional[Hashable], left: Optional[float]) -> Optional[Twist]:
-        """Return the motion (v [m/s], w [rad/s]) to be driven instead of a command; None for the command.
+        """Return the escape motion (v [m/s], w [rad/s]) to drive instead of a command, or None to keep the command.
 
         Args:
             now: time [s].
-            command: (v, w) of the planner; zeros where it is silent.
-            goal: what identifies the goal under way; None where there is none, or it is cancelled.
-            left: straight way [m] to the end of a plan no older than FRESH_S; None without one.
+            command: (v, w) of the planner; zeros if it is silent.
+            goal: identifier of the active goal; None if there is none or it is cancelled.
+            left: straight-line distance to the end of a plan not older than FRESH_S [m]; None without such a plan.
         """
         if goal != self._goal:
             self._begin(goal)
@@ -53,7 +53,7 @@ class StalledPlanner:
             self._escape.restart()
             return None
         stands = command == (0.0, 0.0)
-        if stands and (left is None or left <= self._tolerance):  # it plans, recovers, or has arrived
+        if stands and (left is None or left <= self._tolerance):  # The planner plans, recovers, or has arrived.
             self._escape.restart()
             return None
         if self._stood and not stands:

@@ -1,13 +1,14 @@
-"""Share of a command that leaves room to stop: the geometry of the collision monitor, in numba.
+"""Largest safe scale of a command: the swept-body geometry of the collision monitor, in numba.
 
-The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time, with
-its turn as commanded, faster, still as measured or not at all, and then to brake along the same arc, its last .3 m/s
-gently. A stop brakes at once, along the arc that the base is on. On the way the body, a convex outline widened by a
-margin, must not touch any point, and the outline itself must not enter a cell that nobody has seen. At the end the
-outline may swing, since wheels that nearly stand hold unequally.
+The model of the base has three phases. It continues as measured for the age of its pose. It follows the command for the
+reaction time, with its turn as commanded, faster, still as measured, or zero. It then brakes along the same arc, below
+.3 m/s gently. A stop brakes at once along the current arc. The body is a convex outline widened by a margin, and must
+not touch any obstacle point on the way. The outline itself must not enter an unobserved cell. At the end it may turn by
+the yaw swing of a braking base, because nearly stopped wheels have unequal friction.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -15,49 +16,50 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M
 
-CHECK_STEP_S = 0.02  # [s] between two checked poses
-# A base that nearly stands has less grip than the braking that was measured from full speed says: below this speed the
-# Jackal on Gazebo's ground, which holds or not by the angle at which its wheels stand, loses .3 to .6 m/s each second.
+CHECK_STEP_S = 0.02  # interval between two checked poses [s]
+# The friction limit falls at low speed, and the braking that was measured from full speed does not include this. Below
+# LAST_SPEED_M_S [m/s] the Jackal on Gazebo's ground decelerates by .3 to .6 m/s^2, depending on the wheels' angles.
 LAST_SPEED_M_S = 0.3
 LAST_DECELERATION_M_S2 = 0.6
-# By so much such a base turns by itself meanwhile, at most in 98 of 100 stops there, and once in Gazebo.
+# Yaw swing of such a base during the last part of a stop [rad]: not exceeded in 98 of 100 simulated stops.
 SWING_RAD = 0.15
-AS_MEASURED = -1.0  # for `share`: the base turns as it was measured to
-DEEPER_M = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
-HALVINGS = 5  # of the interval in which the largest safe factor is searched
-# [m]: a cell that the body has touched counts as seen all over, so that more must be seen than it needs
+AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
+DEEPER_M = 1e-3  # largest further approach of a point that is inside the margin from the start [m]
+HALVINGS = 5  # number of bisections of the search for the largest safe scale
+# Distance past the stopping point that must be observed [m]. Touched cells count as observed to their far side.
 BEYOND_M = 1.5 * CELL_M
-EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # for `seen`: all space is known
+EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # value of `seen` for known space
 
 
-def half_planes(outline):
+def half_planes(outline: Any) -> np.ndarray:
     """Return the hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
 
-    Raises ApplrError for fewer than three points, points on one line, or points that are not finite.
+    Raises:
+        ApplrError: The outline has fewer than three points, points on one line, or points that are not finite.
     """
     equations = _hull(outline).equations
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
-def edge_points(outline):
-    """Return points (n, 2) [m] all along the convex hull of an outline, less than a cell of SeenSpace apart."""
+def edge_points(outline: Any) -> np.ndarray:
+    """Return points (n, 2) [m] along the convex hull of an outline, spaced closer than the cells of SeenSpace."""
     corners = np.asarray(outline, dtype=np.float64)[_hull(outline).vertices]
     edges = zip(corners, np.roll(corners, -1, axis=0))
     return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL_M))[1:] for a, b in edges])
 
 
-def _hull(outline):
+def _hull(outline: Any) -> Any:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         return ConvexHull(np.asarray(outline, dtype=np.float64).reshape(len(outline), 2))
     except (QhullError, TypeError, ValueError):
-        raise ApplrError("outline of the body: give three points (x, y) or more in metres, not on one line") from None
+        raise ApplrError("outline of the body: give three or more points (x, y) in metres, not on one line") from None
 
 
 @kernel
 def penetration(planes, margin, x, y):
-    """Return how deep a point [m] lies inside the widened body; negative outside."""
+    """Return the depth of a point inside the widened body [m]; negative outside."""
     depth = np.inf
     for k in range(planes.shape[0]):
         depth = min(depth, planes[k, 2] + margin - planes[k, 0] * x - planes[k, 1] * y)
@@ -66,26 +68,25 @@ def penetration(planes, margin, x, y):
 
 @kernel
 def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns=(0.0, 1.0, 0.0, 0.0)):
-    """Return the largest factor of a command after which the base can still stop freely; whether braking now is free.
+    """Return the largest scale of a command after which the base can still stop without contact.
 
     Args:
         points: (n, 2) obstacle points in the robot's frame [m].
         planes: (k, 3) half planes of the body (half_planes).
-        margin: distance [m] by which the body is widened.
+        margin: distance by which the body is widened [m].
         twist: measured (v, w) [m/s, rad/s].
-        command: (v, w) asked for.
-        times: (age of the robot's frame [s], time [s] for which the base follows the command before it brakes).
-        brake: (deceleration [m/s^2] down to LAST_SPEED_M_S, angular deceleration [rad/s^2]).
-        seen: (cells, first and second of corner, of SeenSpace; edge_points of the body; robot's (x, y, yaw) in the
+        command: requested (v, w) [m/s, rad/s].
+        times: (age of the robot's frame [s], time for which the base follows the command before it brakes [s]).
+        brake: (deceleration down to LAST_SPEED_M_S [m/s^2], angular deceleration [rad/s^2]).
+        seen: (cells, corner[0] and corner[1] of SeenSpace, edge_points of the body, (x, y, yaw) of the robot in the
             frame of the cells), or EVERYTHING.
-        turns: (turn rate [rad/s] that the base was given last, see on_arc; how many times as fast as commanded it may
-            turn; how far [m] ahead of its origin the point lies about which it turns; speed [m/s] at which it slides to
-            the left beyond what such a turn makes it).
+        turns: (last turn rate given to the base [rad/s], see on_arc; largest ratio of actual to commanded turn rate;
+            distance from the origin forward to the centre of rotation [m]; lateral slip to the left [m/s]).
 
     Returns:
-        (scale in [0, 1], free): scale * command is allowed; free is False where not even 0 is.
+        (scale in [0, 1], free): scale * command is safe; free is False if even braking at once is not.
     """
-    # of the points: x, y, the depths that are allowed in the widened body and in the outline; room for _is_deeper
+    # Rows: x and y of the points, their allowed depths in the widened body and in the outline, workspace of _is_deeper.
     rows = np.empty((7, points.shape[0]))
     for i in range(points.shape[0]):
         rows[0, i], rows[1, i] = points[i]
@@ -105,17 +106,17 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
     return low, True
 
 
-def braking_time(speed, deceleration):
-    """Return the time [s] in which the base brakes from a speed [m/s] at least 0, its last part gently."""
+def braking_time(speed: float, deceleration: float) -> float:
+    """Return the time [s] to brake from a speed >= 0 [m/s] at a deceleration [m/s^2], gently below LAST_SPEED_M_S."""
     last = min(speed, LAST_SPEED_M_S)
     return (speed - last) / deceleration + last / min(deceleration, LAST_DECELERATION_M_S2)
 
 
 @kernel
 def on_arc(v, command_v, command_w, turned):
-    """Return the turn rate that keeps a base, faster than commanded at v, on the command's arc; command_v not 0.
+    """Return the turn rate [rad/s] that keeps a base at speed v [m/s] on the arc of its command; command_v is not 0.
 
-    No larger than the larger of the commanded one and the one given before, `turned`. [m/s, rad/s]
+    The magnitude is at most the larger of command_w and the previous turn rate `turned`.
     """
     w = min(abs(command_w * v / command_v), max(abs(command_w), abs(turned)))
     return math.copysign(w, command_w)
@@ -123,9 +124,9 @@ def on_arc(v, command_v, command_w, turned):
 
 @kernel
 def _is_free_every_way(rows, planes, margin, twist, command, scale, times, brake, seen, turns):
-    """Return whether a command is free however much of its turn the base makes.
+    """Return whether a command is free for every possible response of the turn rate.
 
-    As commanded at once, faster, still as measured, or none: a base that brakes may leave the arc outwards.
+    The base may turn as commanded at once, faster, still as measured, or not at all. It may leave the arc outwards.
     """
     for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):
         repeats = (k == 1 and share == 1.0) or (k == 3 and command[1] == 0.0)
@@ -136,11 +137,11 @@ def _is_free_every_way(rows, planes, margin, twist, command, scale, times, brake
 
 @kernel
 def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, share, turns):
-    """Return whether the body meets nothing while the base goes on, takes scale * command, and then brakes.
+    """Return whether the body touches nothing while the base continues, follows scale * command, and then brakes.
 
-    share: how many times as fast as commanded it turns during the reaction, or AS_MEASURED. A scale of 0 brakes at
-    once. Sideways it moves as a turn about the stated point makes it, and slides on as it was measured to beyond that;
-    where it turns faster than commanded its tyres hold.
+    share is the ratio of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes at
+    once. The lateral velocity is that of a turn about the centre of rotation plus the measured lateral slip. There is
+    no slip if the base turns faster than commanded, because its tyres then have friction.
     """
     v, w = twist
     turned, _, ahead, slide = turns
@@ -155,7 +156,7 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
             step = min(since, CHECK_STEP_S)
             since -= CHECK_STEP_S
         elif left > 0.0:
-            # the base gains speed at once, the worst case; it loses speed no faster than it can brake
+            # Worst case: the base gains speed at once, and loses speed only as fast as it can brake.
             change = brake[0] * CHECK_STEP_S
             v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else min(max(want_v, v - change), v + change)
             if share != AS_MEASURED:
@@ -163,7 +164,7 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
                 w = share * (on_arc(v, want_v, want_w, turned) if falls else want_w)
             left -= CHECK_STEP_S
         else:
-            # no step goes far below LAST_SPEED_M_S
+            # The deceleration is limited so that no step ends far below LAST_SPEED_M_S.
             gently = max(LAST_DECELERATION_M_S2, (abs(v) - LAST_SPEED_M_S) / CHECK_STEP_S)
             deceleration = min(brake[0], gently)
             steps = max(abs(v) / deceleration, abs(w) / brake[1]) / CHECK_STEP_S
@@ -190,7 +191,7 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
 def _is_deeper(rows, limits, planes, margin, x, y, c, s):
     """Return whether any point's penetration() is above its limit with the body at (x, y, cosine, sine of yaw).
 
-    All points are looked at, plane by plane: such loops compile to vector instructions.
+    The loops run over all points, plane by plane, without an early exit, so that they compile to vector instructions.
     """
     xs, ys, ahead, aside, depth = rows[0], rows[1], rows[4], rows[5], rows[6]
     for i in range(xs.shape[0]):
@@ -208,7 +209,7 @@ def _is_deeper(rows, limits, planes, margin, x, y, c, s):
 
 @kernel
 def _may_swing(rows, planes, ahead, x, y, yaw, swing):
-    """Return whether the outline may turn by `swing` [rad] to both sides about its point ahead, at rest at a pose."""
+    """Return whether the outline at a pose may turn by `swing` [rad] to both sides about its centre of rotation."""
     if swing == 0.0:
         return True
     px, py = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
@@ -221,7 +222,7 @@ def _may_swing(rows, planes, ahead, x, y, yaw, swing):
 
 @kernel
 def _is_seen(seen, x, y, c, s):
-    """Return whether all of the body's edge lies in seen cells when the body is at (x, y, cosine, sine of yaw)."""
+    """Return whether the body's whole edge lies in observed cells with the body at (x, y, cosine, sine of yaw)."""
     cells, corner_i, corner_j, edge, pose = seen
     n = cells.shape[0]
     pc, ps = math.cos(pose[2]), math.sin(pose[2])
@@ -232,7 +233,7 @@ def _is_seen(seen, x, y, c, s):
         j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL_M)) - corner_j
         if not (0 <= i < n and 0 <= j < n):
             return False
-        i, j = i + first_i, j + first_j  # less than 2 n: without a slow division
+        i, j = i + first_i, j + first_j  # Both are below 2 n, so a comparison replaces the slow modulo.
         if not cells[i - n if i >= n else i, j - n if j >= n else j]:
             return False
     return True
@@ -240,7 +241,7 @@ def _is_seen(seen, x, y, c, s):
 
 @kernel
 def _is_seen_beyond(seen, x, y, yaw, v, w):
-    """Return the same where it would be had its fastest point gone on by BEYOND_M; True for a base that is to stand."""
+    """Return whether the space BEYOND_M past the stopping point is observed. True if the command is a stop."""
     fastest = 0.0
     for k in range(seen[3].shape[0]):
         fastest = max(fastest, math.hypot(v - w * seen[3][k, 1], w * seen[3][k, 0]))

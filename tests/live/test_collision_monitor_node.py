@@ -156,12 +156,12 @@ def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(st
         time.sleep(0.05)
         return actions and words in actions[-1]
 
-    wait_for(lambda: says("rear/scan: no scan has come yet"), "a stop")
+    wait_for(lambda: says("rear/scan: no scan has arrived yet"), "a stop")
     rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
     relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
     wait_for(lambda: says("pass"), "a command that passes")
     relay.unregister()
-    wait_for(lambda: says("stop: the newest scan on rear/scan is"), "a stop that names it")
+    wait_for(lambda: says("stop: the latest scan on rear/scan is"), "a stop that names it")
     stamped, ago = re.search(r"stamped ([\d.]+), ([\d.]+) s ago", actions[-1]).groups()
     assert float(ago) > 0.4, "of the silent one, not of the other"
     for one in (rear, subscriber, commands):

@@ -45,12 +45,12 @@ def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
         return behind(wall(-3.0), stamp, **changes) if of else scan_of(wall(3.0), HERE, stamp, **changes)
 
     monitor.add_scan(scan(other, 0.0), other)
-    assert "no scan has come yet" in monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    assert "no scan has arrived yet" in monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).reason
     monitor.add_scan(scan(name, 0.0), name)
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).action == PASS
     monitor.add_scan(scan(other, 0.6), other)
     named = "scan on rear" if name else "scan"
-    assert f"newest {named} is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    assert f"latest {named} is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
     monitor.add_scan(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
     verdict = monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0))
     assert verdict.action == STOP
