@@ -1,2 +1,2 @@
-"""Recorded drives as pictures and as a page that plays them."""
+"""Web page that replays recorded drives."""
 # Imports worlds and common; no ROS.

@@ -1,7 +1,7 @@
-"""The page of drives: an animation of drives side by side, world by world, in one file that needs no other.
+"""Self-contained web page that animates drives side by side, world by world.
 
-The report of an evaluation makes it of all drives whose paths were kept, the demo of its one. Values are whole numbers,
-which take the least room in a file; the script in page.html draws them.
+The report of an evaluation includes all drives whose paths were recorded, the demo its single drive. The script in
+page.html draws them. All values are integers, to keep the file small.
 """
 
 from __future__ import annotations
@@ -17,23 +17,26 @@ from applr_ros1.common.files import read_bytes
 from worlds.world import World
 
 TEMPLATE = Path(__file__).with_name("page.html")
-POSE_PERIOD_S = 0.2  # between two poses of a drive
-MARGIN_M = 1.2  # that are shown before and behind what was driven through
-ASIDE_M = 3.5  # to its sides in which obstacles are shown; BARN's fields are 4.5 m wide
+POSE_PERIOD_S = 0.2  # interval between two poses of a drive [s]
+MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
+ASIDE_M = 3.5  # distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
 
 
 @dataclass
 class Drive:
     """One drive, in the world's frame.
 
-    method   its place in the page's list of methods
-    trial    its number; drives of the same number stand side by side
-    seconds  time it took [s]
-    success, collided, reason: how it ended
-    poses    (n, 3) [m, m, rad], a row per POSE_PERIOD_S
-    speeds   (n,) forward speed [m/s] at each of them
-    decided  (d,) times [s] of decisions
-    actions  (d, k) the parameters after each of them, from -1 to 1 within their ranges
+    Attributes:
+        method: Index of its method in the page's list.
+        trial: Number of its trial; drives with the same number are shown side by side.
+        seconds: Duration [s].
+        success: Whether it reached the goal.
+        collided: Whether it ended with a collision.
+        reason: Why it ended.
+        poses: (n, 3) poses [m, m, rad], one per POSE_PERIOD_S.
+        speeds: (n,) forward speed at each pose [m/s].
+        decided: (d,) times of the decisions [s].
+        actions: (d, k) parameters after each decision, scaled from their ranges to [-1, 1].
     """
 
     method: int
@@ -50,7 +53,7 @@ class Drive:
 
 @dataclass
 class Scene:
-    """A world and what was driven in it. begins: time of the world [s] when the drives began."""
+    """A world with its drives; `begins` is the world's time at the start of the drives [s]."""
 
     name: str
     world: World
@@ -67,15 +70,15 @@ def page(
     marked: bool = False,
     back: str = "",
 ) -> bytes:
-    """The page as a file holds it.
+    """Return the HTML of the page, encoded in UTF-8.
 
     Args:
-        title: Its title.
+        title: Title of the page.
         methods: {name: colour} in the order of Drive.method.
-        parameters: Names of what actions are of.
+        parameters: Names of the parameters in Drive.actions.
         body: Length and width of the robot [m].
-        scenes: The worlds, one or more.
-        marked: Whether the planner was told where moving obstacles will be.
+        scenes: One or more worlds with their drives.
+        marked: Whether the planner used predicted obstacle points.
         back: HTML of a link above the page.
     """
     values = {
@@ -106,7 +109,7 @@ def _scene(scene: Scene) -> Dict[str, Any]:
     return {
         "name": scene.name,
         "view": _whole([sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100),
-        "circles": _whole(circles, 1000),  # [mm]; all else in hundredths
+        "circles": _whole(circles, 1000),  # The unit is mm; all other lengths are in cm.
         "boxes": _whole(boxes, 100),
         "movers": [[round(100 * m.radius), _whole([m.position(t) for t in times], 100)] for m in world.movers],
         "start": _whole(course.start, 100),
@@ -133,11 +136,11 @@ def _drive(drive: Drive) -> Dict[str, Any]:
 
 
 def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The obstacles (n, ...) whose circles of `radius` (n,) reach the box that was driven through, or its sides."""
+    """Return the obstacles (n, ...) whose circles of `radius` (n,) [m] come within ASIDE_M of the box (low, high)."""
     reach = ASIDE_M + radius[:, None]
     return obstacles[np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)]
 
 
 def _whole(values: Any, scale: float) -> Any:
-    """Values times `scale` as whole numbers."""
+    """Return values times `scale`, rounded to integers."""
     return np.rint(np.asarray(values, dtype=np.float64) * scale).astype(int).tolist()

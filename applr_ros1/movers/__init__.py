@@ -1,2 +1,2 @@
-"""Moving obstacles around the robot: the tracker that finds it in scans, and where it will be. Knows nothing of ROS."""
+"""Moving obstacles around the robot: detection, tracking and prediction from scans, without ROS."""
 # Imports robots and common; no ROS.

@@ -1,6 +1,6 @@
-"""Neighbouring points of a scan that belong together: clusters, and the disc that each may be part of.
+"""Segmentation of a scan into clusters of neighbouring points, and a disc fitted to each cluster.
 
-MoverTracker calls find_clusters for each scan; tracks.py asks for a cluster's centre once it knows a disc's radius.
+MoverTracker calls find_clusters for each scan. tracks.py calls `centre` once the radius of a disc is known.
 """
 
 import math
@@ -8,38 +8,38 @@ import math
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.free_space import full_turn
 
-MAX_CLUSTERS = 256
-# columns of a cluster: raw centre [m], radius [m], nearest range [m], bearings of its edges in the fixed frame [rad]
-# (first beam's, last beam's), whether something nearer, or nothing known, hides what is beyond each edge, standard
-# deviation of the centre [m], and three of its points [m]
+MAX_CLUSTERS = 256  # largest number of clusters of a scan
+# Columns of a cluster: raw centre [m], radius [m], nearest range [m], bearings of its edges in the fixed frame [rad]
+# (first, last beam), per edge (first, last beam) whether a nearer or unknown point occludes it, standard deviation of
+# the centre [m], and three of its points [m].
 CX, CY, RADIUS, NEAR, FROM, TO, HIDDEN_FROM, HIDDEN_TO, SIGMA, POINTS = range(10)
 COLUMNS = POINTS + 6
 
-# [rad]: a surface seen under less than this angle falls apart (Borges and Aldon, J. Int. Rob. Sys. 2004)
+# Smallest angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, J. Int. Rob. Sys. 2004).
 GRAZING_RAD = 0.2
-APART_M = 0.08  # [m] between neighbouring points of a cluster that is always allowed: noise
-GAP_BEAMS = 3  # beams from one point of a cluster to the next at most
-FEWEST_POINTS = 3  # points of a cluster
+APART_M = 0.08  # distance of neighbouring points of a cluster that is always allowed because of noise [m]
+GAP_BEAMS = 3  # largest number of beams from one point of a cluster to the next
+FEWEST_POINTS = 3  # smallest number of points of a cluster
 
 
 @kernel
 def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
-    """Fill `clusters` (MAX_CLUSTERS, COLUMNS) from a scan; returns how many there are.
+    """Fill `clusters` from a scan, and return the number of clusters.
 
     Args:
         ranges: (n,) float32 [m].
         table: (n, 2) cosine and sine of the beams.
         limits: first angle, increment [rad], range_min, range_max [m].
         sensor: pose (x, y, yaw) of the laser in the fixed frame.
-        largest: radius [m] beyond which a cluster is left out.
-        reach: range [m] beyond which it is left out.
-        clusters: as COLUMNS say.
+        largest: radius beyond which a cluster is left out [m].
+        reach: range beyond which a cluster is left out [m].
+        clusters: (MAX_CLUSTERS, COLUMNS) output.
     """
     n = ranges.shape[0]
     step = abs(limits[1])
     widen = math.sin(step) / math.sin(max(GRAZING_RAD - step, 0.02))
     full = full_turn(n, step)
-    begin = 0  # a beam after which a cluster may begin: on a full turn one may lie across its ends
+    begin = 0  # On a full turn a cluster may lie across the ends, so the search starts between two clusters.
     while full and begin < n - 1 and _joined(ranges, table, limits, begin - 1, begin, widen):
         begin += 1
     count, k = 0, begin
@@ -89,18 +89,18 @@ def _joined(ranges, table, limits, a, b, widen):
 
 @kernel
 def _hides(ranges, limits, edge, way, full):
-    """Return whether what is beyond a cluster's last beam on one side hides more of it."""
+    """Return 1.0 if the beam next to a cluster's edge may occlude more of the cluster, else 0.0."""
     n = ranges.shape[0]
     beyond = edge + way
     if not full and not 0 <= beyond < n:
         return 1.0
     r = ranges[beyond % n]
-    return 0.0 if r >= ranges[edge % n] else 1.0  # nearer, NaN or too near to tell
+    return 0.0 if r >= ranges[edge % n] else 1.0  # A nearer, NaN or too near range occludes.
 
 
 @kernel
 def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
-    """Fill in the disc of the beams from first to last; return False if it is larger than `largest`."""
+    """Fit the disc of the beams from first to last. Return False if it is larger than `largest`."""
     n = ranges.shape[0]
     step = abs(limits[1])
     i, j = first % n, last % n
@@ -130,10 +130,10 @@ def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
 
 @kernel
 def centre(cluster, radius, sensor):
-    """Return the centre (x, y) [m] of a disc of this radius whose visible part is a cluster; its standard deviation.
+    """Return the centre (x, y) and its standard deviation [m] of a disc of this radius, given its visible part.
 
-    An edge beyond which the laser sees farther is the disc's edge; where the other one is hidden, the centre lies so
-    far beside the visible one as the radius says.
+    An edge beyond which the laser sees farther is the disc's edge. If only one edge is occluded, the centre is placed
+    one radius beside the visible edge.
     """
     distance = cluster[NEAR] + radius
     half = math.asin(min(radius / distance, 1.0))

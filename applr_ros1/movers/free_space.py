@@ -1,7 +1,7 @@
-"""Space that earlier scans saw free: that through which their beams went. MoverTracker holds one FreeSpace.
+"""Free space of the last scans, to distinguish moving from static obstacles. MoverTracker holds one FreeSpace.
 
-A mover occupies what was free before, and leaves free what it occupied. The visible part of a wall, which slides along
-it as the robot drives, or what comes into view from behind something else, does neither.
+A moving obstacle occupies space that was free before, and frees the space that it occupied. Static obstacles do
+neither, although the visible part of a wall moves as the robot drives, and obstacles come into view behind others.
 """
 
 import math
@@ -10,40 +10,40 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-SCANS = 7  # that are kept ...
-APART_S = 0.14  # ... at least so far apart [s]
-DEEP_M = 0.12  # [m]: a beam has to go on beyond a point for so long ...
-BESIDE_M, TURNED_RAD = 0.06, 0.02  # ... as have those beside it: by so much [m, rad] poses and edges may be wrong
-# of a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad], range_min [m], beams, how fast the
-# robot turned [rad/s], and how far between its first and its last beam [rad]
+SCANS = 7  # number of scans that are kept
+APART_S = 0.14  # smallest interval between two kept scans [s]
+DEEP_M = 0.12  # distance that a beam must continue beyond a point to see through it [m]
+BESIDE_M, TURNED_RAD = 0.06, 0.02  # tolerance of poses and edges: the beams within it must see through, too [m, rad]
+# Columns of a fan, which describes a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad],
+# range_min [m], number of beams, turn rate of the robot [rad/s], and its turn from the first to the last beam [rad].
 STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
 
 
 class FreeSpace:
-    """The last scans, some tenths of a second apart, of any number of beams.
+    """Ring buffer of the last scans, APART_S apart or more, with any number of beams.
 
     Attributes:
-        ranges: (SCANS, at least n) float32: how far each beam saw [m]; 0 where that is not known.
-        fans: (SCANS, 10) float64, as STAMP to SWEPT say; stamp -inf: none yet.
-        newest: the row that was taken last.
+        ranges: (SCANS, at least n) float32, free depth of each beam [m]; 0 if unknown.
+        fans: (SCANS, 10) float64, columns STAMP to SWEPT; the stamp of an empty row is -inf.
+        newest: index of the latest row.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.ranges = np.zeros((SCANS, 0), np.float32)
         self.fans = np.zeros((SCANS, 10))
         self.clear()
 
-    def clear(self):
+    def clear(self) -> None:
         """Forget all scans."""
         self.fans[:, STAMP] = -math.inf
         self.newest = 0
 
-    def due(self, stamp):
-        """Return whether a scan of this stamp is to be kept."""
+    def due(self, stamp: float) -> bool:
+        """Return whether APART_S [s] have passed, so that a scan with this stamp must be kept."""
         return stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3
 
-    def take(self, depth, fan):
-        """Keep a scan in place of the oldest: depth (n,) as in `ranges`, fan (10,) as in `fans`."""
+    def take(self, depth: np.ndarray, fan: np.ndarray) -> None:
+        """Replace the oldest scan by one with depth (n,) as in `ranges` and fan (10,) as in `fans`."""
         n = len(depth)
         if n > self.ranges.shape[1]:
             self.ranges = np.pad(self.ranges, ((0, 0), (0, n - self.ranges.shape[1])))
@@ -54,23 +54,23 @@ class FreeSpace:
 
 @kernel
 def full_turn(n, step):
-    """Return whether n beams go all around, or but for a gap of some beams, as where their number varies."""
+    """Return whether n beams cover a full turn. A gap of a few beams is allowed, because some scanners vary n."""
     return (n + 3.5) * abs(step) >= 2.0 * math.pi
 
 
 @kernel
 def depths(ranges, range_min, range_max, out):
-    """Fill out (n,) float32 with how far each beam of a scan saw [m]; 0 where that is not known."""
+    """Fill out (n,) float32 with the free depth of each beam of a scan [m]; 0 if unknown."""
     for i in range(ranges.shape[0]):
         r = ranges[i]
-        out[i] = min(r, range_max) if r >= range_min else 0.0  # NaN and -inf, too
+        out[i] = min(r, range_max) if r >= range_min else 0.0  # NaN and -inf are unknown, too.
 
 
 @kernel
 def sees_through(depth, fan, x, y, turned):
-    """Return whether all beams of a scan that pass near the point (x, y) [m] go on beyond it.
+    """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
-    depth: (at least n,), fan: (10,) as in FreeSpace; turned: possible error of the bearing beyond TURNED_RAD [rad].
+    depth (at least n,) and fan (10,) are as in FreeSpace. turned is the possible bearing error beyond TURNED_RAD [rad].
     """
     dx, dy = x - fan[X], y - fan[Y]
     distance = math.sqrt(dx * dx + dy * dy)

@@ -1,8 +1,8 @@
-"""Places where moving obstacles will be, as marks for the costmaps: the points of one more observation source.
+"""Predicted obstacle points: future positions of moving obstacles as an additional observation source of the costmaps.
 
-Each mover's disc is carried on with its present velocity. Marked is what the laser would see of the discs then, where
-they lie before what it sees now: there its own rays clear, so that no mark outlasts what it stands for. Called with
-each scan by the movers node and by the training environment.
+Each moving obstacle is a disc that keeps its current velocity. The predicted points are those that the laser would
+measure on the discs, as long as they lie in front of the current ranges. The rays of later scans clear this space, so
+no prediction stays in the costmap. The movers node and the training environment call this with each scan.
 """
 
 from __future__ import annotations
@@ -12,25 +12,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from applr_ros1.common.angles import compose, inverse, transform_point
+from applr_ros1.common.angles import Pose, compose, inverse, transform_point
 from applr_ros1.common.scan import LaserScan, SensorCloud, beam_directions, project
 from applr_ros1.movers.tracker import Movers, MoverTracker
 from applr_ros1.robots import Robot
 
-STEP_S = 0.15  # s between two places of a disc
-HORIZON_S = 1.0  # s up to which discs are carried on
-CLEARED_S = 3.0  # s after the last mover for which beams without return clear
-FAR_M = 100.0  # m at which they end: beyond every obstacle_range, so that nothing is marked there
-ROOM_M = 0.19  # m between the robot's circumscribed circle and marked discs; the Jackal's, others' in proportion
+STEP_S = 0.15  # interval between two predicted positions of a disc [s]
+HORIZON_S = 1.0  # prediction horizon [s]
+CLEARED_S = 3.0  # time after the last moving obstacle for which beams without return clear the costmaps [s]
+FAR_M = 100.0  # range of the end points of such beams [m]; exceeds every obstacle_range, so they mark no cell
+ROOM_M = 0.19  # gap between the Jackal's circumscribed circle and predicted discs [m]; scaled for other robots
 
 
 class Prediction:
-    """Marks what moves in the scans of a robot.
+    """Predictor of obstacle points for one robot.
 
     Attributes:
-        movers: what the tracker made of the newest scan.
-        marks: (n, 3) float32 [m], where they will be, in the frame of that scan's pose.
-        room: least distance [m] of a marked disc from the middle of the robot. What is nearer would only block it.
+        movers: moving obstacles in the latest scan.
+        marks: (n, 3) float32, predicted obstacle points in the frame of that scan's pose [m].
+        room: smallest distance of a predicted disc from the robot's centre [m]. Nearer points would only block it.
     """
 
     def __init__(self, robot: Robot):
@@ -41,16 +41,17 @@ class Prediction:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the tracker has seen nothing yet."""
+        """Forget all scans and moving obstacles."""
         self._tracker.reset()
         self._until = -math.inf
         self.movers = Movers(*(np.empty(0) for _ in Movers._fields))
         self.marks = np.empty((0, 3), np.float32)
 
     def add_scan(self, scan: LaserScan) -> SensorCloud:
-        """Take a scan; return what it adds to the costmaps, in its pose's frame; no point where nothing moves, or did.
+        """Track and predict with a scan, and return the points for the costmaps in the frame of the scan's pose.
 
-        The points are the marks and, for CLEARED_S, the ends of beams without return, so that there, too, marks go.
+        The points are the predicted obstacle points and, for CLEARED_S, the ends of beams without return, which clear
+        old predictions. Empty if no obstacle has moved within this time.
         """
         self.movers = self._tracker.update(scan)
         robot, points = compose(scan.sensor_pose, self._laser), [np.empty((0, 3), np.float32)]
@@ -67,8 +68,8 @@ class Prediction:
         origin = (x, y, scan.sensor_height) if scan.origin is None else scan.origin
         return SensorCloud(scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin)
 
-    def _seen(self, scan, robot, time) -> np.ndarray:
-        """Return the ranges (beams,) float32 [m] of discs that beams meet in `time` [s] before what they meet now."""
+    def _seen(self, scan: LaserScan, robot: Pose, time: float) -> np.ndarray:
+        """Return the ranges (beams,) float32 [m] to the discs in `time` [s]; +inf if not below the current range."""
         movers, beams = self.movers, beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
         x, y = movers.x + time * movers.vx, movers.y + time * movers.vy
         clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room

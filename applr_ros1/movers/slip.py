@@ -1,7 +1,7 @@
-"""Error of a scan's pose, by what stands: tracks that do not move vote on a small shift and turn of the laser.
+"""Correction of a scan's pose by static tracks, which vote on a small shift and turn of the laser.
 
-A base that turns by skidding, or whose wheels spin, moves otherwise than its odometry says: then all that stands seems
-to move. Weighted least squares on the places of the standing tracks, those that do not fit weighted down.
+The odometry is wrong if the base skids or its wheels spin, and then all static obstacles seem to move. The correction
+is a robust weighted least-squares fit to the positions of the static tracks.
 """
 
 import math
@@ -9,22 +9,22 @@ import math
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
-VOTES = 3  # standing tracks that are needed
-SHIFT_M, TURN_RAD = 0.03, 0.01  # [m, rad]: errors of the odometry that are expected from scan to scan
-FITS_M = 0.04  # [m]: what is so far off counts half
-ROUNDS = 4
-AGREE_SHARE = 0.6  # share of the votes that have to fit
+VOTES = 3  # smallest number of static tracks for a correction
+SHIFT_M, TURN_RAD = 0.03, 0.01  # expected errors of the odometry from scan to scan [m, rad]
+FITS_M = 0.04  # residual at which a track has half the weight [m]
+ROUNDS = 4  # iterations of the robust fit
+AGREE_SHARE = 0.6  # share of the tracks that must fit the correction
 
 
 @kernel
 def slip(places, voters, votes, clusters, sensor):
-    """Return (dx, dy [m], turn [rad]) by which the laser's pose has to be corrected; zeros where too little stands.
+    """Return the correction (dx, dy [m], turn [rad]) of the laser's pose, or zeros if too few static tracks agree.
 
     Args:
-        places: (n, 3) of what stands: x, y [m] and variance [m^2].
-        voters: (n,) the number of each one's cluster.
-        votes: how many there are.
-        clusters: as clusters.py says.
+        places: (at least `votes`, 3) x, y [m] and variance [m^2] of the static tracks.
+        voters: (at least `votes`,) cluster index of each track.
+        votes: number of static tracks.
+        clusters: (MAX_CLUSTERS, COLUMNS) as in clusters.py.
         sensor: (x, y, yaw) of the laser by the odometry.
     """
     dx = dy = turn = fitting = 0.0
@@ -58,7 +58,7 @@ def slip(places, voters, votes, clusters, sensor):
 
 @kernel
 def shift(clusters, count, fan, sensor, by):
-    """Correct what a scan says, in place: its clusters, and the pose in `fan`; returns the pose (x, y, yaw)."""
+    """Correct the clusters of a scan and the pose in `fan` in place, and return the corrected pose (x, y, yaw)."""
     dx, dy, turn = by
     c, s = math.cos(turn), math.sin(turn)
     for k in range(count):

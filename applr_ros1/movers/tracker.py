@@ -1,6 +1,6 @@
-"""The tracker of moving obstacles: from scans and odometry to discs with velocities.
+"""Tracker of moving obstacles: from scans and odometry to discs with velocities.
 
-docs/explanation/movers.md says what it follows, what it does not, and how well.
+docs/explanation/movers.md describes its method, limits and accuracy.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.free_space import FreeSpace, depths
 from applr_ros1.robots import Robot
 
-REACH_M = 8.0  # [m]: what is farther is not followed
-LARGEST_M = 0.8  # [m]: radius of the largest mover
-PAUSE_S = 1.0  # [s] without a scan, or by which a stamp is older: another time has begun
-FASTER_FACTOR = 1.5  # a pose that changes so many times as fast as the base can: another place
-SHIFT_M, TURN_RAD = 0.3, 0.3  # [m, rad] that odometry may correct at once beside that
-SMOOTH_S = 0.1  # [s]: time constant of the measured speed and turn rate
+REACH_M = 8.0  # largest range of a tracked obstacle [m]
+LARGEST_M = 0.8  # largest radius of a tracked obstacle [m]
+PAUSE_S = 1.0  # gap between stamps, or step back, that counts as a jump of time [s]
+FASTER_FACTOR = 1.5  # multiple of the base's maximum speed from which a change of pose counts as a jump
+SHIFT_M, TURN_RAD = 0.3, 0.3  # correction of the odometry that is allowed on top of this [m, rad]
+SMOOTH_S = 0.1  # time constant of the low-pass filter on speed and turn rate [s]
 
 
 class Movers(NamedTuple):
-    """Movers in the odometry's frame at a scan's stamp; arrays of one length.
+    """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of one length.
 
-    id: a mover's number, which it keeps (int64). x, y: centre of the disc [m]. vx, vy: its velocity [m/s]. radius [m].
+    id: persistent number (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: of the disc [m].
     """
 
     id: np.ndarray
@@ -39,12 +39,13 @@ class Movers(NamedTuple):
 
 
 class MoverTracker:
-    """Follows what moves from scan to scan.
+    """Tracks moving obstacles from scan to scan.
 
     Args:
-        max_speed: of the base [m/s]; a pose that changes much faster starts anew.
-        max_yaw_rate: of the base [rad/s].
-        period: between two scans [s]. So long takes a laser, whatever its driver says, that measures beam by beam.
+        max_speed: maximum speed of the base [m/s]; a pose that changes much faster restarts the tracker.
+        max_yaw_rate: maximum turn rate of the base [rad/s].
+        period: interval between two scans [s]. A laser that measures beam by beam takes this long for one scan, even if
+            its driver reports less.
     """
 
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
@@ -62,23 +63,23 @@ class MoverTracker:
         return cls(robot.base.max_speed, robot.base.max_yaw_rate, 1.0 / robot.laser.rate)
 
     def reset(self) -> None:
-        """Begin anew. To be called when time or odometry jumps; update() sees most jumps by itself."""
+        """Forget all tracks. Call it when time or odometry jumps, although update() detects most jumps."""
         self._tracks[:] = 0.0
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[tuple] = None  # stamp and pose of the last scan
-        self._correction: Pose = (0.0, 0.0, 0.0)  # of the odometry's poses, by what stands
-        self._turning = self._speed = 0.0  # of the laser by the odometry [rad/s, m/s]
-        self._rates = 0.0, 0.0  # how fast it turned before the last two scans [rad/s]
+        self._correction: Pose = (0.0, 0.0, 0.0)  # correction of the odometry's poses by static tracks
+        self._turning = self._speed = 0.0  # filtered turn rate and speed of the laser by the odometry [rad/s, m/s]
+        self._rates = 0.0, 0.0  # turn rates before the last two scans [rad/s]
 
     def update(self, scan: LaserScan) -> Movers:
-        """Take a scan, whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
+        """Update the tracks with a scan whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
 
-        A scan that is not newer than the last one, or of a laser that is not level, changes nothing. A jump of time, or
-        of the pose beyond what the base can drive, begins anew.
+        A scan is ignored if it is not newer than the last one, or if its laser is tilted. The tracker restarts if time
+        jumps, or if the pose changes faster than the base can drive.
 
         Returns:
-            The movers at the newest scan's stamp, empty where nothing is known to move.
+            The moving obstacles at the latest scan's stamp, empty if there are none.
         """
         x, y, yaw = pose = tuple(float(value) for value in scan.sensor_pose)
         dt = moved = turned = 0.0
@@ -118,12 +119,12 @@ class MoverTracker:
         count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST_M, REACH_M, self._clusters)
         before = self._free.ranges, self._free.fans
         given = self._tracks, self._history, self._clusters, count
-        found, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
+        cluster_of, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
         self._correction = compose(sensor, inverse(self._last[1]))
         self._number = tracks.begin(self._tracks, self._clusters, count, taken, now, self._number)
         if self._free.due(now):
             self._free.take(depth, fan)
-            tracks.remember(self._history, self._free.newest, found, self._clusters)
+            tracks.remember(self._history, self._free.newest, cluster_of, self._clusters)
 
     def _movers(self) -> Movers:
         rows = self._tracks[self._tracks[:, tracks.MOVES] > 0.0]
@@ -134,7 +135,7 @@ class MoverTracker:
 
 
 def warm_up() -> None:
-    """Compile or load all kernels: a throw-away tracker takes two scans of a disc that comes nearer."""
+    """Compile or load all kernels by running a temporary tracker on two scans of an approaching disc."""
     tracker = MoverTracker(1.0, 1.0, 0.1)
     for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
         ranges = np.where(abs(np.arange(41) - 20) < 8, distance, 5.0)

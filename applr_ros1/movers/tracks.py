@@ -1,9 +1,9 @@
-"""Tracks: clusters followed from scan to scan, and the evidence that one moves. MoverTracker holds the arrays.
+"""Tracks: clusters followed from scan to scan, with the evidence for motion. MoverTracker holds the arrays.
 
-Each small cluster has a track with a Kalman filter of constant velocity, whose covariance is the same along x and y
+Each small cluster has a track with a constant-velocity Kalman filter, whose covariance is the same along x and y
 (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2). A track
-is a mover once its velocity differs clearly from zero, and scans say so (free_space.py): it is where earlier ones saw
-through, or the present one sees through where it was.
+is a moving obstacle once its velocity differs clearly from zero and free space proves its motion (free_space.py). This
+means that an earlier scan saw through its position, or that the current scan sees through its previous position.
 """
 
 import math
@@ -15,38 +15,40 @@ from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, MAX_CLUSTERS, POI
 from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
 from applr_ros1.movers.slip import VOTES, shift, slip
 
-MAX_TRACKS = 192
-# columns of a track: number (0: none), centre [m], velocity [m/s], variances of place, both, velocity, radius [m],
-# stamps of its first and last cluster and of the last evidence [s], evidence [s], how often, scans that saw through it,
-# whether it is a mover, clusters so far, and the mean of its last centres [m]
+MAX_TRACKS = 192  # largest number of tracks
+# Columns of a track: number (0 if empty), centre [m], velocity [m/s], variance of the position, covariance of both,
+# variance of the velocity, radius [m], stamps of the first and last cluster and of the last evidence [s], evidence [s],
+# number of scans with evidence, number of scans that saw through it, whether it is a moving obstacle, number of
+# clusters, and moving average of its centre [m].
 ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, MOVES, HITS, MX, MY = range(19)
 COLUMNS = 19
 
-ACCELERATION = 0.2  # [m^2/s^3]: spectral density of the acceleration
-BEARING_RAD = 0.005  # [rad]: standard deviation of a bearing in the odometry's frame
-LATENCY_S = 0.04  # [s] by which stamps of scans and poses may differ: bearings err where the robot's turn changes
-BENT_RAD = 0.15  # [rad]: scans during which the robot turns by more show nothing that moves
-FIRST_SPEED_M_S = 1.5  # [m/s]: standard deviation of the velocity of a new track
-GATE = 9.0  # squared deviations up to which a cluster may be a track's
-SUDDEN_M_S = 1.0  # [m/s] by which a velocity may change from scan to scan
-FARTHEST_M = 1.0  # [m] between both at most
-RESIZED_M = 0.15  # [m]: a difference of both radii that counts as one deviation
-SLOWEST_M_S, STANDING_M_S = 0.25, 0.12  # [m/s]: what is faster may be a mover, what becomes slower is none any more
-CLEAR_DEVIATIONS = 2.0  # deviations by which a mover's velocity differs from zero
-ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence [s], and in how many scans, that makes a mover
-MOST_EVIDENCE_S = 0.5  # [s] of evidence that counts
-SAME_SIZE_M = 0.03  # [m]: of a cluster and a track, for that
-SETTLED_HITS = 3  # clusters after which a track that stands tells where the robot is
-AVERAGED_S = 0.5  # [s] over which its place is averaged for that
-SLIDES_M_S = 0.2  # [m/s]: a base that turns or brakes may slide so fast beside what its wheels say
-SILENT_S = 1.0  # [s] after which a mover needs new evidence
-HIDDEN_S = 0.8  # [s] for which a mover that is hidden is carried on
-LOST_S = 0.25  # [s] after which another track ends without a cluster
+ACCELERATION = 0.2  # spectral density of the acceleration [m^2/s^3]
+BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [rad]
+LATENCY_S = 0.04  # largest offset between stamps of scans and poses, an error of bearings if the turn rate changes [s]
+BENT_RAD = 0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
+FIRST_SPEED_M_S = 1.5  # standard deviation of the velocity of a new track [m/s]
+GATE = 9.0  # association gate: largest squared normalised distance of a cluster from a track
+SUDDEN_M_S = 1.0  # change of velocity from scan to scan that the gate allows [m/s]
+FARTHEST_M = 1.0  # largest distance of a cluster from its track along x and y [m]
+RESIZED_M = 0.15  # difference of the radii of cluster and track that counts as one standard deviation [m]
+# Speed above which a track may be a moving obstacle, and below which it no longer is one [m/s].
+SLOWEST_M_S, STANDING_M_S = 0.25, 0.12
+CLEAR_DEVIATIONS = 2.0  # number of standard deviations by which a velocity must differ from zero
+ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence that makes a track a moving obstacle: duration [s], number of scans
+MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
+SAME_SIZE_M = 0.03  # largest difference of the radii of cluster and track for a vote on the pose [m]
+SETTLED_HITS = 3  # number of clusters from which a static track votes on the pose
+AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
+SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
+SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
+HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
+LOST_S = 0.25  # time without a cluster after which any other track ends [s]
 
 
 @kernel
 def predict(tracks, dt):
-    """Carry all tracks on by dt [s]."""
+    """Predict all tracks dt [s] ahead."""
     q = ACCELERATION
     for t in range(tracks.shape[0]):
         row = tracks[t]
@@ -59,13 +61,13 @@ def predict(tracks, dt):
 
 
 @kernel
-def associate(tracks, clusters, count, sensor, dt, found):
-    """Fill found (MAX_TRACKS,) with the number of each track's cluster, -1 without one: the nearest pairs first."""
+def associate(tracks, clusters, count, sensor, dt, cluster_of):
+    """Fill cluster_of (MAX_TRACKS,) with each track's cluster index, or -1. Assigns the nearest pairs first."""
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
     n = 0
     for t in range(tracks.shape[0]):
-        found[t] = -1
+        cluster_of[t] = -1
         row = tracks[t]
         if row[ID] == 0.0:
             continue
@@ -84,15 +86,15 @@ def associate(tracks, clusters, count, sensor, dt, found):
     taken = np.zeros(MAX_CLUSTERS, np.bool_)
     for k in np.argsort(costs[:n]):
         t, c = pairs[k, 0], pairs[k, 1]
-        if found[t] < 0 and not taken[c]:
-            found[t] = c
+        if cluster_of[t] < 0 and not taken[c]:
+            cluster_of[t] = c
             taken[c] = True
     return taken
 
 
 @kernel
 def correct(row, cluster, sensor, dt):
-    """Give a track's row a cluster's place and size, dt [s] after the last one."""
+    """Update a track's row with the position and size of its cluster, dt [s] after the previous update."""
     radius = cluster[RADIUS]
     if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
         row[TR] = max(row[TR], radius)
@@ -118,9 +120,15 @@ def correct(row, cluster, sensor, dt):
 
 @kernel
 def has_moved(points, history, ranges, fans, depth, fan):
-    """Return whether a cluster's points (6,) are where a scan saw through, or the newest sees through where they were.
+    """Return whether a scan saw through a cluster's points, or the latest scan sees through their previous positions.
 
-    history: (SCANS, 6), NaN where there was no cluster; ranges, fans: FreeSpace's; depth, fan: of the newest scan.
+    Args:
+        points: (6,) three points of the cluster [m].
+        history: (SCANS, 6) their previous positions; NaN without a cluster.
+        ranges: (SCANS, at least n) of FreeSpace.
+        fans: (SCANS, 10) of FreeSpace.
+        depth: (n,) free depth of the latest scan [m].
+        fan: (10,) of the latest scan.
     """
     for s in range(SCANS):
         swept = max(fan[SWEPT], fans[s, SWEPT])
@@ -139,38 +147,38 @@ def has_moved(points, history, ranges, fans, depth, fan):
 
 @kernel
 def follow(tracks, history, clusters, count, scan, before, dt, speed):
-    """One scan's step of all tracks.
+    """Update all tracks with a scan, and correct its clusters and fan in place by the corrected pose of the laser.
 
     Args:
         tracks: (MAX_TRACKS, COLUMNS).
-        history: (SCANS, MAX_TRACKS, 6): the points of each track's cluster in the kept scans.
-        clusters: of the scan.
-        count: how many there are.
-        scan: how far its beams saw (n,), its fan (10,), the laser's pose.
-        before: FreeSpace's ranges and fans.
-        dt: since the last scan [s].
-        speed: of the laser by the odometry [m/s].
+        history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the kept scans [m].
+        clusters: (MAX_CLUSTERS, COLUMNS) of the scan.
+        count: number of clusters.
+        scan: free depth of its beams (n,) [m], its fan (10,), and the laser's pose.
+        before: ranges and fans of FreeSpace.
+        dt: time since the last scan [s].
+        speed: speed of the laser by the odometry [m/s].
 
     Returns:
-        (MAX_TRACKS,) the number of each track's cluster, -1 without one; (MAX_CLUSTERS,) which clusters have a track;
-        the laser's pose as what stands has it. Clusters and fan are corrected by it in place.
+        (MAX_TRACKS,) cluster index of each track, or -1; (MAX_CLUSTERS,) whether a cluster has a track; the laser's
+        pose, corrected by the static tracks.
     """
     depth, fan, sensor = scan
     ranges, fans = before
     now = fan[STAMP]
-    found = np.empty(MAX_TRACKS, np.int64)
+    cluster_of = np.empty(MAX_TRACKS, np.int64)
     predict(tracks, dt)
-    taken = associate(tracks, clusters, count, sensor, dt, found)
-    sensor = _correct_pose(tracks, clusters, count, found, fan, sensor)
+    taken = associate(tracks, clusters, count, sensor, dt, cluster_of)
+    sensor = _correct_pose(tracks, clusters, count, cluster_of, fan, sensor)
     for t in range(tracks.shape[0]):
-        if found[t] >= 0:
-            correct(tracks[t], clusters[found[t]], sensor, dt)
-    drift_x, drift_y = _drift(tracks, found, speed)
+        if cluster_of[t] >= 0:
+            correct(tracks[t], clusters[cluster_of[t]], sensor, dt)
+    drift_x, drift_y = _drift(tracks, cluster_of, speed)
     for t in range(tracks.shape[0]):
         row = tracks[t]
         if row[ID] == 0.0:
             continue
-        if found[t] < 0:
+        if cluster_of[t] < 0:
             row[GONE] += sees_through(depth, fan, row[TX], row[TY], 0.0)
             if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN_S if row[MOVES] > 0.0 else LOST_S):
                 _end(row, history, t)
@@ -181,7 +189,7 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
         clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(row[VV]))
         if speed_seen > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
-            if has_moved(clusters[found[t], POINTS:], history[:, t], ranges, fans, depth, fan):
+            if has_moved(clusters[cluster_of[t], POINTS:], history[:, t], ranges, fans, depth, fan):
                 row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST_EVIDENCE_S)
                 row[TIMES] += 1.0
                 row[EVIDENT] = now
@@ -191,30 +199,30 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
                 row[EVIDENCE] = max(row[EVIDENCE] - dt, 0.0)
         if now - row[EVIDENT] > SILENT_S:
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
-    return found, taken, sensor
+    return cluster_of, taken, sensor
 
 
 @kernel
-def _correct_pose(tracks, clusters, count, found, fan, sensor):
+def _correct_pose(tracks, clusters, count, cluster_of, fan, sensor):
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
-        row = tracks[t]
-        if found[t] < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST_M_S or row[HITS] < SETTLED_HITS:
+        row, c = tracks[t], cluster_of[t]
+        if c < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST_M_S or row[HITS] < SETTLED_HITS:
             continue
-        cluster = clusters[found[t]]
+        cluster = clusters[c]
         if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0 and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE_M:
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
-            voters[votes] = found[t]
+            voters[votes] = c
             votes += 1
     return shift(clusters, count, fan, sensor, slip(places, voters, votes, clusters, sensor))
 
 
 @kernel
-def _drift(tracks, found, speed):
-    """Return the velocity (x, y) [m/s] with which all but movers seems to move, if wheels that slip can be why."""
+def _drift(tracks, cluster_of, speed):
+    """Return the median velocity (x, y) [m/s] of the static tracks if wheel slip can explain it, else zeros."""
     n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
     for t in range(tracks.shape[0]):
-        if found[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED_HITS:
+        if cluster_of[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED_HITS:
             vx[n], vy[n] = tracks[t, VX], tracks[t, VY]
             n += 1
     if n < VOTES:
@@ -231,7 +239,7 @@ def _end(row, history, t):
 
 @kernel
 def begin(tracks, clusters, count, taken, now, number):
-    """New tracks for the clusters that have none, unless a mover hides there already; returns the next number."""
+    """Start a track for each cluster without one that is not part of a moving obstacle, and return the next number."""
     t = 0
     for c in range(count):
         if taken[c]:
@@ -257,10 +265,10 @@ def begin(tracks, clusters, count, taken, now, number):
 
 
 @kernel
-def remember(history, slot, found, clusters):
-    """Keep the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
-    for t in range(found.shape[0]):
-        if found[t] >= 0:
-            history[slot, t] = clusters[found[t], POINTS : POINTS + 6]
+def remember(history, slot, cluster_of, clusters):
+    """Store the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
+    for t in range(cluster_of.shape[0]):
+        if cluster_of[t] >= 0:
+            history[slot, t] = clusters[cluster_of[t], POINTS : POINTS + 6]
         else:
             history[slot, t] = math.nan
