@@ -1,8 +1,8 @@
 """Lower bounds of a sample's cost, without rolling it out step by step.
 
-Called by search.py to leave out samples that cannot win. A bound is never above the exact cost: where a trajectory ends
-comes from a closed form, but the real one is rounded to float32 in every step; a cell is told from the closed form only
-where the pose is farther from a cell border than these roundings can have led it astray.
+search.py uses the bounds to skip samples that cannot win. A bound never exceeds the exact cost. The end of a trajectory
+comes from a closed form, whereas the exact poses are rounded to float32 in every step. A cell is therefore taken from
+the closed form only if the pose is farther from a cell border than the rounding errors can reach.
 """
 
 import math
@@ -26,22 +26,22 @@ from applr_ros1.planner.dwa.samples import (
 )
 from applr_ros1.planner.sampling_planner import LARGEST_TURN, sift_down, small_turn
 
-ROUNDING = 1.01 * 2.0**-24  # of one float32 value, with something for the closed forms
-FORMULA = 1e-9  # [m]; the closed forms by themselves are good to about 1e-12
-AT_BORDER = -(1 << 40)  # instead of a cell: too close to a border between two to be told
+ROUNDING = 1.01 * 2.0**-24  # relative rounding error of one float32 value, plus a margin for the closed forms
+FORMULA = 1e-9  # error bound of the closed forms [m]; their actual error is about 1e-12
+AT_BORDER = -(1 << 40)  # marker for a pose too close to a cell border to decide on one of the cells
 
 
 @kernel
 def arc(dx, dy, turn, dt, moves):
-    """(x, y, cos, sin): the way from the start and the heading's change after equal moves of dt [s] and `turn` [rad].
+    """Return (x, y, cos, sin): displacement and heading change after equal moves of dt [s] and `turn` [rad] each.
 
-    dx, dy: velocity at the start, in the axes of the map; |turn| <= LARGEST_TURN.
+    dx, dy: velocity at the start, in the axes of the map. |turn| must not exceed LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
     mc = math.cos((moves - 1) * half)
     ms = math.sin((moves - 1) * half)
-    ts = ms * dc + mc * ds  # of moves * half
+    ts = ms * dc + mc * ds  # sine of moves * half
     tc = mc * dc - ms * ds
     length = dt * (ts / ds if half != 0.0 else float(moves))
     return length * (dx * mc - dy * ms), length * (dy * mc + dx * ms), 1 - 2 * ts * ts, 2 * ts * tc
@@ -49,9 +49,9 @@ def arc(dx, dy, turn, dt, moves):
 
 @kernel
 def arc_errors(x, y, theta, speed, w, sim_time, steps):
-    """Bound the distance of the float32 trajectory from the closed form: position [m] and heading [rad].
+    """Return bounds of the float32 trajectory's deviation from the closed form: position [m] and heading [rad].
 
-    x, y, theta: where it begins.
+    x, y, theta: start of the trajectory.
     """
     length = speed * sim_time
     heading = steps * ROUNDING * (abs(theta) + abs(w) * sim_time)
@@ -60,7 +60,7 @@ def arc_errors(x, y, theta, speed, w, sim_time, steps):
 
 @kernel
 def sure_cell(f, margin):
-    """The cell of a coordinate counted in cells, below 0 if below the map; AT_BORDER within `margin` of a border."""
+    """Return the cell of a coordinate in cells, negative if below the map, AT_BORDER within `margin` of a border."""
     nearest = math.floor(f + 0.5)
     if abs(f - nearest) < margin:
         return AT_BORDER
@@ -69,10 +69,11 @@ def sure_cell(f, margin):
 
 @kernel(error_model="numpy")
 def sure_end_cells(x0, y0, theta0, c, s, ox, oy, per_cell, dx, dy, speed, w, sim_time, steps, ahead):
-    """Cells (x, y) of the last point and of its nose, in and beyond the map; AT_BORDER what cannot be told.
+    """Return the cells (x, y) of the last point and of its nose, on or off the map, AT_BORDER if undecided.
 
-    x0, y0, theta0, c, s: where it begins, with cosine and sine. ox, oy: the map's origin; per_cell: 1 / resolution.
-    dx, dy: velocity at the start in the axes of the map; ahead: of the nose. Only for a constant velocity.
+    x0, y0, theta0, c, s: start, with cosine and sine. ox, oy: origin of the map. per_cell: 1 / resolution. dx, dy:
+        velocity
+    at the start in the axes of the map. ahead: distance of the nose. Valid only for a constant velocity.
     """
     dt = sim_time / steps
     turn = w * dt
@@ -93,7 +94,7 @@ def sure_end_cells(x0, y0, theta0, c, s, ox, oy, per_cell, dx, dy, speed, w, sim
 
 @kernel
 def exact_end(p, start, vx, vy, w, steps):
-    """(x, y, theta) of the last point, step by step as generator.roll_out."""
+    """Return (x, y, theta) of the last point, computed step by step like samples.roll_out."""
     dt = p.sim_time / steps
     x, y, theta = start[0], start[1], start[2]
     vx_now, vy_now, w_now = commanded(p, start, vx, vy, w, steps)
@@ -106,7 +107,7 @@ def exact_end(p, start, vx, vy, w, steps):
 
 @kernel
 def exact_end_cells(p, scene, start, vx, vy, w, steps):
-    """Cells (x, y) of the last point and of its nose, each (-1, -1) off the map."""
+    """Return the cells (x, y) of the last point and of its nose, each (-1, -1) if off the map."""
     ny, nx = scene.cells.shape
     ahead = p.forward_point_distance
     x, y, theta = exact_end(p, start, vx, vy, w, steps)
@@ -121,10 +122,10 @@ def exact_end_cells(p, scene, start, vx, vy, w, steps):
 
 @kernel(error_model="numpy")
 def fill_bounds(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
-    """Fill bounds, occupied, keys and heap of `scratch`; returns how many samples may win.
+    """Fill bounds, occupied, keys and heap of `scratch`, and return how many samples may win.
 
-    c, s: cosine and sine of the heading at the start; scaled: room for the footprint (n, 2). The inner loop hands no
-    array to another function unless it must: to count its references costs more than the rest.
+    c, s: cosine and sine of the heading at the start. scaled: buffer for the footprint (n, 2). The inner loop avoids
+    passing arrays to other functions, because counting their references costs more than the rest.
     """
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
     cells, ox, oy, resolution, footprint, lines, _, _ = scene
@@ -234,10 +235,10 @@ def fill_bounds(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
 
 @kernel
 def _limits_from_here(p, grids, scene, start, c, s):
-    """Limit the floods of path, goal and front for bounds: not much farther than the robot gets.
+    """Return the flood limits of path, goal and front grids for the bounds: not much beyond the robot's range.
 
-    Behind walls there may be cells that only a flood of the whole map would reach. -1 if the robot's own pose, the
-    first point of every sample, is refused by a critic other than the obstacle critic.
+    Cells behind walls might otherwise require a flood of the whole map. The limits are -1 if a critic other than the
+    obstacle critic rejects the robot's current pose, which is the first point of every sample.
     """
     ny, nx = scene.cells.shape
     n = nx * ny
@@ -267,16 +268,16 @@ def _limits_from_here(p, grids, scene, start, c, s):
 
 @kernel
 def at_least(grids, row, k, nx, ny, limit):
-    """The value of the cell k in one grid, walls as N; limit + 1 where the flood would have to go beyond the limit."""
+    """Return the value of cell k in one grid (N for a wall), or limit + 1 if the flood would exceed the limit."""
     return distance_grid.at_least(grids.distances[row], grids.queues[row], grids.ends[row], nx, ny, k, limit)
 
 
 @kernel(error_model="numpy")
 def probe(p, scene, scaled, start, c, s, vx, vy, w, speed, steps, occupied, allowed):
-    """An obstacle cost that the sample meets, from a few of its poses; -1 if one of them is illegal.
+    """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
-    Starts from `occupied`; a cost above `allowed` ends it. The last pose first, then halves, quarters, eighths.
-    scaled: the footprint (n, 2) at the sample's speed.
+    The bound starts from `occupied`, and a cost above `allowed` ends the probe. The last pose is tested first, followed
+    by halves, quarters and eighths. scaled: footprint (n, 2) at the sample's speed.
     """
     cells, ox, oy, resolution, _, lines, _, _ = scene
     ny, nx = cells.shape
@@ -312,7 +313,7 @@ def probe(p, scene, scaled, start, c, s, vx, vy, w, speed, steps, occupied, allo
 
 @kernel
 def _reach(footprint):
-    """The largest coordinate [m] of the vertices (n, 2), doubled: more than any vertex is away from the centre."""
+    """Return twice the largest coordinate [m] of the vertices (n, 2), which exceeds every vertex's distance."""
     reach = 0.0
     for i in range(footprint.shape[0]):
         reach = max(reach, abs(footprint[i, 0]), abs(footprint[i, 1]))

@@ -1,8 +1,9 @@
-"""The seven critics of DWAPlannerROS, in the order of the C++ planner: what each says of a trajectory, and their sum.
+"""The seven critics of DWAPlannerROS in the order of the C++ planner, and their weighted sum.
 
-Section 6 of docs/explanation/planner_dwa.md, section 7 for the first, which bars a direction just left until the robot
-has moved on (OscillationCostFunction). A negative value refuses the trajectory. The search (search.py) asks them for
-the few samples that may win; score_all_samples asks them for all: for display and tests, and to tell why none is legal.
+See docs/explanation/planner_dwa.md, sections 6 and 7. Section 7 describes the first critic, which bars a direction just
+left until the robot has moved on (OscillationCostFunction). A negative value rejects the trajectory. The search
+(search.py) evaluates only the few samples that may win. score_all_samples evaluates all of them for display, for tests,
+and to report why none is legal.
 """
 
 import math
@@ -20,7 +21,7 @@ from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sa
 
 @kernel
 def is_barred(state, vx, vy, w):
-    """Return true if the flags bar this velocity; zero always passes."""
+    """Return True if the flags bar this velocity. Zero is never barred."""
     return (
         (state.forward_pos_only and vx < 0)
         or (state.forward_neg_only and vx > 0)
@@ -33,9 +34,9 @@ def is_barred(state, vx, vy, w):
 
 @kernel
 def remember(p, state, x, y, theta, vx, vy, w):
-    """Take the chosen velocity into the flags, and clear them once the robot has moved on from the pose of the last.
+    """Update the flags with the chosen velocity, and clear them once the robot has moved on from the last change.
 
-    x, y, theta: the pose of this cycle, float32 values.
+    x, y, theta: pose of this cycle, float32 values.
     """
     state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg, changed = _turned(
         vx, state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg
@@ -70,7 +71,7 @@ def remember(p, state, x, y, theta, vx, vy, w):
 
 @kernel
 def _turned(v, pos_only, neg_only, pos, neg):
-    """The four flags of one axis after its chosen velocity v, and whether v turns back the one driven before."""
+    """Return the four flags of one axis after its chosen velocity v, and whether v reverses the last direction."""
     if v < 0:
         return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
     if v > 0:
@@ -80,7 +81,7 @@ def _turned(v, pos_only, neg_only, pos, neg):
 
 @kernel
 def clear(state):
-    """Forget all directions; the pose of the last change stays."""
+    """Clear the flags of all directions. The pose of the last change stays."""
     state.forward_pos_only = state.forward_neg_only = 0
     state.strafe_pos_only = state.strafe_neg_only = 0
     state.rot_pos_only = state.rot_neg_only = 0
@@ -91,8 +92,8 @@ def clear(state):
 
 OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0
 NOTHING_LEGAL = -7.0
-REFUSED = -1.0  # by the generator
-# as they are called in C++
+REFUSED = -1.0  # cost of a sample rejected by the generator
+# names of the critics in C++
 CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")
 ALL = len(CRITICS)
 HUGE = float(np.finfo(np.float64).max)
@@ -100,13 +101,13 @@ HUGE = float(np.finfo(np.float64).max)
 
 @kernel
 def weights(p):
-    """The critics' weights in the order of CRITICS; a critic of weight 0 is not asked."""
+    """Return the critics' weights in the order of CRITICS. A critic of weight 0 is not evaluated."""
     return 1.0, p.occdist_scale, p.goal_scale, p.alignment_scale, p.path_scale, p.goal_scale, p.twirling_scale
 
 
 @kernel(error_model="numpy")
 def footprint_scale(p, speed):
-    """Return the factor by which the footprint counts larger at this speed [m/s]."""
+    """Return the factor by which the footprint is enlarged at this speed [m/s]."""
     if speed <= p.scaling_speed:
         return 1.0
     return p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)) + 1.0
@@ -114,7 +115,7 @@ def footprint_scale(p, speed):
 
 @kernel
 def scale_footprint(footprint, scale, scaled):
-    """Write the vertices (n, 2), each coordinate times `scale`, into `scaled`."""
+    """Write the vertices (n, 2), multiplied by `scale`, to `scaled`."""
     for i in range(footprint.shape[0]):
         scaled[i, 0] = footprint[i, 0] * scale
         scaled[i, 1] = footprint[i, 1] * scale
@@ -122,13 +123,13 @@ def scale_footprint(footprint, scale, scaled):
 
 @kernel
 def final_distance(grids, row, k, stride, n):
-    """The value that C++ holds at the cell k of one grid: a distance, n for a wall, n + 1 where no flood comes."""
+    """Return the C++ value of cell k in one grid: a distance, n for a wall, n + 1 if no flood reaches it."""
     return distance_grid.final_distance(grids.distances[row], grids.queues[row], grids.ends[row], stride, n, k)
 
 
 @kernel
 def critique(p, state, scene, grids, points, vx, vy, w, critic):
-    """The value of one critic for a trajectory: its points (k, 3) and its velocity. No points: 0."""
+    """Return the value of one critic for a trajectory with points (k, 3) and a velocity, or 0 if it has no points."""
     if critic == 0:
         return OSCILLATES if is_barred(state, vx, vy, w) else 0.0
     if critic == 1:
@@ -147,9 +148,10 @@ def critique(p, state, scene, grids, points, vx, vy, w, critic):
 
 @kernel
 def total_cost(p, state, scene, grids, points, vx, vy, w, best):
-    """(cost, critic): the weighted sum of the critics, and the one that ended it, ALL if none did.
+    """Return (cost, critic): the weighted sum of the critics and the one that ended the summation, ALL if none did.
 
-    A refusing critic's value is the cost. A sum above `best`, if that is above 0, ends it too: with that partial sum.
+    If a critic rejects the trajectory, its value is the cost. A sum above a positive `best` also ends the summation,
+    and the cost is then this partial sum.
     """
     total = 0.0
     factors = weights(p)
@@ -170,7 +172,7 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
 
 @kernel
 def weighted_sum(p, occupied, front, alignment, path, goal, w):
-    """The cost of a trajectory that no critic refuses, from their values: summed in their order."""
+    """Return the cost of a trajectory that no critic rejects, summed from the critics' values in their order."""
     _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
     cost = occupied * by_obstacle + front * by_front + alignment * by_alignment + path * by_path + goal * by_goal
     return cost + abs(w) * by_turn
@@ -178,7 +180,7 @@ def weighted_sum(p, occupied, front, alignment, path, goal, w):
 
 @kernel
 def _obstacle(p, scene, points, speed):
-    """The largest cost under the scaled outline and the centre, or the sum over the points."""
+    """Return the largest cost under the scaled outline and the centre, or the sum over the points."""
     cells, ox, oy, resolution, footprint, lines, _, _ = scene
     ny, nx = cells.shape
     scaled = np.empty_like(footprint)
@@ -215,7 +217,7 @@ def _obstacle(p, scene, points, speed):
 
 @kernel
 def _on_grid(scene, grids, row, points, ahead, stops):
-    """The grid's value `ahead` [m] of the last point. Every point must be on the map and, if it stops, reachable."""
+    """Return the grid's value `ahead` [m] of the last point. All points must be on the map, with `stops` reachable."""
     cells, ox, oy, resolution, _, _, _, _ = scene
     ny, nx = cells.shape
     value = 0.0
@@ -228,7 +230,7 @@ def _on_grid(scene, grids, row, points, ahead, stops):
         if cx < 0:
             return OFF_MAP
         if not grids.facts[0]:
-            value = HUGE  # never flooded
+            value = HUGE  # The grid was never flooded.
         elif stops or i == points.shape[0] - 1:
             distance = final_distance(grids, row, (cy + 1) * (nx + 2) + cx + 1, nx + 2, nx * ny)
             if stops and distance >= nx * ny:
@@ -237,17 +239,17 @@ def _on_grid(scene, grids, row, points, ahead, stops):
     return value
 
 
-# One row per sample (m,). velocities (m, 3): sampled vx, vy, w; stored (m, 3): of the trajectory; counts (m,): its
-# points, 0 if the generator refuses it; ends (m, 3): the last one; critics (m, 7): their raw values; costs (m,): by
-# itself; shown (m,): in the search's order, where it ends once it is above the best so far; ended (m,): the critic
-# that ended that, ALL if none did. points: of all trajectories whose shown cost is not negative, one after the
-# other: x, y, theta and that cost.
+# All samples of a cycle, one row per sample. velocities (m, 3): sampled vx, vy, w. stored (m, 3): velocity of the
+# trajectory. counts (m,): number of its points, 0 if the generator rejects it. ends (m, 3): its last point. critics
+# (m, 7): raw values of the critics. costs (m,): cost of the sample alone. shown (m,): cost in the search's order, which
+# ends above the best so far. ended (m,): critic that ended the latter, ALL if none did. points: x, y, theta and shown
+# cost of all trajectories whose shown cost is not negative, one after the other.
 Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
 
 
 @kernel
 def score_all_samples(params, flags, grids, scratch, scene):
-    """Samples of the cycle last searched. flags: those before that search; one record."""
+    """Score all samples of the last cycle. flags: record of the flags before that search."""
     p, state, start = params[0], flags[0], scratch.start
     nx, ny, nw = sample_axes(p, scratch, scene.plan)
     m = nx * ny * nw

@@ -1,8 +1,8 @@
-"""The local planner (DWAPlannerROS): follows a plan with the DWA planner, stops and turns at its end.
+"""Local planner DWAPlannerROS: follows a plan with the DWA planner, then stops and turns at its end.
 
-Called by MoveBase once per control cycle. docs/explanation/planner_dwa.md: section 2, the part of the global plan to
-follow now (LocalPlannerUtil); section 8, one cycle, and how the robot stops and turns at the goal's place
-(LatchedStopRotateController), where all angles have gone through a quaternion.
+Called by MoveBase once per control cycle. See docs/explanation/planner_dwa.md: section 2 for the cut of the global plan
+(LocalPlannerUtil), section 8 for a cycle, and for stopping and turning at the goal (LatchedStopRotateController), for
+which all angles pass through a quaternion.
 """
 
 import math
@@ -20,32 +20,34 @@ EMPTY = np.zeros((0, 3))
 
 
 class LocalPlan:
-    """The stored plan: cut anew in every cycle, and with `prune` shortened at the front for good."""
+    """Stored plan that is cut anew in every cycle. With `prune`, its front is removed permanently."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.poses = EMPTY
 
     def set(self, plan: np.ndarray) -> None:
-        """Take a plan (n, 3) x, y [m], yaw [rad], n may be 0."""
+        """Store a plan (n, 3) x, y [m], yaw [rad]. n may be 0."""
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
     def goal(self, local_origin: Optional[Pose] = None) -> Optional[Pose]:
-        """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. local_origin: see cut."""
+        """Return the plan's last pose (x, y, yaw) in the costmap's frame, None without a plan. local_origin: see cut.
+        """
         if len(self.poses) == 0:
             return None
         x, y, yaw = transformed(self.poses[-1:], None if local_origin is None else inverse(local_origin))[0].tolist()
         return x, y, yaw
 
     def cut(self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None) -> np.ndarray:
-        """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
+        """Return the poses (k, 3) within `limit` [m] of the robot at x, y [m] and the next one, in the costmap's frame.
 
-        prune: without the leading ones that are 1 m or farther away; as many go from the front of the stored plan,
-        even where the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's, None
-        if they are one.
+        prune: drop the leading poses that are 1 m or farther away. As many are removed from the front of the stored
+            plan,
+        even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if
+        they are the same.
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
-        return cut if local_origin is not None else transformed(cut, None)  # C++ turns by the identity, too
+        return cut if local_origin is not None else transformed(cut, None)  # C++ applies the identity, too.
 
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
@@ -55,9 +57,12 @@ LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
 
 
 class StopRotate:
-    """params: values of the DWAPlannerROS server by name, in force from now on. period [s]: the control period.
+    """Controller that stops the robot at the goal's position and then turns it to the goal's yaw.
 
-    latches: the goal's place, once reached, stays reached until the next plan.
+    Args:
+        params: values of the DWAPlannerROS server by name, in force from now on.
+        period: control period [s].
+        latches: whether a reached position stays reached until the next plan.
     """
 
     def __init__(self, params: Mapping[str, Any], period: float, latches: bool):
@@ -66,21 +71,21 @@ class StopRotate:
         self.reset()
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Take over the server's values by name."""
+        """Apply the values of the server by name."""
         self._params = params
         self._acceleration = [float(np.float32(params[name])) for name in LIMITS]
 
     def reset(self) -> None:
-        """As new. Only this ends a turn that was begun before the goal's heading is reached: no plan or goal does."""
+        """Reset to a new object. A turn that has begun ends only here or at the goal's yaw, not with a new goal."""
         self.rotating = False
         self.latched = False
 
     def new_plan(self) -> None:
-        """The goal's place has to be reached anew."""
+        """Clear the latch, so that the goal's position must be reached again."""
         self.latched = False
 
     def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
-        """Return true within xy_goal_tolerance of `goal`, which sets the latch; both (x, y, yaw)."""
+        """Return whether `pose` is within xy_goal_tolerance of `goal`, both (x, y, yaw). If so, set the latch."""
         if self._latches and self.latched:
             return True
         if np.hypot(goal[0] - pose[0], goal[1] - pose[1]) <= self._params["xy_goal_tolerance"]:
@@ -89,22 +94,23 @@ class StopRotate:
         return False
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, goal: Triple) -> bool:
-        """Return true where the robot stands at its goal, turned to it. velocity: vx, vy [m/s], w [rad/s]."""
+        """Return whether the robot stands at its goal, turned to it. velocity: vx, vy [m/s], w [rad/s]."""
         return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
 
-    def _is_turned(self, pose, goal):
+    def _is_turned(self, pose: Triple, goal: Triple) -> bool:
         return abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"]
 
     def is_stopped(self, velocity: Triple) -> bool:
-        """Return true if the measured velocity counts as standing."""
+        """Return whether the measured velocity counts as standing."""
         vx, vy, w = velocity
         slow = self._params["trans_stopped_vel"]
         return abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
 
     def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
-        """(phase, (vx, vy, w)) at the goal's place: STOPPING first, then TURNING, then TURNED with nothing to do.
+        """Return (phase, (vx, vy, w)) at the goal's position: STOPPING, then TURNING, then TURNED with zero velocity.
 
-        velocity: as measured, its w through a quaternion for the arithmetic but not for the question whether it stands.
+        velocity: measured velocity. Its w passes through a quaternion for the command, but not for the test of
+            standing.
         """
         if self._is_turned(pose, goal):
             self.rotating = False
@@ -116,45 +122,48 @@ class StopRotate:
         return TURNING, (0.0, 0.0, self._turn(angle_difference(pose[2], goal[2]), w))
 
     def _slower(self, velocity):
-        """The velocity after one period of braking as hard as the acceleration limits allow."""
+        """Return the velocity after one period of braking at the acceleration limits."""
         return tuple(
             (-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period)
             for v, limit in zip(velocity, self._acceleration)
         )
 
-    def _turn(self, error, w):
-        """Turn rate [rad/s] that takes `error` [rad] away, no faster than the turn can be ended there."""
+    def _turn(self, error: float, w: float) -> float:
+        """Return a turn rate [rad/s] that reduces `error` [rad] and from which the robot can still stop there."""
         limit = self._acceleration[2]
         change = limit * self._period
         speed = min(max(self._clamped(abs(error)), abs(w) - change), abs(w) + change)
         speed = self._clamped(min(math.sqrt(float(np.float32(2.0 * limit)) * abs(error)), speed))
         return -speed if error < 0 else speed
 
-    def _clamped(self, w):
+    def _clamped(self, w: float) -> float:
         return min(self._params["max_vel_theta"], max(self._params["min_vel_theta"], w))
 
 
 NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
-NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
+NO_PLAN, DRIVING = "no plan", "driving"  # phases in addition to STOPPING, TURNING and TURNED
 
 
 class Step(NamedTuple):
-    """The outcome of one cycle."""
+    """Outcome of one cycle."""
 
     ok: bool
     command: Tuple[float, float, float]  # vx, vy [m/s], w [rad/s]; zero if not ok
     phase: str
-    cut: np.ndarray  # (k, 3), the part of the plan that was followed
-    cost: float = 0.0  # of the trajectory that was chosen or checked; negative if illegal
-    count: int = 0  # type: ignore[assignment]  # of its points; tuple.count is not used
-    checked: Tuple[float, float, float] = STANDING  # the command that was checked at the goal's place
+    cut: np.ndarray  # part (k, 3) of the plan that was followed
+    cost: float = 0.0  # cost of the chosen or checked trajectory, negative if illegal
+    count: int = 0  # type: ignore[assignment]  # number of its points (tuple.count is not used)
+    checked: Tuple[float, float, float] = STANDING  # command that was checked at the goal's position
 
 
 class DWALocalPlanner(LocalPlanner):
-    """params: the values of the server and the static parameters of DWAPlannerROS by name.
+    """Local planner DWAPlannerROS. The footprint is the costmap's of each cycle.
 
-    The server's values are all in force at once after `reconfigure`; the control period, sum_scores, cheat_factor and
-    the latch change with a restart. The footprint is the costmap's of each cycle.
+    `reconfigure` applies all server parameters at once. The control period, sum_scores, cheat_factor and the latch
+    change only with a restart.
+
+    Args:
+        params: values of the server and static parameters of DWAPlannerROS by name.
     """
 
     def __init__(self, params: Mapping[str, Any]):
@@ -167,27 +176,27 @@ class DWALocalPlanner(LocalPlanner):
         self.reset()
 
     def reset(self) -> None:
-        """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
+        """Clear plan, latch and the planner's flags, as in a new object (for training episodes). Parameters stay."""
         self.planner.reset()
         self.stop_rotate.reset()
         self.set_plan(EMPTY)
         self._forget_cycle()
 
-    def _forget_cycle(self):
-        """State of one cycle alone."""
+    def _forget_cycle(self) -> None:
+        """Clear the state that belongs to a single cycle."""
         self.goal_reached, self._searched = False, False
         self.cropped_plan = EMPTY
         self._choice: Optional[Choice] = None
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """New values of the server by name, some or all. Flags, latches and the plan stay."""
+        """Apply new values of the server by name, some or all. Flags, latches and the plan stay."""
         wanted = dict(self._params, **params)
         self.planner.reconfigure(wanted)
         self.stop_rotate.reconfigure(wanted)
         self._params = wanted
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """The global plan (n, 3) x, y [m], yaw [rad], from now on."""
+        """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
         self.stored_plan.set(plan)
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
@@ -195,25 +204,25 @@ class DWALocalPlanner(LocalPlanner):
 
     @property
     def local_plan(self) -> np.ndarray:
-        """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
+        """Points (k, 3) of the chosen trajectory, empty if the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
-        """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last search's cells, for display."""
+        """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the last search's cells, for display."""
         return self.planner.cost_cloud(costmap) if self._searched else NO_COSTS
 
     def trajectory_cloud(self, costmap: Any) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
+        """Return points (k, 5) float32 x, y, z, theta, cost of all legal trajectories of the last search."""
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 
     def refusals(self, costmap: Any) -> Dict[str, int]:
-        """Count the samples that each critic refused in a search without a legal one, see LocalPlanner."""
+        """Count the samples that each critic rejected in a search without a legal sample, see LocalPlanner."""
         return self.planner.refusals() if self._searched and self._choice is None else {}
 
     def compute_velocity(
         self, pose, twist, costmap: Any, local_origin: Optional[Triple] = None
     ) -> Tuple[bool, Command]:
-        """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
+        """Return (ok, (v, w)) for this cycle, see LocalPlanner. As in C++, the goal is tested before any command."""
         self._forget_cycle()
         pose = tuple(float(v) for v in pose)
         v, w = (float(v) for v in twist)
@@ -226,14 +235,14 @@ class DWALocalPlanner(LocalPlanner):
         return step.ok, (step.command[0], step.command[2])
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None) -> bool:
-        """Return true where the robot stands at its goal, turned to it; false without a plan. Sets the latch."""
+        """Return whether the robot stands at its goal, turned to it. False without a plan. May set the latch."""
         goal = self.stored_plan.goal(local_origin)
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 
     def command(self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None) -> Step:
-        """One cycle's Step: the search's choice, or at the goal's place the command to stop or turn.
+        """Return the Step of one cycle: the search's choice, or the command to stop or turn at the goal's position.
 
-        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured; local_origin: as in LocalPlanner.
+        pose: x, y [m], yaw [rad]. velocity: measured vx, vy [m/s], w [rad/s]. local_origin: see LocalPlanner.
         """
         self._forget_cycle()
         cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), local_origin)
@@ -255,6 +264,6 @@ class DWALocalPlanner(LocalPlanner):
         return Step(ok, wanted if ok else STANDING, phase, cut, cost, count, wanted)
 
 
-def _wrapped(pose):
-    """The pose with its angle gone through a quaternion."""
+def _wrapped(pose: Triple) -> Triple:
+    """Return the pose with its yaw passed through a quaternion."""
     return pose[0], pose[1], through_quaternion(pose[2])

@@ -1,10 +1,10 @@
-"""The DWA planner (dwa_local_planner::DWAPlanner): one velocity for one cycle, and the legality of a given one.
+"""DWA planner (dwa_local_planner::DWAPlanner) that chooses one velocity per cycle and checks given velocities.
 
-Called by local_planner.py, which makes a controller of it. The arithmetic is in the kernels beside this file.
+local_planner.py builds a controller on it. The arithmetic is in the kernels of this package.
 """
 
 from functools import partial
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -27,11 +27,16 @@ NO_PLAN = np.zeros((0, 2))
 
 
 class DWAPlanner(SamplingPlanner):
-    """Samples velocities and scores them with seven critics.
+    """DWA planner that samples velocities and scores them with seven critics.
 
-    params: values of the DWAPlannerROS server by name. sim_period [s]: the control period, the dynamic window's width.
-    sum_scores: the obstacle critic adds the costs of all points instead of taking the largest. cheat_factor: scales
-    the squared distance to the plan's end below which the nose-on-path critic is off. Raises ParameterError.
+    Args:
+        params: values of the DWAPlannerROS server by name.
+        sim_period: control period and width of the dynamic window [s].
+        sum_scores: whether the obstacle critic adds the costs of all points instead of taking the largest.
+        cheat_factor: factor of the squared distance to the plan's end below which the nose-on-path critic is off.
+
+    Raises:
+        ParameterError: a parameter is invalid.
     """
 
     PARAMETERS, STATE, SAMPLES = PARAMETERS, STATE, SAMPLES
@@ -48,7 +53,7 @@ class DWAPlanner(SamplingPlanner):
         super().__init__(params)
         self._flags_before = self._state.copy()
 
-    def _derive(self, made, resolution) -> None:
+    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
         for name, value in self._fixed.items():
             made[name] = value
         for name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
@@ -63,23 +68,23 @@ class DWAPlanner(SamplingPlanner):
 
     @property
     def scales(self) -> List[float]:
-        """The seven critics' weights in their order."""
+        """Weights of the seven critics in their order."""
         return [float(weight) for weight in weights.py_func(self._params.view(np.recarray)[0])]
 
     def reset(self) -> None:
-        """Forget flags, grids and plans, as a new object (training episodes)."""
+        """Clear flags, grids and plans, as in a new object (for training episodes)."""
         super().reset()
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
             self._grids.facts[:] = 0
 
     def clear_flags(self) -> None:
-        """Forget the barred directions, as every new plan does."""
+        """Clear the barred directions, as every new plan does."""
         clear(self._state[0])
 
     def prepare(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> None:
-        """Begin a cycle that only stops or turns: pose, velocity and weights as find_best_path takes them."""
-        self._look_at(costmap, plan)
+        """Begin a cycle that only stops or turns: store pose, velocity and weights as find_best_path does."""
+        self._update_scene(costmap, plan)
         (x, y, yaw), (vx, vy, w) = pose, velocity
         if prepare(
             self._params, self._scratch, self._scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w)
@@ -87,12 +92,15 @@ class DWAPlanner(SamplingPlanner):
             self._aligned_plan = self._scene.plan
 
     def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
-        """One cycle: floods, samples, winner, flags.
+        """Run one cycle: floods, samples, winner, flags.
 
-        costmap: anything with cells (ny, nx) uint8, origin (x, y) [m], resolution [m], footprint (n, 2) [m]. plan:
-        (k, 2 or 3) [m] in its frame, not empty. pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s].
+        Args:
+            costmap: map with cells (ny, nx) uint8, origin (x, y) [m], resolution [m] and footprint (n, 2) [m].
+            plan: points (k, 2 or 3) in the costmap's frame [m], not empty.
+            pose: x, y [m], yaw [rad].
+            velocity: vx, vy [m/s], w [rad/s].
         """
-        self._look_at(costmap, plan)
+        self._update_scene(costmap, plan)
         self._flags_before[:] = self._state
         given = [float(value) for value in (*pose, *velocity)]
         cost, sample, count, sampled, moving, turn, aligned = find_best(
@@ -104,10 +112,10 @@ class DWAPlanner(SamplingPlanner):
         return Choice(cost, moving, (moving[0], moving[1], turn), count, follow, sample)
 
     def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
-        """(cost, number of points) of the trajectory towards one velocity (vx, vy, w), from the prepared cycle.
+        """Return (cost, number of points) of the trajectory towards a velocity (vx, vy, w) in the prepared cycle.
 
-        The grids are those of the last search. A velocity that the generator refuses has no points, costs nothing and
-        so passes. Clears the flags, as in C++.
+        The grids are those of the last search. A velocity that the generator rejects has no points and no cost, and so
+        passes. As in C++, the flags are cleared.
         """
         clear(self._state[0])
         p, start = self._params[0], self._scratch.start
@@ -123,20 +131,20 @@ class DWAPlanner(SamplingPlanner):
         return cost, steps
 
     def score_all_samples(self) -> Samples:
-        """All samples of the last search with what each critic says, for display and tests."""
+        """Return all samples of the last search with the values of the critics, for display and tests."""
         return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
 
     def refusals(self) -> Dict[str, int]:
-        """Count the samples that each critic refused in the last search; "velocity limits" are the generator's."""
+        """Count the samples that each critic rejected in the last search. "velocity limits" counts the generator's."""
         every = self.score_all_samples()
         counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
         by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))
         return {**counts, **{name: int(n) for name, n in zip(CRITICS, by_critic)}}
 
     def grids(self) -> List[np.ndarray]:
-        """The four grids (ny, nx) int32 of the last search as C++ holds them: path, goal, nose to goal, nose on path.
+        """Return the grids (ny, nx) int32 of the last search as in C++: path, goal, nose to goal, nose on path.
 
-        With N cells on the map, N is an obstacle and N + 1 a cell that no flood came to.
+        With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
         """
         ny, nx = self._shape
         rows = (0, 1, 2, int(self._grids.facts[1]))
@@ -146,9 +154,9 @@ class DWAPlanner(SamplingPlanner):
         return made
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
-        """(nx ny, 7) float32: x, y, z, path, goal, obstacle and total cost of every cell the robot's centre may be in.
+        """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre.
 
-        For display. In C++ the points left out are zeros at the end; here there are none.
+        The cloud is for display. C++ appends zeros in place of the cells that are left out.
         """
         if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
@@ -158,11 +166,11 @@ class DWAPlanner(SamplingPlanner):
         return cost_cloud(costmap, path, goal, everywhere, (p["path_scale"], p["goal_scale"], p["occdist_scale"]))
 
     def trajectory_cloud(self) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
+        """Return points (k, 5) float32 x, y, z, theta, cost of all legal trajectories of the last search."""
         return trajectory_cloud(self.score_all_samples().points)
 
-    def _look_at(self, costmap, plan):
-        """The cycle's Scene; grids and tables are made anew only when size, resolution or footprint change."""
+    def _update_scene(self, costmap: Any, plan: Any) -> None:
+        """Store the cycle's scene. Grids and tables are renewed only if size, resolution or footprint changed."""
         fits = self._fits(costmap)
         ny, nx = self._shape
         if not fits:

@@ -1,4 +1,4 @@
-"""The records that the kernels of the DWA planner share: parameters, memory, surroundings, grids, room to work in."""
+"""Records that the kernels of the DWA planner share: parameters, memory, surroundings, grids, scratch memory."""
 
 from collections import namedtuple
 
@@ -7,8 +7,8 @@ import numpy as np
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.sampling_planner import record
 
-# What the planner works with, one record; m, rad, s. acc_lim_* are float32 values. path_scale and goal_scale are the
-# two distance weights per cell; alignment_scale is path_scale or, near the goal, 0.
+# Parameters of the planner in one record [m, rad, s]. acc_lim_* are float32 values. path_scale and goal_scale are the
+# two distance weights per cell. alignment_scale is path_scale or, near the goal, 0.
 PARAMETERS = record(
     "max_vel_trans min_vel_trans max_vel_x min_vel_x max_vel_y min_vel_y max_vel_theta min_vel_theta acc_lim_x "
     "acc_lim_y acc_lim_theta sim_time sim_granularity angular_sim_granularity path_distance_bias "
@@ -18,8 +18,8 @@ PARAMETERS = record(
     "vx_samples vy_samples vth_samples use_dwa sum_scores",
 )
 
-# The oscillation flags and the pose (float32 values) at which one was last set. For each axis: which sign alone is
-# allowed, and which sign was driven last.
+# Oscillation flags, and the pose (float32 values) at which one was last set. Flags of each axis: the only sign that is
+# allowed, and the sign that was driven last.
 STATE = record(
     "",
     "forward_pos_only forward_neg_only strafe_pos_only strafe_neg_only rot_pos_only rot_neg_only "
@@ -27,32 +27,32 @@ STATE = record(
     "prev_x prev_y prev_theta",
 )
 
-# What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
-# resolution [m]; the padded footprint (n, 2) [m] and its line_offsets; the plan (k, 2 or 3) [m], and the plan of the
+# Surroundings of the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
+# resolution [m], the padded footprint (n, 2) [m] and its line_offsets, the plan (k, 2 or 3) [m], and the plan of the
 # last cycle in which the nose-on-path critic was on.
 Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan aligned_plan")
 
 PATH, GOAL, FRONT, ALIGNMENT = range(4)
 
-# The four distance grids of distance_grid.py, one a row: distances (4, size), queues (4, size), ends (4, 2).
-# facts: [whether there was a search yet, the row that nose-on-path reads: PATH while it is on, for both grids are then
-# the same].
+# Four distance grids (distance_grid.py), one per row: distances (4, size), queues (4, size), ends (4, 2).
+# facts: [whether a search has taken place, row that the nose-on-path critic reads]. The row is PATH while the critic is
+# on, because both grids are then the same.
 Grids = namedtuple("Grids", "distances queues ends facts")
 
-# Room for one cycle. xs, ys, ws: the values of each axis; of every sample a lower bound of its cost (keys), of its
-# four grid values (bounds) and of its obstacle cost (occupied), the heap, and whether it was probed; start (6,): pose
-# and velocity as used.
+# Scratch memory of one cycle. xs, ys, ws: values of each axis. keys, bounds, occupied: lower bounds of each sample's
+# cost, of its four grid values and of its obstacle cost. heap: samples by key. probed: whether a sample was probed.
+# start (6,): pose and velocity as used.
 Scratch = namedtuple("Scratch", "xs ys ws keys bounds occupied heap probed start")
 
 
-def allocate_grids(nx, ny):
-    """Grids for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+def allocate_grids(nx: int, ny: int) -> Grids:
+    """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
     distance, queue, _ = distance_grid.allocate(nx, ny)
     return Grids(np.tile(distance, (4, 1)), np.tile(queue, (4, 1)), np.zeros((4, 2), np.int64), np.zeros(2, np.int64))
 
 
-def allocate_scratch(vx_samples, vy_samples, vth_samples):
-    """Scratch for so many samples; each axis can have one value more than asked for, and has two at least."""
+def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scratch:
+    """Return scratch memory for these sample numbers. Each axis has at least two values and may need one extra."""
     axes = [max(n, 2) + 1 for n in (vx_samples, vy_samples, vth_samples)]
     n = axes[0] * axes[1] * axes[2]
     return Scratch(

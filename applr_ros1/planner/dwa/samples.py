@@ -1,7 +1,7 @@
-"""The velocity samples of a cycle and their trajectories (SimpleTrajectoryGenerator, velocity_iterator.h).
+"""Velocity samples of a cycle and their trajectories (SimpleTrajectoryGenerator, velocity_iterator.h).
 
-docs/explanation/planner_dwa.md sections 4 and 5: dynamic window and values of each axis; the trajectory of a sample.
-Every pose and velocity is rounded to float32 when it is stored; what lies between is double.
+See docs/explanation/planner_dwa.md, section 4 for the dynamic window and the values of each axis, and section 5 for the
+trajectory of a sample. Stored poses and velocities are rounded to float32, intermediate values are double.
 """
 
 import math
@@ -14,15 +14,15 @@ from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 
 @kernel
 def single(value):
-    """`value` rounded to float32, as a double."""
+    """Return `value` rounded to float32, as a double."""
     return np.float64(np.float32(value))
 
 
 @kernel(error_model="numpy")
 def sample_axes(p, scratch, plan):
-    """Fill the values of the axes; returns how many there are of vx, vy and w. Samples run over w first, vx last.
+    """Fill the values of the axes and return their numbers for vx, vy and w. Samples run over w first, vx last.
 
-    plan: (k, 2 or 3) [m], not empty; its last point slows the robot down where use_dwa is off.
+    plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits the speed.
     """
     start = scratch.start
     most_x, most_y, period = p.max_vel_x, p.max_vel_y, p.sim_period
@@ -42,16 +42,16 @@ def sample_axes(p, scratch, plan):
 
 @kernel
 def _window(least, most, velocity, change, n, values):
-    """The values of one axis between its limits and what can be reached from `velocity`."""
+    """Fill the values of one axis between its limits and the velocities reachable from `velocity`."""
     return spread(single(max(least, velocity - change)), single(min(most, velocity + change)), n, values)
 
 
 @kernel
 def spread(bottom, top, n, values):
-    """Fill `values` from bottom to top in equal steps, zero between them included; returns how many there are.
+    """Fill `values` from bottom to top in equal steps, including any zero between them, and return their number.
 
-    Repeated addition, every value rounded to float32. One value if both ends are the same, else two at least; values
-    descend where bottom is above top. velocity_iterator.h.
+    The values come from repeated addition, each rounded to float32 (velocity_iterator.h). There is one value if both
+    ends are the same, otherwise at least two. They descend if bottom is above top.
     """
     if bottom == top:
         values[0] = bottom
@@ -74,19 +74,19 @@ def spread(bottom, top, n, values):
 
 @kernel
 def ground_speed(vx, vy):
-    """The speed over ground [m/s]."""
+    """Return the speed over ground [m/s]."""
     return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
 
 
 @kernel
 def is_too_fast(p, speed):
-    """Return true if samples of this speed over ground are refused."""
+    """Return whether samples of this speed over ground are rejected."""
     return p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans
 
 
 @kernel
 def least_turn(p, speed):
-    """The turn rate [rad/s] that samples of this speed over ground need; -1 if none."""
+    """Return the minimum turn rate [rad/s] of samples of this speed over ground, or -1 if there is none."""
     if p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans and p.min_vel_theta >= 0:
         return p.min_vel_theta
     return -1.0
@@ -94,19 +94,19 @@ def least_turn(p, speed):
 
 @kernel(error_model="numpy")
 def linear_steps(p, speed):
-    """The steps that a speed over ground asks for, not yet a whole number."""
+    """Return the number of steps that a speed over ground requires, not yet rounded."""
     return speed * p.sim_time / p.sim_granularity
 
 
 @kernel(error_model="numpy")
 def angular_steps(p, w):
-    """The steps that a turn rate asks for, not yet a whole number."""
+    """Return the number of steps that a turn rate requires, not yet rounded."""
     return abs(w) * p.sim_time / p.angular_sim_granularity
 
 
 @kernel
 def step_count(p, vx, vy, w):
-    """Into how many steps the sample (vx, vy, w) is divided; 0 refuses it."""
+    """Return the number of steps of the sample (vx, vy, w), or 0 to reject it."""
     speed = ground_speed(vx, vy)
     if is_too_fast(p, speed) or abs(w) + SLACK < least_turn(p, speed):
         return 0
@@ -115,7 +115,7 @@ def step_count(p, vx, vy, w):
 
 @kernel
 def ramp(target, velocity, change):
-    """The velocity on its way to `target`, at most `change` nearer."""
+    """Return the velocity moved towards `target` by at most `change`."""
     if velocity < target:
         return single(min(target, velocity + change))
     return single(max(target, velocity - change))
@@ -123,7 +123,7 @@ def ramp(target, velocity, change):
 
 @kernel
 def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
-    """All three velocities after dt on their way from the present ones to the sample."""
+    """Return all three velocities after dt of acceleration from the current ones towards the sample."""
     return (
         ramp(vx, vx_now, p.acc_lim_x * dt),
         ramp(vy, vy_now, p.acc_lim_y * dt),
@@ -133,7 +133,7 @@ def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
 
 @kernel
 def commanded(p, start, vx, vy, w, steps):
-    """The velocity that the trajectory of a sample stands for: the sample, or one step of the ramp towards it."""
+    """Return the velocity of a sample's trajectory: the sample, or without use_dwa one step of the ramp towards it."""
     if p.use_dwa:
         return vx, vy, w
     return ramped(p, vx, vy, w, start[3], start[4], start[5], p.sim_time / steps)
@@ -141,7 +141,7 @@ def commanded(p, start, vx, vy, w, steps):
 
 @kernel
 def move(x, y, theta, c, s, vx, vy, w, dt):
-    """The pose after dt; c and s are cosine and sine of theta."""
+    """Return the pose after dt. c and s are cosine and sine of theta."""
     if vy == 0.0:
         return single(x + vx * c * dt), single(y + vx * s * dt), single(theta + w * dt)
     return (
@@ -153,7 +153,7 @@ def move(x, y, theta, c, s, vx, vy, w, dt):
 
 @kernel
 def roll_out(p, start, vx, vy, w, points):
-    """Write the poses x, y, theta before each step into `points` (steps, 3): the first is the robot's own."""
+    """Write the poses x, y, theta before each step to `points` (steps, 3). The first is the robot's current pose."""
     steps = points.shape[0]
     dt = p.sim_time / steps if steps > 0 else 0.0
     x, y, theta = start[0], start[1], start[2]
@@ -169,7 +169,7 @@ def roll_out(p, start, vx, vy, w, points):
 
 @kernel
 def take_start(start, x, y, yaw, vx, vy, w):
-    """Pose and velocity (6,) as the planner uses them: float32, angle and turn rate already through a quaternion."""
+    """Store pose and velocity (6,) as float32. Yaw and turn rate have already passed through a quaternion."""
     start[0] = np.float32(x)
     start[1] = np.float32(y)
     start[2] = np.float32(yaw)

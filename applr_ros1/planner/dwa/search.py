@@ -1,9 +1,9 @@
-"""Chooses the velocity of a cycle without rolling out those samples that cannot win.
+"""Search for the velocity of a cycle without rolling out samples that cannot win.
 
 Called by planner.py. A cycle begins with the pose as used and the targets of the four distance grids (section 3 of
-docs/explanation/planner_dwa.md). Samples wait in a heap by a lower bound of their cost (bounds.py); for the lowest the
-critics are asked (critics.py), until no bound is left that beats the best cost. The choice is the C++ planner's to the
-last bit.
+docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of their cost (bounds.py). The
+critics (critics.py) evaluate the sample with the lowest bound, until no bound beats the best cost. The choice equals
+that of the C++ planner to the last bit.
 """
 
 import math
@@ -29,9 +29,9 @@ from applr_ros1.planner.sampling_planner import sift_down, through_quaternion
 
 @kernel
 def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
-    """Take pose and velocity, and switch the nose-on-path critic, off near the plan's end; returns whether it is on.
+    """Store pose and velocity, and return whether the nose-on-path critic is on. It is off near the plan's end.
 
-    plan: (k, 2 or 3) [m], not empty. yaw and w have already gone through a quaternion.
+    plan: points (k, 2 or 3) [m], not empty. yaw and w have already passed through a quaternion.
     """
     p = params[0]
     start = scratch.start
@@ -47,7 +47,7 @@ def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
 
 @kernel
 def begin_floods(p, grids, start, scene, aligned):
-    """Reset the grids for the scene's costmap and put 0 where each flood begins. aligned: nose-on-path is on."""
+    """Reset the grids for the scene's costmap and start each flood. aligned: whether the nose-on-path critic is on."""
     cells, ox, oy, resolution, _, _, plan, aligned_plan = scene
     distances, queues, ends, facts = grids
     stride = cells.shape[1] + 2
@@ -79,11 +79,11 @@ NO_LIMIT = 1 << 60
 
 @kernel(error_model="numpy")
 def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
-    """One cycle: preparation, floods, samples, winner, flags. params, state: one record each.
+    """Run one cycle: preparation, floods, samples, winner, flags. params, state: one record each.
 
-    Returns (cost, number of the sample, number of points, the sample, the trajectory's velocity, commanded w,
-    nose-on-path is on); a cost below 0 means no valid command. Pose and velocity go through float32 first, angles
-    through a quaternion before that.
+    Returns (cost, number of the sample, number of points, the sample, the trajectory's velocity, commanded w, whether
+    nose-on-path is on). A negative cost means no valid command. Angles pass through a quaternion, then pose and
+    velocity are rounded to float32.
     """
     p = params[0]
     aligned = prepare(params, scratch, scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w))
@@ -102,7 +102,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
 
 @kernel(error_model="numpy")
 def _lowest(p, state, grids, scratch, scene, nx, ny, nw):
-    """(cost, number) of the first sample of lowest cost, (HUGE, -1) if none is legal."""
+    """Return (cost, number) of the first sample of lowest cost, or (HUGE, -1) if none is legal."""
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
     c = math.cos(start[2])
     s = math.sin(start[2])
