@@ -72,8 +72,7 @@ def sure_end_cells(x0, y0, theta0, c, s, ox, oy, per_cell, dx, dy, speed, w, sim
     """Return the cells (x, y) of the last point and of its nose, on or off the map, AT_BORDER if undecided.
 
     x0, y0, theta0, c, s: start, with cosine and sine. ox, oy: origin of the map. per_cell: 1 / resolution. dx, dy:
-        velocity
-    at the start in the axes of the map. ahead: distance of the nose. Valid only for a constant velocity.
+    velocity at the start in the axes of the map. ahead: distance of the nose. Valid only for a constant velocity.
     """
     dt = sim_time / steps
     turn = w * dt

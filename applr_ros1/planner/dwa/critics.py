@@ -241,9 +241,9 @@ def _on_grid(scene, grids, row, points, ahead, stops):
 
 # All samples of a cycle, one row per sample. velocities (m, 3): sampled vx, vy, w. stored (m, 3): velocity of the
 # trajectory. counts (m,): number of its points, 0 if the generator rejects it. ends (m, 3): its last point. critics
-# (m, 7): raw values of the critics. costs (m,): cost of the sample alone. shown (m,): cost in the search's order, which
-# ends above the best so far. ended (m,): critic that ended the latter, ALL if none did. points: x, y, theta and shown
-# cost of all trajectories whose shown cost is not negative, one after the other.
+# (m, 7): raw values of the critics. costs (m,): cost of the sample alone. shown (m,): cost in the search's order, whose
+# summation stops above the best so far. ended (m,): critic that stopped it, ALL if none did. points: x, y, theta and
+# shown cost of all trajectories whose shown cost is not negative, one after the other.
 Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
 
 

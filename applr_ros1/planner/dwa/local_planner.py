@@ -30,8 +30,7 @@ class LocalPlan:
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
     def goal(self, local_origin: Optional[Pose] = None) -> Optional[Pose]:
-        """Return the plan's last pose (x, y, yaw) in the costmap's frame, None without a plan. local_origin: see cut.
-        """
+        """Return the last pose (x, y, yaw) of the plan in the costmap's frame, or None. local_origin: see cut."""
         if len(self.poses) == 0:
             return None
         x, y, yaw = transformed(self.poses[-1:], None if local_origin is None else inverse(local_origin))[0].tolist()
@@ -41,9 +40,8 @@ class LocalPlan:
         """Return the poses (k, 3) within `limit` [m] of the robot at x, y [m] and the next one, in the costmap's frame.
 
         prune: drop the leading poses that are 1 m or farther away. As many are removed from the front of the stored
-            plan,
-        even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if
-        they are the same.
+        plan, even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame,
+        None if they are the same.
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
@@ -109,8 +107,7 @@ class StopRotate:
     def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
         """Return (phase, (vx, vy, w)) at the goal's position: STOPPING, then TURNING, then TURNED with zero velocity.
 
-        velocity: measured velocity. Its w passes through a quaternion for the command, but not for the test of
-            standing.
+        velocity: measured velocity. Its w passes through a quaternion for the command, not for the standstill test.
         """
         if self._is_turned(pose, goal):
             self.rotating = False

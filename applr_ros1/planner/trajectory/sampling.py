@@ -50,9 +50,8 @@ def allocate_grids(nx: int, ny: int) -> Grids:
 def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
     """Reset both grids for the costmap `cells` (ny, nx), start their floods and return the local goal's cell (x, y).
 
-    plan: (n, 2) [m]. x, y, yaw: the robot's pose. Under the robot's footprint (m, 2) [m], walls are passable in the
-        path
-    grid but not in the goal grid. The local goal is (-1, -1) if the plan is off the map.
+    plan: points (n, 2) [m]. x, y, yaw: the robot's pose. Walls under the robot's footprint (m, 2) [m] are passable in
+    the path grid but not in the goal grid. The local goal is (-1, -1) if the plan is off the map.
     """
     reset(grids.path, grids.path_ends, cells)
     reset(grids.goal, grids.goal_ends, cells)
