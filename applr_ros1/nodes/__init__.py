@@ -1,2 +1,2 @@
-"""The ROS nodes, a folder for each program; `common` are the parts that several share."""
-# Imports all packages but training; beside it only sim_bridge's ros_*.py know ROS.
+"""ROS nodes, a folder for each program. The modules in this folder are shared by several nodes."""
+# Imports all packages except training. Besides this package, only sim_bridge's ros_*.py depend on ROS.

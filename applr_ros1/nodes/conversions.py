@@ -1,7 +1,7 @@
-"""Messages to arrays and back, for the move_base node. Pure functions; rospy itself is not needed here.
+"""Conversions between ROS messages and arrays, for the nodes. Pure functions that do not need rospy.
 
-Big messages (maps, plans, clouds) are written in one piece from their array: `serialize` of the generated classes
-packs them number by number, 28 ms for a global map.
+Large messages (maps, plans, clouds) are serialized from their array in one piece. The generated classes would pack them
+number by number, which takes 28 ms for a global map.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 GOAL_STATES = {value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()}  # {3: "succeeded"}
-LEVEL_COS = 1.0 - 2e-6  # cosine of the tilt up to which a sensor counts as level
+LEVEL_COS = 1.0 - 2e-6  # smallest cosine of the tilt of a level sensor
 
-# costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
+# occupancy by costmap value c: 0 stays 0, 253 -> 99, 254 -> 100, 255 -> -1, other values 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
-COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")  # one point per cell
-TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # one point per point of a trajectory
+COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")  # fields of cost_cloud (cells)
+TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # fields of trajectory_cloud (points)
 
 
 class MessageError(ApplrError):
-    """A message that cannot be used; one line says why."""
+    """A message that cannot be used. The text gives the reason in one line."""
 
 
-def is_upright(q) -> bool:
-    """Return whether a quaternion is finite, not zero, and turns about z only (move_base.cpp, isQuaternionValid)."""
+def is_upright(q: Any) -> bool:
+    """Return whether a quaternion is finite, nonzero, and rotates about z only (isQuaternionValid of move_base.cpp)."""
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not math.isfinite(length2) or length2 < 1e-6:
         return False
@@ -47,15 +47,15 @@ def is_upright(q) -> bool:
     return abs(z_of_z - 1.0) <= 1e-3
 
 
-def pose_of(message) -> Pose:
+def pose_of(message: Any) -> Pose:
     """Return (x, y, yaw) of a geometry_msgs/Transform or a geometry_msgs/Pose."""
     if hasattr(message, "position"):
         return message.position.x, message.position.y, yaw_of(message.orientation)
     return message.translation.x, message.translation.y, yaw_of(message.rotation)
 
 
-def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
-    """Return a geometry_msgs/PoseStamped of pose (x, y, yaw) [m, m, rad] in `frame`."""
+def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
+    """Return a geometry_msgs/PoseStamped of the pose (x, y, yaw) [m, m, rad] in `frame`."""
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
@@ -64,24 +64,24 @@ def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
 
 
 def twist(v: float, w: float) -> Twist:
-    """Return a geometry_msgs/Twist of a forward speed [m/s] and a turn rate [rad/s]."""
+    """Return a geometry_msgs/Twist of a forward speed v [m/s] and a turn rate w [rad/s]."""
     message = Twist()
     message.linear.x, message.angular.z = v, w
     return message
 
 
-def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp) -> DiagnosticArray:
-    """Return a diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
+def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any) -> DiagnosticArray:
+    """Return a diagnostic_msgs/DiagnosticArray with one status and its {key: value} pairs."""
     shown = [KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value)) for k, value in values.items()]
     return DiagnosticArray(header("", stamp), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
 # -- in --------------------------------------------------------------------------------------------------------
-def check_scan(message, no_return: Optional[float] = None) -> np.ndarray:
-    """Return the ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
+def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
+    """Return the ranges (n,) float32 of a sensor_msgs/LaserScan. Raises MessageError if the scan cannot be used.
 
-    `no_return`: the range that becomes +inf. NaN, inf and -inf beams are ordinary (REP-117); a scan of nothing but NaN
-    is a blind scanner.
+    The range `no_return` becomes +inf. Beams of NaN, inf and -inf are valid (REP 117), but if all are NaN, the scanner
+    is blind.
     """
     if not len(message.ranges):
         raise MessageError("has 0 beams")
@@ -89,24 +89,24 @@ def check_scan(message, no_return: Optional[float] = None) -> np.ndarray:
     if not all(map(math.isfinite, geometry[:3])) or math.isnan(geometry[3]) or message.angle_increment == 0.0:
         raise MessageError(
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
-        )  # range_max may be infinite, as in laser_geometry
+        )  # laser_geometry accepts an infinite range_max.
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
     return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
 
 
-def points_of(message) -> np.ndarray:
+def points_of(message: Any) -> np.ndarray:
     """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud.
 
-    Raises MessageError if a field is missing, ValueError or TypeError if the sizes do not fit.
+    Raises MessageError if a field is missing, and ValueError or TypeError if the sizes are inconsistent.
     """
     if hasattr(message, "points"):
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
     if not all(axis in offsets for axis in "xyz"):
         given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
-        raise MessageError(f"has the fields {given or 'of none'}: give x, y and z as FLOAT32")
+        raise MessageError(f"has {'the fields ' + given if given else 'no fields'}: give x, y and z as FLOAT32")
     width, order = message.point_step, ">" if message.is_bigendian else "<"
     row = message.row_step if message.height > 1 else message.width * width
     kind = np.dtype(
@@ -116,22 +116,22 @@ def points_of(message) -> np.ndarray:
     return np.stack([table[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32)
 
 
-def point_of(transform) -> Point:
-    """Return (x, y, z) of a geometry_msgs/Transform's translation."""
+def point_of(transform: Any) -> Point:
+    """Return the translation (x, y, z) of a geometry_msgs/Transform."""
     return transform.translation.x, transform.translation.y, transform.translation.z
 
 
-def _rotation(transform) -> Tuple[float, float, float, float]:
+def _rotation(transform: Any) -> Tuple[float, float, float, float]:
     q = transform.rotation
     return q.x, q.y, q.z, q.w
 
 
-def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
-    """Return the planner's scan of a message whose ranges have been checked.
+def laser_scan(message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point] = None) -> LaserScan:
+    """Convert a message whose ranges have been checked to the planner's scan.
 
-    transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
+    transform: geometry_msgs/Transform of the laser in the costmap's frame. origin: start of the rays if not the laser.
     """
-    upright = 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)  # cosine between the two z axes
+    upright = 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)  # cosine of the laser's tilt
     ranges, first = from_above(message, ranges, upright < -LEVEL_COS)
     stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
     rotation = None if abs(upright) > LEVEL_COS else _rotation(transform)
@@ -140,27 +140,27 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
     return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id)
 
 
-def from_above(message, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
-    """Return (ranges, angle of the first [rad]) of a scan as seen from above, whether its laser hangs or not."""
+def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
+    """Return (ranges, first angle [rad]) of a scan as seen from above. `hangs`: whether the laser is upside down."""
     if not hangs:
         return ranges, message.angle_min
     return ranges[::-1], -(message.angle_min + (len(ranges) - 1) * message.angle_increment)
 
 
-def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:
-    """Return the planner's cloud of a message and its points (points_of); transform, origin: as for laser_scan."""
+def sensor_cloud(message: Any, points: np.ndarray, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
+    """Convert a message and its points (points_of) to the planner's cloud. Arguments are as for laser_scan."""
     stamp, frame = message.header.stamp.to_sec(), message.header.frame_id
     return SensorCloud(stamp, points, point_of(transform), _rotation(transform), origin, frame)
 
 
-def static_map(message) -> StaticMap:
-    """Return the planner's map of a nav_msgs/OccupancyGrid; MessageError for one that no costmap can have."""
+def static_map(message: Any) -> StaticMap:
+    """Convert a nav_msgs/OccupancyGrid to the planner's map. Raises MessageError if it is inconsistent or rotated."""
     info, n = message.info, len(message.data)
     if info.width * info.height != n or n == 0:
         raise MessageError(f"has {n} cells for {info.width} x {info.height}")
-    turn = info.origin.orientation  # all zero where it was left out
+    turn = info.origin.orientation  # Some publishers leave the orientation all zero.
     if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
-        raise MessageError(f"has an origin that is turned by {yaw_of(turn):.3g} rad: give one without yaw")
+        raise MessageError(f"has an origin with a yaw of {yaw_of(turn):.3g} rad: give an origin without yaw")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     place = float(info.origin.position.x), float(info.origin.position.y)
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
@@ -168,29 +168,29 @@ def static_map(message) -> StaticMap:
 
 # -- out -------------------------------------------------------------------------------------------------------
 class PackedMessage:
-    """A message whose last field, an array left empty in `message`, goes out as `count` elements of `payload`."""
+    """A message whose last field, an array that is empty in `message`, is sent as the `count` elements of `payload`."""
 
     _has_header = True
 
-    def __init__(self, message, count: int, payload: bytes):
+    def __init__(self, message: Any, count: int, payload: bytes):
         self.message, self.header, self._md5sum = message, message.header, message._md5sum
         self.count, self.payload = count, payload
 
-    def serialize(self, buff) -> None:
-        """Write the message as generated, then the array in place of its zero length."""
+    def serialize(self, buff: Any) -> None:
+        """Write the generated message, then replace the empty array at its end."""
         self.message.serialize(buff)
         buff.seek(-4, os.SEEK_CUR)
         buff.write(struct.pack("<I", self.count))
         buff.write(self.payload)
 
 
-def header(frame: str, stamp) -> Header:
+def header(frame: str, stamp: Any) -> Header:
     """Return a std_msgs/Header."""
     return Header(frame_id=frame, stamp=stamp)
 
 
-def grid(costmap, frame: str, stamp) -> PackedMessage:
-    """Return the whole costmap as nav_msgs/OccupancyGrid."""
+def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
+    """Return the whole costmap as a nav_msgs/OccupancyGrid."""
     message = OccupancyGrid(header=header(frame, stamp))
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
@@ -200,15 +200,15 @@ def grid(costmap, frame: str, stamp) -> PackedMessage:
     return PackedMessage(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
 
 
-def grid_update(cells: np.ndarray, corner, frame: str, stamp) -> PackedMessage:
-    """Return the cells (h, w) of a costmap from the cell `corner` (x, y) on as map_msgs/OccupancyGridUpdate."""
+def grid_update(cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any) -> PackedMessage:
+    """Return the window of cells (h, w) of a costmap at `corner` (x, y) as a map_msgs/OccupancyGridUpdate."""
     message = OccupancyGridUpdate(header=header(frame, stamp))
     (message.x, message.y), (message.height, message.width) = corner, cells.shape
     return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
 
 
-def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
-    """Return (n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
+def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
+    """Return poses (n, 3) x, y, yaw, or points (n, 2) with identity orientation, as a nav_msgs/Path."""
     name = frame.encode()
     kind = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
     rows = np.zeros(len(poses), kind)
@@ -219,15 +219,15 @@ def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
     return PackedMessage(Path(header=header(frame, stamp)), len(poses), rows.tobytes())
 
 
-def polygon(vertices: np.ndarray, frame: str, stamp) -> PolygonStamped:
-    """Return (n, 2) [m] as geometry_msgs/PolygonStamped."""
+def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
+    """Return vertices (n, 2) [m] as a geometry_msgs/PolygonStamped."""
     message = PolygonStamped(header=header(frame, stamp))
     message.polygon.points = [Point32(float(x), float(y), 0.0) for x, y in vertices]
     return message
 
 
-def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp) -> PointCloud2:
-    """Return (n, len(names)) as sensor_msgs/PointCloud2 of FLOAT32 fields."""
+def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
+    """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=header(frame, stamp), height=1, width=len(rows), is_dense=True)
     message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
     message.point_step = 4 * len(names)

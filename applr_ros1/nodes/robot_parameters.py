@@ -1,4 +1,4 @@
-"""The private parameters ~robot, ~map and ~tf_prefix of the nodes, and move_base's parameters by the robot's files."""
+"""The nodes' private parameters ~robot, ~map and ~tf_prefix, and move_base's parameters from the robot's files."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ NAMING = ("robot", "map", "tf_prefix")
 
 
 def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
-    """Return the robot that the private parameters of a node name, and the prefix of its frames' names.
+    """Return the robot named by the private parameters of a node, and the prefix of its frames.
 
     Args:
-        parameters: `robot` is the name or the folder of a description; `map` chooses its files for a map; `tf_prefix`
-            goes before the names of its frames.
+        parameters: `robot` is the name or folder of a description, `map` selects its files for driving on a map, and
+            `tf_prefix` is the prefix of its frames.
 
     Raises:
-        RobotError: Its folder has errors; a line for each.
-        ApplrError: There is no such robot, or it has no files for a map.
+        RobotError: The description has errors; a line for each.
+        ApplrError: There is no such robot, or it has no files for driving on a map.
     """
     robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
     return robot, frame_prefix(str(parameters.get("tf_prefix", "")))
 
 
 def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
-    """Return the parameter tree of move_base, and the robot. Raises as `named_robot`.
+    """Return the parameter tree of move_base, and the robot. Raises like `named_robot`.
 
     Args:
-        given: The private parameters. All but those of `named_robot` replace what the robot's files say.
+        given: The private parameters. All except NAMING override the robot's files.
 
     Returns:
-        The nested tree without NAMING, and the Robot; None if no robot is named.
+        The nested tree without NAMING, and the Robot, or None if no robot is named.
     """
     tree = {name: value for name, value in given.items() if name not in NAMING}
     if not given.get("robot"):
@@ -46,7 +46,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
-    """Put the prefix before the robot's own frames, wherever they stand; the map is of all robots."""
+    """Add the prefix to all frames of the robot in a tree. The frame map is shared by all robots."""
     for name, value in tree.items():
         if isinstance(value, dict):
             _prefix_frames(value, prefix)

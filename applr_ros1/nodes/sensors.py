@@ -1,6 +1,7 @@
-"""Input of the move_base node: pose and localisation from tf, twist from odometry, sensor data.
+"""Sensor inputs of the nodes: pose and localisation from tf, twist from odometry, scans and clouds.
 
-Callbacks only store; the node's thread asks once per cycle. What is wrong is said in one line, at most every second.
+Callbacks only store messages, which the node's thread polls once per cycle. Each problem is logged in one line, at most
+once per second.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, Mapping, Optional, Sequence, Tuple
 
 import rospy
 from nav_msgs.msg import Odometry
@@ -27,27 +28,27 @@ from . import conversions
 from .conversions import MessageError, Pose
 from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
-SCANS_KEPT = 20  # scans kept until their transform comes
+SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
-ADJUSTMENT_S = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
+ADJUSTMENT_S = 1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
 
 
 class Clock:
-    """ROS time as it was read last, and whether it went back. `Sensors.forget` then drops what came before.
+    """Latest reading of ROS time, with detection of jumps back and of a stopped clock.
 
     Attributes:
-        now: The time.
+        now: ROS time at the last call of `went_back`.
     """
 
     def __init__(self) -> None:
         self.now, self._changed = rospy.get_rostime(), time.monotonic()
 
     def stands(self, seconds: float) -> bool:
-        """Return whether the time has not changed for `seconds` of wall time."""
+        """Return whether ROS time has not changed for `seconds` of wall time."""
         return time.monotonic() - self._changed > seconds
 
     def went_back(self) -> bool:
-        """Read the time; return whether it went back: if simulated at all, else by more than ADJUSTMENT_S."""
+        """Read the time and return whether it jumped back; a wall clock by more than ADJUSTMENT_S."""
         last, self.now = self.now, rospy.get_rostime()
         if self.now != last:
             self._changed = time.monotonic()
@@ -55,14 +56,17 @@ class Clock:
 
 
 class Sensors:
-    """The robot's sensors.
+    """Subscriptions to the robot's sensors, and its pose from tf.
 
     Args:
-        frames: of the local costmap, of the global costmap, of the robot base.
+        frames: Frames of the local costmap, the global costmap and the robot base.
         topics: {topic: data type} of the observation sources.
-        origins: {topic: frame at whose origin the rays start}; frames that tf does not know are passed over.
-        odometry: topic of the odometry.
-        no_return: range [m] that laser scans state where nothing returns, beside +inf (Laser of robots/robot.py).
+        origins: {topic: frame at whose origin the rays start}. Frames unknown to tf are ignored.
+        odometry: Topic of the odometry.
+        no_return: Range [m] that means no return in laser scans, besides +inf (Laser of robots/robot.py).
+
+    Attributes:
+        pose_trouble: Reason for the last localisation failure, or "".
     """
 
     def __init__(
@@ -77,9 +81,9 @@ class Sensors:
         self.transforms = Transforms()
         self._no_return = no_return
         self._twist: Tuple[float, float] = (0.0, 0.0)
-        self._heard = rospy.Time(0)  # when the newest odometry came
-        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # of the newest ones
-        self.pose_trouble = ""  # the last thing that was wrong, for who says why the robot stands
+        self._heard = rospy.Time(0)  # arrival time of the latest odometry
+        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest ones
+        self.pose_trouble = ""
         self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
         self._odometry = rospy.Subscriber(
             odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
@@ -88,15 +92,19 @@ class Sensors:
 
     @classmethod
     def of_lasers(cls, robot: Robot, prefix: str, frame: str, more_scans: Sequence[str] = ()) -> Sensors:
-        """Return the sensors of a robot, its laser and further ones by topic, placed in `frame`.
+        """Return the sensors of a robot, with its poses and scans in `frame`.
 
-        The names of the robot's frames begin with `prefix`.
+        Args:
+            robot: Description of the robot.
+            prefix: Prefix of the robot's frames.
+            frame: Frame of poses and scans.
+            more_scans: Topics of further lasers.
         """
         topics = dict.fromkeys([robot.topics.scan, *more_scans], "LaserScan")
         frames = frame, frame, prefix + robot.frames.base
         return cls(frames, topics, {}, robot.topics.odometry, robot.laser.no_return)
 
-    def _take_odometry(self, message) -> None:
+    def _take_odometry(self, message: Odometry) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
         if all(map(math.isfinite, twist)):
             self._twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
@@ -104,7 +112,7 @@ class Sensors:
             rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
 
     def forget(self) -> None:
-        """Forget what is older than a clock that went back."""
+        """Drop all data after the clock jumped back."""
         self.transforms.buffer.clear()
         self._heard = rospy.Time(0)
         self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
@@ -116,13 +124,13 @@ class Sensors:
         """Return the full name of a source's topic."""
         return self._topics[topic].name if topic in self._topics else rospy.resolve_name(topic)
 
-    def newest(self, topic: str) -> str:
-        """Stamp and age of the newest message of a source's topic, and what was wrong with it, for people."""
+    def describe_latest(self, topic: str) -> str:
+        """Describe stamp, age and problem of the latest message on a source's topic, for log lines."""
         known = self._topics.get(topic)
         if known is None or known.stamp.is_zero():
-            return "none has come"
+            return "no message has arrived"
         age = (rospy.get_rostime() - known.stamp).to_sec()
-        return f"the newest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
+        return f"the latest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
 
     def clear_errors(self) -> None:
         """Nothing is wrong with the sources any more."""
@@ -130,41 +138,43 @@ class Sensors:
             topic.trouble = ""
 
     def twist(self) -> Tuple[float, float]:
-        """Return (v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
+        """Return (v [m/s], w [rad/s]) of the latest odometry; zeros before the first."""
         return self._twist
 
     def stamps(self) -> Dict[str, rospy.Time]:
-        """Return the stamps {"scan", "pose", "twist"} of the newest that were used; 0: none."""
+        """Return the stamps {"scan", "pose", "twist"} of the latest data that were used; 0 for none."""
         scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
         return dict(self._stamps, scan=scan)
 
-    def ages(self, now) -> Dict[str, float]:
-        """Return {"scan_age_s", "pose_age_s", "twist_age_s"}: the time [s] since each of `stamps`, if there is one."""
+    def ages(self, now: rospy.Time) -> Dict[str, float]:
+        """Return the ages [s] of the nonzero `stamps` as {"scan_age_s", "pose_age_s", "twist_age_s"}."""
         return {name + "_age_s": (now - stamp).to_sec() for name, stamp in self.stamps().items() if not stamp.is_zero()}
 
-    def odometry_trouble(self, now, patience: float) -> str:
-        """Return the complaint if no odometry has come for `patience` [s], or ever; "" if it comes."""
+    def odometry_trouble(self, now: rospy.Time, patience: float) -> str:
+        """Return a message if no odometry has arrived for `patience` [s] or at all, otherwise ""."""
         age = (now - self._heard).to_sec()
         if age <= patience:
             return ""
         since = "yet" if self._heard.is_zero() else f"for {age:.2f} s"
         return f"no usable odometry on {self._odometry.resolved_name} {since}"
 
-    def pose(self, now, tolerance: float) -> Optional[Pose]:
-        """Return the robot's newest pose in the local frame; None if there is none within `tolerance` [s] of now."""
-        return self._newest_pose(self.local, self.base, now, tolerance, tolerance)
+    def pose(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
+        """Return the latest pose of the robot in the local frame, or None if none is within `tolerance` [s] of now."""
+        return self._latest_pose(self.local, self.base, now, tolerance, tolerance)
 
-    def frame(self, now, tolerance: float) -> Optional[Pose]:
-        """Return the newest pose of the local frame in the global one, None if it is older than `tolerance` [s].
+    def frame(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
+        """Return the latest pose of the local frame in the global frame, or None if it is older than `tolerance` [s].
 
-        Localisation stamps it ahead of the clock, so that it is good until the next one comes (amcl by 0.1 to 2 s).
+        Localisation stamps this pose ahead of the clock (amcl by 0.1 to 2 s) so that it is valid until the next one.
         """
-        return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S))
+        return self._latest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S))
 
-    def _newest_pose(self, target, source, now, oldest, most_ahead):
+    def _latest_pose(
+        self, target: str, source: str, now: rospy.Time, oldest: float, most_ahead: float
+    ) -> Optional[Pose]:
         self.pose_trouble = ""
         try:
-            transform = self.transforms.newest(target, source, now, oldest, most_ahead, "check transform_tolerance")
+            transform = self.transforms.latest(target, source, now, oldest, most_ahead, "check transform_tolerance")
         except ObservationError as problem:
             self.pose_trouble = str(problem)
             return None
@@ -173,12 +183,12 @@ class Sensors:
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
-        """Return {topic: what is new there (common.scan)}, of all topics whose transform is there."""
-        found = {name: topic.newest(self._use) for name, topic in self._topics.items()}
-        return {name: observation for name, observation in found.items() if observation is not None}
+        """Return the new observations (common.scan) whose transforms are known, as {topic: observation}."""
+        latest = {name: topic.latest(self._use) for name, topic in self._topics.items()}
+        return {name: observation for name, observation in latest.items() if observation is not None}
 
-    def _use(self, topic, message):
-        """Return the observation of a message, None while its transform is not there. Raises MessageError."""
+    def _use(self, topic: _Topic, message: Any) -> Any:
+        """Return the observation of a message, or None until its transform is known. Raises MessageError."""
         ahead = (message.header.stamp - rospy.get_rostime()).to_sec()
         if ahead > MAX_AGE_S:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
@@ -197,8 +207,8 @@ class Sensors:
         ranges = conversions.check_scan(message, self._no_return)
         return conversions.laser_scan(message, ranges, transform, origin)
 
-    def to_global(self, message) -> Pose:
-        """Return (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame. Raises MessageError."""
+    def to_global(self, message: Any) -> Pose:
+        """Return the pose (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame. Raises MessageError."""
         pose, frame = conversions.pose_of(message.pose), message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return pose
@@ -212,28 +222,28 @@ class Sensors:
 
 
 class _Topic:
-    """The messages of one source's topic that wait, SCANS_KEPT at most, until they can be placed.
+    """Queue of the messages on one source's topic, at most SCANS_KEPT, that wait for their transform.
 
-    Lasers may share a topic: what was used is known by frame, and the one that was used longest ago comes first.
+    Lasers may share a topic. Used stamps are kept by frame, and the frame that was used least recently comes first.
     """
 
     def __init__(self, topic: str, data_type: str, origin: str):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self._used: Dict[str, rospy.Time] = {}  # its stamp
-        self.stamp, self.name = rospy.Time(0), topic  # of the one that came last
-        self._lock = threading.Lock()  # of what waits
+        self._used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
+        self.stamp, self.name = rospy.Time(0), topic  # stamp of the last message that arrived, name of the topic
+        self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         subscriber = rospy.Subscriber(
             topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
         )
         self.name = subscriber.resolved_name
 
-    def _take(self, message) -> None:
-        if message.header.stamp.is_zero():  # C++ takes it with the newest transform
+    def _take(self, message: Any) -> None:
+        if message.header.stamp.is_zero():  # C++ uses such a message with the latest transform.
             message.header.stamp = rospy.get_rostime()
-            rospy.logwarn_once(f"{self.name}: its messages have no stamps: the time counts at which each comes")
+            rospy.logwarn_once(f"{self.name}: messages have no stamps: their arrival times are used")
         with self._lock:
             self._waiting.append(message)
             self.stamp = message.header.stamp
@@ -245,38 +255,38 @@ class _Topic:
 
     @property
     def used(self) -> rospy.Time:
-        """The stamp of the newest message that was used; 0: none."""
+        """Stamp of the latest message that was used; 0 for none."""
         return max(self._used.values(), default=rospy.Time(0))
 
     def used_of(self, message: Any) -> rospy.Time:
-        """Return the stamp of the newest one that was used of a message's frame; 0: none."""
+        """Return the stamp of the latest message that was used in the frame of `message`; 0 for none."""
         return self._used.get(message.header.frame_id, rospy.Time(0))
 
-    def newest(self, use):
-        """use(self, message) of the newest message that can be used and is newer than the last one; else None.
+    def latest(self, use: Callable[[_Topic, Any], Any]) -> Any:
+        """Return use(self, message) of the latest message that is usable and newer than the last one, or None.
 
-        Those that are newer, but cannot be placed yet, go on waiting; older ones count no more.
+        Newer messages without a transform keep waiting. Older ones are dropped.
         """
         with self._lock:
             waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
-        found, refused = None, set()
+        used, refused = None, set()
         for message in sorted(waiting, key=self.used_of):
             if message.header.stamp <= self.used_of(message):
                 continue
             try:
-                found = use(self, message)
+                used = use(self, message)
             except (ValueError, TypeError) as problem:
                 self.trouble = f"{self.name} {problem}"
                 rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
                 refused.add(id(message))
-            if found is not None:
+            if used is not None:
                 self._used[message.header.frame_id] = message.header.stamp
                 break
         with self._lock:
             kept = [m for m in self._waiting if m.header.stamp > self.used_of(m) and id(m) not in refused]
             self._waiting.clear()
             self._waiting.extend(filter(self._is_recent, kept))
-        return found
+        return used
 
-    def _is_recent(self, message) -> bool:
+    def _is_recent(self, message: Any) -> bool:
         return abs((rospy.get_rostime() - message.header.stamp).to_sec()) < 2.0

@@ -330,7 +330,7 @@ def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
     stack("dwa")
     says(robot, "idle: no goal")
     robot.statuses = False
-    says(robot, "move_base has stopped publishing its status: is it still running?")
+    says(robot, "move_base has stopped publishing its status: check that it is running")
     assert robot.values["level"] == 1
     robot.statuses = True
     says(robot, "idle: no goal")

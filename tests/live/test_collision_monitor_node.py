@@ -87,7 +87,7 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > last) - last
     measured("zero after", took, "s")
     assert took < 0.15 + 0.05 + 0.5 / 1.9 + kept.waiting(), "silence is noticed, and the base braked from .5 m/s"
-    wait_for(lambda: actions[-1].startswith("stop: no command has come for 0.1"), "why")
+    wait_for(lambda: actions[-1].startswith("stop: no command for 0.1"), "why")
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
     told = jackal.commands

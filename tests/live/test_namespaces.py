@@ -72,7 +72,7 @@ def test_a_stack_in_a_namespace(tmp_path):
             assert outside <= SHARED, (name, outside - SHARED)
         assert {name for name in watched.frames if not name.startswith("robot1/")} == {"world"}
         assert rospy.ServiceProxy("/robot1/applr/enable", SetBool)(False).success
-        assert "no sign of the applr node" not in launched.text
+        assert "no heartbeat of the applr node" not in launched.text
     finally:
         launched.end()
         rospy.set_param("/use_sim_time", False)

@@ -144,16 +144,16 @@ def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_
     assert at - began > 1.9
     assert abs(v) <= 0.1
     assert abs(w) <= 0.4
-    wait_for(lambda: any("does not get on" in s.message for s in watched.statuses), "diagnostics")
-    said = next(s for s in watched.statuses if "does not get on" in s.message)
+    wait_for(lambda: any("makes no progress" in s.message for s in watched.statuses), "diagnostics")
+    said = next(s for s in watched.statuses if "makes no progress" in s.message)
     assert said.level == DiagnosticStatus.WARN
-    assert any(action.startswith("escape: move_base does not get on") for action in watched.actions)
+    assert any(action.startswith("escape: move_base makes no progress") for action in watched.actions)
     planner.command, kept = (0.3, 0.0), Kept()
     now = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
     others = [c for c in moved(jackal, now) if c[1] != 0.3]
     assert len(others) <= 2 + kept.waiting() / 0.05, "it has a command: that counts at once"
-    assert watched.node.text.count("small motions are tried") == 1
+    assert watched.node.text.count("trying small escape motions") == 1
 
 
 @pytest.mark.parametrize(

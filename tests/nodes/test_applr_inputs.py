@@ -131,7 +131,7 @@ def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside
 
 def test_a_static_transform_has_no_age(beside):
     beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    assert beside.inputs._transforms.newest("map", "base_link", beside.time, 1.0).transform.rotation.w == 1.0
+    assert beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0).transform.rotation.w == 1.0
 
 
 def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
@@ -170,8 +170,8 @@ def test_beams_are_those_of_the_robots_frame_seen_from_above(beside, turn, first
     assert (start, step, ranges[-1]) == (pytest.approx(first), 0.01, last_range)
 
 
-def test_a_laser_that_is_mounted_aslant_is_refused(beside):
+def test_a_laser_that_is_mounted_at_a_tilt_is_refused(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     beside.mount(0.5, 0.0)
-    refused(lambda: beside.snapshot(), "aslant", kind=ObservationError)
+    refused(lambda: beside.snapshot(), "is tilted", kind=ObservationError)

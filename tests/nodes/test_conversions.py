@@ -133,7 +133,7 @@ def test_maps():
     made = conversions.static_map(message)
     assert (made.cells.tolist(), made.frame, made.origin) == ([[0, 100, -1], [50, 0, 0]], "map", (0.0, 0.0))
     message.info.origin.orientation.z = 1.0
-    refused(lambda: conversions.static_map(message), "turned by 3.14 rad: give one without yaw", kind=MessageError)
+    refused(lambda: conversions.static_map(message), "a yaw of 3.14 rad: give an origin without yaw", kind=MessageError)
     with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
         conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))
 

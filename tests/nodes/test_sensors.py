@@ -84,13 +84,13 @@ def test_scans_without_stamps_count_from_when_they_come_as_in_cpp(robot):
 
 
 def test_a_line_about_a_scan_says_stamp_age_and_reason(robot):
-    assert robot.sensors.newest("scan") == "none has come"
+    assert robot.sensors.describe_latest("scan") == "no message has arrived"
     robot.time(103.0)
     robot.tf(102.9)
     robot.scan(100.0)
     assert robot.sensors.observations() == {}
-    begin = "the newest is stamped 100.000, 3.00 s ago; transform odom <- base at 100.000: "
-    assert robot.sensors.newest("scan").startswith(begin)
+    begin = "the latest is stamped 100.000, 3.00 s ago; transform odom <- base at 100.000: "
+    assert robot.sensors.describe_latest("scan").startswith(begin)
 
 
 @pytest.mark.parametrize("step", [0.05, 0.45, 30.0])

@@ -76,7 +76,7 @@ BODIES = {"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]]
         *[(MONITOR, {"body": body}, "outline of the body") for body in BODIES],
         (MONITOR, {"more_scans": "rear"}, "give a list of topics"),
         (MONITOR, {"more_scans": ["front/scan"]}, "more_scans has front/scan, the first laser's topic"),
-        (MONITOR, {"margins": 1}, "no such parameter: margins"),
+        (MONITOR, {"margins": 1}, "unknown parameter margins"),
         (MONITOR, {"deceleration": 0}, "deceleration is 0"),
         (APPLR, {"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
         (BRIDGE, {"world": "nowhere.world"}, "nowhere.world"),

@@ -1,11 +1,13 @@
-"""The applr node's inputs: scan, pose, twist, global plan, goal and what moves.
+"""The applr node's inputs: scan, pose, twist, global plan, goal and moving obstacles.
 
-As in move_base, the pose comes from tf and only the twist from the odometry. Callbacks only keep the latest message.
+As in move_base, the pose comes from tf and only the twist from odometry. Callbacks only store the latest message.
 """
+
+from __future__ import annotations
 
 import math
 import threading
-from typing import NamedTuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -20,18 +22,18 @@ from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.nodes.transforms import MAX_AGE_S
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import ObservationError
-from applr_ros1.robots import JACKAL
+from applr_ros1.robots import JACKAL, Robot
 
-LEAST_LEVEL_COS = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
-STATUS_AGE_S = 2.0  # without a status for so long, move_base counts as gone
+LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
+STATUS_AGE_S = 2.0  # time without a status after which move_base counts as gone [s]
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
 class Snapshot(NamedTuple):
-    """What the robot sees at a decision, in `frame`, the plan's; the stamps of the messages that this was made from.
+    """Inputs of one decision in the plan's `frame`, and the stamps of their messages.
 
-    The goal is as move_base has stated it, or the plan's end if the node was started later. There are no movers if no
-    recent message has some.
+    The goal is move_base's current goal, or the end of the plan if the node started after that goal was published.
+    There are no moving obstacles if the last message about them is stale.
     """
 
     seen: Seen
@@ -47,46 +49,47 @@ class RobotInputs:
 
     Args:
         robot: Description of the robot.
-        move_base: Namespace of move_base, whose status says which goal is pursued.
-        prefix: Prefix of the names of the robot's frames.
+        move_base: Namespace of move_base.
+        prefix: Prefix of the robot's frames.
     """
 
-    def __init__(self, robot=JACKAL, move_base="/move_base", prefix=""):
+    def __init__(self, robot: Robot = JACKAL, move_base: str = "/move_base", prefix: str = ""):
         self._base, self._scan_topic = prefix + robot.frames.base, robot.topics.scan
         self._sensors = Sensors.of_lasers(robot, prefix, self._base)
         self._transforms = self._sensors.transforms
         plan = move_base + "/NavfnROS/plan"
         self._plan_topic, self._lock = rospy.resolve_name(plan), threading.Lock()
         self.clear()
-        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # a small buffer delivers old ones
+        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # A small one delays plans.
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
-    def clear(self):
-        """Forget everything: the clock jumped back."""
+    def clear(self) -> None:
+        """Drop all data after the clock jumped back."""
         self._sensors.forget()
         with self._lock:
-            self._scan = self._plan = self._planned = self._movers = None
+            self._scan: Any = None
+            self._plan = self._planned = self._movers = None
             self._goal, self._goal_heard, self._goal_since = None, None, None
-            self._current_goal = self._former_goal = None  # as move_base stated them
+            self._current_goal = self._former_goal = None  # poses that move_base has published
 
-    def goal(self, now):
-        """Return the id of the goal that move_base pursues; None when there is none or move_base is gone."""
+    def goal(self, now: rospy.Time) -> Any:
+        """Return the id of the goal that move_base pursues, or None if there is none or move_base is gone."""
         with self._lock:
             if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S:
                 return None
             return self._goal
 
-    def has_lost_move_base(self, now):
-        """Return whether move_base, which has published its status before, has not done so for STATUS_AGE_S seconds."""
+    def has_lost_move_base(self, now: rospy.Time) -> bool:
+        """Return whether move_base has published its status before, but not within the last STATUS_AGE_S seconds."""
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
 
-    def snapshot(self, now, began):
-        """Return a Snapshot at ROS time `now` of a course that began at another.
+    def snapshot(self, now: rospy.Time, began: Any) -> Snapshot:
+        """Return a Snapshot at ROS time `now` of a course that began at ROS time `began`.
 
-        Raises ObservationError with one line about what is missing or odd.
+        Raises ObservationError with one line about the missing or invalid input.
         """
         with self._lock:
             plan, planned = self._plan, self._planned
@@ -105,12 +108,12 @@ class RobotInputs:
         seen = Seen(beams, time, pose, self._sensors.twist(), goal, points, moving)
         return Snapshot(seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp)
 
-    def _beams(self, now):
-        """Return (ranges, angle of the first, step to the next [rad]) of the newest scan, in the robot's frame."""
+    def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
+        """Return (ranges, first angle, angle increment [rad]) of the latest scan, in the robot's frame."""
         self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
         if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
-            newest, topic = self._sensors.newest(self._scan_topic), self._sensors.resolved(self._scan_topic)
-            raise ObservationError(f"no usable scan on {topic}: {newest}")
+            latest, topic = self._sensors.describe_latest(self._scan_topic), self._sensors.resolved(self._scan_topic)
+            raise ObservationError(f"no usable scan on {topic}: {latest}")
         trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
         if trouble:
             raise ObservationError(trouble)
@@ -119,24 +122,27 @@ class RobotInputs:
             upright = 1.0 - 2.0 * (scan.rotation[0] ** 2 + scan.rotation[1] ** 2)
             ranges, first = conversions.from_above(scan, ranges, upright < 0.0)
         if abs(upright) < LEAST_LEVEL_COS:
-            raise ObservationError(f"the laser in {scan.frame} is mounted aslant: the policy needs a level one")
+            raise ObservationError(f"the laser in {scan.frame} is tilted: the policy needs a level laser")
         return ranges, scan.sensor_pose[2] + first, scan.angle_increment
 
-    def _pose(self, frame, stamp, now):
-        """Return the robot's (x, y, yaw) in `frame` at a time, or its latest pose if tf does not reach that time."""
+    def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> conversions.Pose:
+        """Return the robot's pose (x, y, yaw) in `frame` at `stamp`, or its latest pose if tf has none at that time."""
         try:
-            found = self._transforms.at(frame, self._base, stamp)
+            transform = self._transforms.at(frame, self._base, stamp)
         except ObservationError:
-            found = self._transforms.newest(frame, self._base, now, MAX_AGE_S)
-        return conversions.pose_of(found.transform)
+            transform = self._transforms.latest(frame, self._base, now, MAX_AGE_S)
+        return conversions.pose_of(transform.transform)
 
-    def _moving(self, msg, frame, now):
-        """Return the tracked movers (k, 4) x, y, vx, vy in `frame` and their stamp; empty if the message is stale."""
+    def _moving(self, msg: Optional[Movers], frame: str, now: rospy.Time) -> Tuple[np.ndarray, rospy.Time]:
+        """Return the tracked moving obstacles as (k, 4) x, y, vx, vy in `frame`, and their stamp.
+
+        Empty if the last message is stale.
+        """
         if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
         x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
         if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
-            place = self._transforms.newest(frame, msg.header.frame_id, now, MAX_AGE_S)
+            place = self._transforms.latest(frame, msg.header.frame_id, now, MAX_AGE_S)
             place = conversions.pose_of(place.transform)
             x, y = transform_point(place, x, y)
             vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
@@ -147,7 +153,7 @@ class RobotInputs:
             self._movers = msg
 
     def _on_plan(self, msg):
-        if msg.poses:  # a failed plan is published empty: the old one stands
+        if msg.poses:  # move_base publishes an empty plan if planning fails, but keeps the old plan.
             with self._lock:
                 self._plan, self._planned = msg, rospy.Time.now()
 
@@ -164,8 +170,8 @@ class RobotInputs:
             self._goal = running[-1] if running else None
 
 
-def _nearer(pose, former, goal):
-    """Return whether a geometry_msgs/Pose lies nearer to the former goal than to the present one, if there are two."""
+def _nearer(pose: Any, former: Any, goal: Any) -> bool:
+    """Return whether a geometry_msgs/Pose is nearer to the former goal than to the present one. False without both."""
     if former is None or goal is None:
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]

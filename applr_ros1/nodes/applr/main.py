@@ -1,16 +1,19 @@
-"""Starts the applr node: reads its private parameters, joins method, inputs and topics, and runs until shutdown.
+"""Main program of the applr node: reads the private parameters, connects method, inputs and topics, and runs the node.
 
-Started as `rosrun applr_ros1 applr.py`. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal;
-name or folder of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring
-(auto, true or false: see meter_scoring.py), ~tf_prefix and ~move_base (its name). Topic: ~set_parameters
-(applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod);
-docs/reference/topics.md
+Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (auto), ~robot (jackal; name
+or folder of a description), ~seed, ~period [s] (0: the method's), ~max_speed [m/s] (0: no limit), ~meter_scoring (auto,
+true or false: see meter_scoring.py), ~tf_prefix and ~move_base (its name). Topic: ~set_parameters
+(applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod). See
+docs/reference/topics.md.
 """
+
+from __future__ import annotations
 
 import gc
 import math
 import os
 import sys
+from typing import Any, Tuple
 
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
@@ -26,22 +29,23 @@ from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
-def started_with(spec):
-    """The specification, where whoever started the node gave it: on its command line, or in APPLR_METHOD as roslaunch.
+def started_with(spec: str) -> str:
+    """Return the specification if it was given on the command line or, as by roslaunch, in APPLR_METHOD, otherwise "".
 
-    "" where it stands on the parameter server alone: any local user, and a website in a browser, can write there, so
-    that no code is imported for it.
+    Any local user, and a website in a browser, can write to the parameter server. No code is imported for a method that
+    is given only there.
     """
     return spec if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec else ""
 
 
-def make_method(spec, robot, given):
-    """(method, ""), or (the planner's defaults, one line) where the method cannot be made: nothing else is lost.
+def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
+    """Return (method, ""), or (default parameters, one-line reason) if the method cannot be created.
 
-    given: of started_with().
+    given: Result of started_with().
     """
     try:
         return methods.make(spec, robot, user_code=spec == given), ""
@@ -49,39 +53,39 @@ def make_method(spec, robot, given):
         return methods.make("dwa", robot), str(e)
 
 
-def enable(node, request):
-    """The service ~enable."""
+def enable(node: ApplrNode, request: Any) -> SetBoolResponse:
+    """Handle the service ~enable."""
     node.switch(request.data)
     return SetBoolResponse(True, f"on, method {node.method.name}" if request.data else "off: theta_0")
 
 
-def set_parameters(node, message):
-    """The topic ~set_parameters: a set by hand, by names and values."""
+def set_parameters(node: ApplrNode, message: Parameters) -> None:
+    """Handle the topic ~set_parameters: set parameters by hand, by names and values."""
     try:
         node.set_by_hand(dict(zip(message.names, message.values)))
     except ApplrError as problem:
-        rospy.logerr("applr: no parameter was set by hand: %s", problem)
+        rospy.logerr("applr: parameters were not set by hand: %s", problem)
 
 
-def set_method(node, given, request):
-    """The service ~set_method. given: of started_with(), whether it could be made or not.
+def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
+    """Handle the service ~set_method. given: Result of started_with().
 
-    It imports no code, since anybody who reaches the ROS master can call it: a person's own class is taken only where
-    the node was started with it.
+    Anybody who reaches the ROS master can call this service. It therefore imports no code, except for the user-defined
+    method with which the node was started.
     """
     spec = request.method or node.method.name
     try:
         method = methods.make(spec, node.robot, user_code=spec == given)
     except (ValueError, OSError) as problem:
-        rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
+        rospy.logerr("applr: method remains %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))
     node.change_method(method)
     rospy.loginfo("applr: method %s", spec)
     return SetMethodResponse(True, f"method {spec}")
 
 
-def main():
-    """Reads the private parameters and runs until shutdown. ApplrError, one line, for one of no use."""
+def main() -> int:
+    """Run the node until shutdown. Raises ApplrError if a private parameter is invalid."""
     init_node("applr")
     given = rospy.get_param("~", {})
     most = {"period": 60.0, "seed": 2**31 - 1, "max_speed": math.inf}
@@ -89,11 +93,11 @@ def main():
     namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
     robot, prefix = named_robot(given)
     space = space_of(robot)
-    slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
+    slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # 0 without max_vel_x
     if 0 < max_speed < slowest:
-        raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for any")
+        raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for no limit")
     spec = str(given.get("method", "auto"))
-    meter_scoring = str(given.get("meter_scoring", "auto")).lower()  # ROS reads true as a bool
+    meter_scoring = str(given.get("meter_scoring", "auto")).lower()  # ROS parses true as a bool.
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
     code = started_with(spec)
@@ -117,7 +121,7 @@ def main():
         node.degraded = trouble
     rospy.loginfo("applr: ready, method %s, a decision every %g s", method.name, node.period)
     gc.collect()
-    gc.freeze()  # what is loaded by now stays; it need not be looked through again
+    gc.freeze()  # Objects that are loaded by now are permanent: the collector can skip them.
     with until_shutdown():
         node.spin()
     return 0

@@ -1,8 +1,8 @@
-"""Finds out whether a running planner's distance biases count per metre or per cell, and rescales a set for it.
+"""Detection of whether a planner's distance biases count per metre or per cell, and rescaling of parameter sets.
 
-In C++, TrajectoryPlannerROS reads `meter_scoring` from memory that nobody sets: the same robot may multiply
-path_distance_bias and goal_distance_bias by the costmap's resolution (they count per metre) or not (per cell), and
-drives differently. Every policy and set learned here is for a planner that counts per cell.
+In C++, TrajectoryPlannerROS reads `meter_scoring` from uninitialised memory. From one start to the next, the same robot
+may multiply path_distance_bias and goal_distance_bias by the costmap's resolution (per metre) or not (per cell), and
+drive differently. Every policy and parameter set learned here is for a planner that counts per cell.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from applr_ros1.nodes.conversions import COST_FIELDS
 from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots.learned import TRAJECTORY
 
-PLANNER = TRAJECTORY  # DWAPlannerROS always counts per metre
-# what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
+PLANNER = TRAJECTORY  # name of the planner in question: DWAPlannerROS always counts per metre
+# weights of a trajectory's cost: two biases that meter_scoring multiplies, and one that it does not
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
-CLOSE = 0.002  # relative error of a cell's cost that a factor explains; float32 gives 1e-6
-FEWEST = 20  # number of cells that an answer needs
-AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
-PATIENCE_S = 1.0  # ROS time that a course's first decision waits for a cloud [s]
-ODD_CLOUDS = 20  # number of clouds that fit no kind of weights, after which the search is given up
+CLOSE = 0.002  # largest relative error of a cell's cost for a matching factor; float32 gives 1e-6
+FEWEST = 20  # smallest number of cells for a decision
+AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # values of the parameter meter_scoring
+PATIENCE_S = 1.0  # longest wait of a course's first decision for a cloud, in ROS time [s]
+ODD_CLOUDS = 20  # number of inconclusive clouds after which the search is abandoned
 
 
 def indices_of(space: Space) -> Optional[List[int]]:
-    """Return the indices in theta of the three WEIGHTS; None if a space does not set them all."""
-    found = {name: i for i, target in space.targets_of(PLANNER) for name in target.names}
-    return [found[name] for name in WEIGHTS] if set(WEIGHTS) <= set(found) else None
+    """Return the indices in theta of the three WEIGHTS, or None unless the space contains all three."""
+    indices = {name: i for i, target in space.targets_of(PLANNER) for name in target.names}
+    return [indices[name] for name in WEIGHTS] if set(WEIGHTS) <= set(indices) else None
 
 
 def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optional[float]:
-    """Find by what the planner multiplies its two biases: 1.0 (per cell), or the resolution [m] (per metre).
+    """Return the factor that the planner applies to its two biases: 1.0 (per cell), or the resolution [m] (per metre).
 
     Args:
         rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
-            C++ fills its clouds up, are left out.
+            C++ pads its clouds, are ignored.
         weights: (3,) values in force of WEIGHTS.
-        resolution: Of the local costmap.
+        resolution: Cell size of the local costmap [m].
 
     Returns:
-        None if not exactly one of the two gives every cell's total cost: for instance if the biases have just been
-        changed, or if there are too few cells.
+        The factor, or None unless exactly one factor explains the total cost of every cell. This happens if the biases
+        have just changed, or if there are too few cells.
     """
     rows = np.asarray(rows, dtype=np.float64)
     rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]
@@ -63,60 +63,60 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
 
 
 def multipliers_of(space: Space, factor: float, largest: float = 5.0) -> np.ndarray:
-    """Return by what (n,) a set that counts per cell is multiplied on its way to a planner, which then drives the same.
+    """Return the multipliers (n,) of a parameter set per cell with which a planner of either kind drives the same.
 
-    A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
-    their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.
+    The choice among trajectories depends only on the ratios of the three weights. If a bias would exceed its bound, all
+    three weights are therefore divided by the same power of two.
 
     Args:
-        space: The parameters; of one that does not set all three weights none is changed.
-        factor: By what the planner multiplies its two biases, 1.0 or the resolution of the local costmap [m].
-        largest: The upper bound of the planner's biases.
+        space: The parameters. The multipliers are ones unless it contains all three weights.
+        factor: Factor that the planner applies to its two biases, 1.0 or the resolution of the local costmap [m].
+        largest: Upper bound of the planner's biases.
     """
-    found, indices = np.ones(len(space)), indices_of(space)
+    multipliers, indices = np.ones(len(space)), indices_of(space)
     if factor != 1.0 and indices is not None:
         path, goal, occ = indices
         wanted = 1.0 / factor
         excess = wanted * max(space.high[path], space.high[goal]) / largest
-        found[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
-        found[[path, goal]] = wanted * found[occ]
-    return found
+        multipliers[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
+        multipliers[[path, goal]] = wanted * multipliers[occ]
+    return multipliers
 
 
 class MeterScoring:
-    """Watches what the planner's distance biases count, and has the client rescale sets for it.
+    """Detects the unit of the planner's distance biases, and sets the client's multipliers accordingly.
 
-    The applr node's thread calls everything but the cloud's callback.
+    All methods except the cloud's callback are called by the applr node's thread.
 
     Args:
-        client: Of the planner's parameters.
-        choice: AUTO: found from the cost_cloud of the first goal; TRUE, FALSE: as a person says, the biases are
-            multiplied by the local costmap's resolution or not.
+        client: Client for the planner's parameters.
+        choice: AUTO detects the unit from the cost_cloud of the first goal. TRUE and FALSE state whether the planner
+            multiplies the biases by the local costmap's resolution.
     """
 
     def __init__(self, client: ReconfigureClient, choice: str = AUTO):
         self.choice = choice
         self._client, self._space = client, client.space
-        self._at = indices_of(client.space)  # None: a robot whose space has no distance biases
+        self._at = indices_of(client.space)  # indices of WEIGHTS; None if the space has no distance biases
         self._subscriber: Optional[rospy.Subscriber] = None
         self.forget()
 
     def forget(self) -> None:
-        """Know nothing, and send sets as they are: the planner was started anew. May be called from any thread."""
+        """Reset the detection and the multipliers after a restart of the planner. May be called from any thread."""
         self._client.multipliers = np.ones(len(self._space))
-        self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
-        self._odd = 0
-        self._since: Optional[rospy.Time] = None  # when the node began to listen
-        self._used: Tuple[Optional[float], bool] = (None, False)  # what the multipliers are for
+        self._factor: Optional[float] = None  # factor that the planner applies to its biases, once it is known
+        self._odd = 0  # number of inconclusive clouds
+        self._since: Optional[rospy.Time] = None  # ROS time at which the node subscribed
+        self._used: Tuple[Optional[float], bool] = (None, False)  # (factor, per_cell) of the present multipliers
         self._line = ""
 
-    def look(self, now: rospy.Time, driving: bool, per_cell: bool) -> bool:
-        """Listen while there is something to find, log what was found, and set the client's multipliers.
+    def update(self, now: rospy.Time, driving: bool, per_cell: bool) -> bool:
+        """Subscribe to clouds while the factor is unknown, log the result, and set the client's multipliers.
 
         Args:
             now: ROS time.
             driving: Whether there is a goal.
-            per_cell: Whether the method's sets count per cell (policy.decision.Method.per_cell).
+            per_cell: Whether the method's parameter sets count per cell (policy.decision.Method.per_cell).
 
         Returns:
             Whether the multipliers have changed.
@@ -148,33 +148,33 @@ class MeterScoring:
         return not np.array_equal(before, self._client.multipliers)
 
     def waits(self, now: rospy.Time) -> bool:
-        """Return whether a cloud that would tell may be about to come."""
+        """Return whether a cloud that reveals the factor is still expected."""
         since = self._since
         listens = self._subscriber is not None and self._factor is None and since is not None
         return listens and (now - since).to_sec() < PATIENCE_S
 
     def line(self, now: rospy.Time) -> str:
-        """Report what is known and done; "" before there was an occasion to find out."""
+        """Return a line about the detected unit and the multipliers, or "" before the first goal."""
         factors = zip(self._space.names, self._client.multipliers)
         sent = ", ".join(f"{name} x {factor:.6g}" for name, factor in factors if factor != 1.0)
-        why = sent and f"the set is made for weights per cell, so what is sent is {sent}"
+        why = sent and f"the parameter set is for weights per cell and is sent as {sent}"
         return "; ".join(filter(None, [self._known(now), why]))
 
     def _known(self, now: rospy.Time) -> str:
         if self._at is None:
-            return f"sets are sent as they are: only the distance weights of {PLANNER} are rescaled"
+            return f"parameter sets are sent unchanged: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
-            how = "found from cost_cloud" if self.choice == AUTO else f"as said by meter_scoring:={self.choice}"
+            how = "measured from cost_cloud" if self.choice == AUTO else f"set by meter_scoring:={self.choice}"
             return f"the planner's distance weights count per {'cell' if self._factor == 1.0 else 'metre'} ({how})"
         if self._since is None or (self.waits(now) and self._odd < ODD_CLOUDS):
             return ""
-        return f"sets are sent as they are: no cost_cloud on {self._topic()} shows what the distance weights count"
+        return f"parameter sets are sent unchanged: no cost_cloud on {self._topic()} shows the unit of distance weights"
 
     def _topic(self) -> str:
         return self._client.servers[PLANNER] + "/cost_cloud"
 
     def _resolution(self) -> float:
-        """Return the local costmap's resolution [m], as the parameter server has it."""
+        """Return the local costmap's resolution [m] from the parameter server."""
         return float(rospy.get_param(self._client.namespace + "/local_costmap/resolution", 0.05))
 
     def _on_cloud(self, message: PointCloud2) -> None:

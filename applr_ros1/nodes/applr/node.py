@@ -1,14 +1,17 @@
-"""The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
+"""The applr node: observation → method → parameters, every one or two seconds of ROS time (Algorithm 1 of the paper).
 
-Started by main.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
-active; between goals the planner has theta_0, on which every course starts. docs/reference/topics.md lists its
-topics.
+Started by main.py, beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. The node decides while a goal is
+active. Between goals the planner has theta_0, so that every course starts with it. docs/reference/topics.md lists the
+node's topics.
 """
+
+from __future__ import annotations
 
 import math
 import threading
 from collections import Counter
 from contextlib import suppress
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -22,27 +25,27 @@ from applr_ros1.policy.observation import ObservationError
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 
-TICK_S = 0.05  # of ROS time between looks at the clock
-REPORT_S = 1.0  # of ROS time between diagnostics
-LATE_SHARE = 0.1  # of a period after which a decision counts as late
-GONE = "move_base has stopped publishing its status: is it still running?"
+TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
+REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
+LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
+GONE = "move_base has stopped publishing its status: check that it is running"
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
-LOST_PERIODS = 3  # without a usable decision after which the policy counts as lost
+LOST_PERIODS = 3  # number of periods without a usable decision after which the policy counts as lost
 
 
 class ApplrNode:
-    """The node: joins inputs, method and client.
+    """The node: connects inputs, method and client.
 
     Args:
-        method: Chooses the parameters (policy/methods.py).
-        inputs: Scan, odometry, plan and goal.
-        topics: What is published.
-        period: Time [s] of ROS between decisions; None: the method's own.
-        namespace: Of move_base.
-        max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
-        seed: Of what a method draws; the courses have seed, seed + 1 ...
+        method: Method that chooses the parameters (policy/methods.py).
+        inputs: Scan, odometry, plan and goal (inputs.RobotInputs).
+        topics: Publishers (topics.ApplrTopics).
+        period: ROS time between decisions [s], None for the method's period.
+        namespace: Namespace of move_base.
+        max_speed: Upper limit of max_vel_x [m/s] for every method.
+        seed: Seed of the method's random numbers in the first course; further courses use seed + 1, seed + 2 ...
         meter_scoring: Whether the planner's distance biases count per metre (meter_scoring.CHOICES).
-        robot: Description of the robot that is driven.
+        robot: Description of the robot.
     """
 
     def __init__(
@@ -61,35 +64,35 @@ class ApplrNode:
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
         self._given_period = period
         self.enabled = True
-        self._by_hand = None  # (n,) that a person has set; the method is off then
+        self._by_hand = None  # parameters (n,) set by hand while the method is off, otherwise None
         self._max_speed = max_speed
         self.counts = Counter()
-        self.trouble = ""  # newest line about what is wrong; "" when nothing is
-        self.degraded = ""  # why the chosen method is not the one that drives
+        self.trouble = ""  # latest problem in one line, or ""
+        self.degraded = ""  # reason why the chosen method is not in use, or ""
         self._goal, self._due, self._failures, self._began = None, None, 0, None
         self._last = None  # ROS time of the last decision
-        self._base_set = False  # whether what a goal-less planner should have has been sent
-        self._deciding = threading.Lock()  # of method, enabled and the course's state
+        self._base_set = False  # whether the parameters for the time between goals have been sent
+        self._deciding = threading.Lock()  # guards method, enabled and the state of the course
         space = self.space.below("max_vel_x", max_speed)
-        self.client = ReconfigureClient(namespace, space, self._on_restart, self._on_report, self._say)
+        self.client = ReconfigureClient(namespace, space, self._on_restart, self._on_report, self._note_trouble)
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
-    def period(self):
-        """Time [s] of ROS between decisions: as asked for, else the method's."""
+    def period(self) -> float:
+        """ROS time between decisions [s]: the given period, or else the method's."""
         return self.method.period if self._given_period is None else self._given_period
 
     def _begin_course(self, now):
-        self.method.period = self.period  # what it sees may depend on it
+        self.method.period = self.period  # The observation may depend on the period.
         try:
             self.method.reset(self.seed + self.counts["courses"])
-        except Exception as e:  # as in _choose
-            self._say(one_line(e))
+        except Exception as e:  # A method may be user code, as in _choose.
+            self._note_trouble(one_line(e))
         self.counts["courses"] += 1
         self._due, self._failures, self._began = now, 0, now
 
-    def spin(self):
-        """Run until shutdown. A clock that jumps back starts afresh."""
+    def spin(self) -> None:
+        """Run until shutdown. If the clock jumps back, start anew."""
         self.client.start()
         rospy.on_shutdown(self.shutdown)
         beat = report = rospy.Time(0)
@@ -102,7 +105,7 @@ class ApplrNode:
                 now = clock.now
                 if now >= beat:
                     self.topics.heartbeat(now)
-                    beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
+                    beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects a beat every 2 s.
                 if now >= report:
                     self._report(now)
                     report = now + rospy.Duration(REPORT_S)
@@ -114,25 +117,25 @@ class ApplrNode:
                 return
 
     def _clock_jumped(self):
-        """Start afresh on theta_0; a clock that jumps all the time is reported now and then only."""
-        rospy.logwarn("applr: the clock jumped back; starting afresh on theta_0")
+        """Drop all inputs and the course, and request theta_0."""
+        rospy.logwarn("applr: the clock jumped back; starting anew with theta_0")
         self.inputs.clear()
         with self._deciding:
             self._goal = self._due = self._last = None
             self._base()
 
-    def switch(self, enabled):
-        """Switch the method on or off. Off, the planner is put on theta_0 and no decision is made."""
+    def switch(self, enabled: bool) -> None:
+        """Switch the method on or off. When it is off, the planner has theta_0 and no decisions are made."""
         with self._deciding:
             if enabled != self.enabled:
                 rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
             self.enabled, self._base_set, self._by_hand = bool(enabled), False, None
 
-    def set_by_hand(self, values):
-        """Switch the method off and set {name: value}, clipped to the ranges; other parameters stay as they are.
+    def set_by_hand(self, values: Dict[str, float]) -> None:
+        """Switch the method off and set {name: value}, clipped to the ranges. Other parameters stay as they are.
 
-        Raises ApplrError, and changes nothing, for an unknown name, a value that is not finite, and where it is not
-        known yet what the planner has.
+        Raises ApplrError without changing anything if a name is unknown, if a value is not finite, or if the planner's
+        present parameters are not known yet.
         """
         with self._deciding:
             theta = self.client.theta() if self._by_hand is None else self._by_hand
@@ -147,12 +150,12 @@ class ApplrNode:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
             self.enabled = False
 
-    def change_method(self, method):
-        """Let another method decide from now on; in the middle of a course it decides at once."""
+    def change_method(self, method: Any) -> None:
+        """Replace the method. In the middle of a course, the new method decides at once."""
         with self._deciding:
             self.method, self.degraded = method, ""
             if self.client.connected:
-                self.meter_scoring.look(rospy.Time.now(), self._goal is not None, method.per_cell)
+                self.meter_scoring.update(rospy.Time.now(), self._goal is not None, method.per_cell)
             if self._goal is None or method.static:
                 self._base_set = False
             else:
@@ -162,8 +165,8 @@ class ApplrNode:
         left = TICK_S if self._due is None else (self._due - now).to_sec()
         return left if 0.001 < left < TICK_S else TICK_S
 
-    def tick(self, now):
-        """Look at the clock: begin and end courses, and decide when a decision is due."""
+    def tick(self, now: rospy.Time) -> None:
+        """Begin and end courses, and decide when a decision is due."""
         with self._deciding:
             self._tick(now)
 
@@ -175,13 +178,13 @@ class ApplrNode:
         if goal != self._goal:
             if goal is None:
                 self._note_end(now)
-                rospy.loginfo("applr: no goal any more")
+                rospy.loginfo("applr: the goal has ended")
                 self._base()
             else:
                 self._begin_course(now)
             self._goal, self._last = goal, None
-        if self.client.connected and self.meter_scoring.look(now, goal is not None, self.method.per_cell):
-            self.client.reapply()  # what the planner has was sent before it was known what its weights count
+        if self.client.connected and self.meter_scoring.update(now, goal is not None, self.method.per_cell):
+            self.client.reapply()  # The parameters in force were sent with other multipliers.
             self._publish_parameters()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
@@ -189,16 +192,16 @@ class ApplrNode:
     def _decide(self, now, goal):
         unsettled = self.client.busy or self.meter_scoring.waits(now)
         if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
-            return  # every course starts on theta_0, which is still on its way
+            return  # Every course starts with theta_0, which is not in force yet.
         try:
-            snapshot, context = self._look(now)
+            snapshot, context = self._observe(now)
         except ObservationError as e:
-            if (now - self._due).to_sec() >= self.period:  # tried for a whole period
+            if (now - self._due).to_sec() >= self.period:  # The observation has failed for a whole period.
                 self._due = now
                 self._fail("unusable", str(e))
             return
         if self._last is None:
-            self._due = now  # a course's first decision waits for its first plan, and the others count from it
+            self._due = now  # The first decision waits for the first plan. Later ones are scheduled from it.
         late = (now - self._due).to_sec()
         self.counts["late"] += late > LATE_SHARE * self.period
         self.counts["decisions"] += 1
@@ -207,12 +210,12 @@ class ApplrNode:
         theta, refused = self._choose(context)
         self.topics.decision(self.counts["decisions"], now, goal, snapshot, context, theta, refused)
         if refused:
-            self._fail("refused", f"decision refused, parameters stay: {refused}")
+            self._fail("refused", f"decision refused, parameters unchanged: {refused}")
             return
         self._failures = 0
 
-    def _look(self, now):
-        """Return (Snapshot, Context) of a decision. Raises ObservationError where none can be made."""
+    def _observe(self, now):
+        """Return (Snapshot, Context) of a decision. Raises ObservationError if an input is missing or invalid."""
         theta = self.client.theta()
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
@@ -220,34 +223,35 @@ class ApplrNode:
         return snapshot, Context.of(theta, snapshot.seen, self.space, self.method.layout)
 
     def _note_end(self, now):
-        """Publish what came of the last decision of a course, for those who learn from it."""
+        """Publish the observation at the end of a course, for training from recorded drives."""
         if self._last is not None:
             with suppress(ObservationError):
-                self.topics.course_end(self.counts["decisions"], now, self._goal, *self._look(now))
+                self.topics.course_end(self.counts["decisions"], now, self._goal, *self._observe(now))
 
-    def _choose(self, context):
-        """Request what the method chooses: (theta, "") as requested, (None, one line) where it must not be sent.
+    def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
+        """Request the method's choice. Return (theta, "") as requested, or (None, reason) if the method failed.
 
-        What a static method says in a course is not requested: a person may have set something else since.
+        During a course, the choice of a static method is not requested, because other parameters may have been set by
+        hand since.
         """
         try:
             theta = self.method.theta(context)
             sent = context is None or not self.method.static
             return self.client.request(theta) if sent else self.client.space.clip(theta), ""
-        except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
+        except Exception as e:  # A method may be user code. Whatever it raises, the node goes on.
             return None, one_line(e)
 
     def _fail(self, kind, line):
-        """Count a period without a decision. After several the policy counts as lost: theta_0."""
+        """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
         self.counts[kind] += 1
         self._failures += 1
-        self._say(line)
+        self._note_trouble(line)
         if self._failures == LOST_PERIODS and not self.method.static:
-            self._say(f"no decision for {LOST_PERIODS} periods: back to theta_0")
+            self._note_trouble(f"no decision for {LOST_PERIODS} periods: back to theta_0")
             self.client.request(self.space.theta0)
 
     def _base(self):
-        """Request what the planner has between goals: theta_0, or the one set of a static method or a person."""
+        """Request the parameters for the time between goals: theta_0, a static method's set, or those set by hand."""
         if self._by_hand is not None:
             self.client.request(self._by_hand)
             return
@@ -258,31 +262,31 @@ class ApplrNode:
         if theta is None:
             self.client.request(self.space.theta0)
 
-    def shutdown(self):
-        """Leave the planner on theta_0 where this node has set something else: the policy is gone now."""
+    def shutdown(self) -> None:
+        """Restore theta_0 if this node has set other parameters."""
         self.client.stop()
         client, theta = self.client, self.client.space.clip(self.space.theta0)
         only = np.array_equal(client.sent, theta) and (client.multipliers == 1.0).all()
         if client.sent is None or (only and not client.busy):
             return
-        self.meter_scoring.forget()  # as the planner was before this node came
-        if client.apply(theta, RESTORE_S):  # again if a former call was still to be answered
+        self.meter_scoring.forget()  # theta_0 is restored without multipliers, as at the planner's start.
+        if client.apply(theta, RESTORE_S):  # A server may still have been busy with an earlier call.
             client.apply(theta, RESTORE_S)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
-        self.meter_scoring.forget()  # another process may count otherwise
+        self.meter_scoring.forget()  # The new process may count in the other unit.
         self.client.reapply()
 
     def _on_report(self, error):
         self.counts["failed" if error else "applied"] += 1
-        self._say(error and f"parameters not changed: {error}")
+        self._note_trouble(error and f"parameters not changed: {error}")
         if not error:
             self._publish_parameters()
 
-    def _say(self, line):
-        """Keep what is wrong now, "" for nothing, and log it when it is news."""
+    def _note_trouble(self, line):
+        """Store the present problem, or "" for none, and log it if it is new."""
         fresh, self.trouble = line != self.trouble, line
         if line and fresh:
             rospy.logwarn(f"applr: {line}")
@@ -291,9 +295,9 @@ class ApplrNode:
         theta = self._publish_parameters()
         age = math.nan if self._last is None else (now - self._last).to_sec()
         if self.inputs.has_lost_move_base(now):
-            self._say(GONE)
+            self._note_trouble(GONE)
         elif self.trouble == GONE:
-            self._say("")
+            self._note_trouble("")
         trouble = self.trouble or self.degraded
         lost = bool(self.degraded) or self._failures >= LOST_PERIODS or bool(theta is None and trouble)
         if theta is None:
@@ -315,8 +319,8 @@ class ApplrNode:
             ),
         )
 
-    def _publish_parameters(self):
-        """Publish what the planner has, and by what it gets the parameters multiplied; returns theta."""
+    def _publish_parameters(self) -> Optional[np.ndarray]:
+        """Publish the parameters in force and the multipliers. Return theta (n,), or None if it is unknown."""
         theta = self.client.theta()
         if theta is not None:
             self.topics.parameters(theta, rospy.Time.now(), self.client.multipliers)

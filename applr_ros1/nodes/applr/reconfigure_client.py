@@ -1,7 +1,7 @@
-"""Client of the dynamic_reconfigure servers of one move_base, ours or the C++ one: connect, request, read back.
+"""Client for the dynamic_reconfigure servers of one move_base, this package's or the C++ one.
 
-The applr node says what it wants with `request`, which never waits, and reads `theta()`, what the planner really has.
-Names, bounds and layers are those that the servers declare.
+The applr node calls `request`, which never blocks, and reads the parameters in force with `theta()`. Names, bounds and
+layers are those that the servers declare.
 """
 
 from __future__ import annotations
@@ -21,30 +21,32 @@ from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
 from applr_ros1.robots.robot import Setting
 
-DEADLINE_S = 1.0  # wall time for one call of all servers
-RESTORE_S = 3.0  # the same at the end of the node: a C++ server drops the call of a node that is gone
-ANNOUNCED_S = 0.4  # longest time between a server's answer and its message on parameter_updates
-RETRY_S = 0.25  # pause between two attempts
-SEARCH_S = 1.0  # pause between two searches for the servers
-MOST_SEARCHES = 15  # failed searches before they are reported
+DEADLINE_S = 1.0  # wall time for one call of all servers [s]
+RESTORE_S = 3.0  # wall time for the last call at shutdown [s]; a C++ server drops calls of nodes that have ended
+ANNOUNCED_S = 0.4  # longest time between a server's answer and its message on parameter_updates [s]
+RETRY_S = 0.25  # pause between two attempts [s]
+SEARCH_S = 1.0  # pause between two searches for the servers [s]
+MOST_SEARCHES = 15  # number of failed searches before they are reported
 
 
 class Server:
-    """One dynamic_reconfigure server: its latest values, its bounds, and calls to change it.
+    """Client for one dynamic_reconfigure server: its latest values, its bounds, and calls to change them.
 
-    A stopped process accepts a call and never answers, and the library has no time-out for that. Each call therefore
-    has a thread, and the next call begins only after it has ended: a late call never undoes a newer one.
+    A stopped process accepts calls without ever answering, and the library has no time-out. Each call therefore has a
+    thread, and the next call begins only after the thread has ended, so that a late call never overwrites a newer one.
 
     Args:
-        name: Its full name.
-        targets: (index in theta, Setting) of the values that it must hold.
-        on_restart: Called with this server when it comes back after a restart.
+        name: Full name of the server.
+        targets: (index in theta, Setting) of the values that the server must have.
+        on_restart: Called with this object when the server comes back after a restart.
 
     Attributes:
         settings: (index in theta, sign, name) of each of those values.
-        call: The latest call; its result is one line why the values are not in force, or "".
+        call: The latest call. Its result is the reason in one line why the values are not in force, or "".
 
-    Raises rospy.ROSException if it does not answer, ApplrError if it lacks a value.
+    Raises:
+        rospy.ROSException: The server does not answer.
+        ApplrError: The server lacks a value.
     """
 
     def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
@@ -69,31 +71,31 @@ class Server:
         raise ApplrError(f"has no parameter {target.names[0]}")
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        if self._described:  # each process sends its description once
-            self._client.config = {}  # of the former process
+        if self._described:  # Each process sends its description once, so that this is a new process.
+            self._client.config = {}
             self._on_restart(self)
         self._described = True
 
     @property
     def declared(self) -> Dict[str, Dict[str, Any]]:
-        """{name: {"type", "min", "max", ...}} of its parameters."""
+        """Declarations of the server's parameters, as {name: {"type", "min", "max", ...}}."""
         return {parameter["name"]: parameter for parameter in self._client.param_description}
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """{name: value} of its latest message."""
+        """Values {name: value} of the server's latest message."""
         return self._client.config
 
     def has(self, values: Mapping[str, Any]) -> bool:
-        """Return whether {name: value} are in force."""
+        """Return whether the values {name: value} are in force."""
         return are_in_force(values, self.values)
 
     def request(self, values: np.ndarray) -> Dict[str, float]:
-        """Return {name: value} of its share of values (n,). The library makes them the types that it declares."""
+        """Return this server's part of values (n,) as {name: value}. The library converts the types."""
         return {name: float(sign * values[i]) for i, sign, name in self.settings}
 
     def set(self, values: Mapping[str, Any]) -> None:
-        """Begin a call. Wait for the former one first."""
+        """Begin a call that sets {name: value}. The former call must have ended."""
         self.call = Future()
         threading.Thread(target=self._set, args=(dict(values), self.call), daemon=True).start()
 
@@ -106,28 +108,30 @@ class Server:
                 time.sleep(0.002)
             other = next((name for name in values if not self.has({name: values[name]})), "")
             error = other and f"{self.name} holds {other} at {self.values.get(other)}, not {values[other]}"
-        except Exception as problem:  # the library hides the server's words behind an error of its own
+        except Exception as problem:  # The library raises an error of its own in place of the server's.
             answer = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
             error = f"{self.name}: {reason(answer)}"
         call.set_result(error)
 
 
 class ReconfigureClient:
-    """The parameters of one move_base.
+    """Client for the parameters of one move_base.
 
-    `apply` waits for its result. Once it is started, a thread applies what is requested until it is in force. Both clip
-    to the space's ranges, round counts, and refuse what is not finite.
+    `apply` sets parameters and waits for the result. `request` leaves this to the client's thread, which retries until
+    the parameters are in force. Both clip to the ranges of the space, round integers, and refuse values that are not
+    finite.
 
     Args:
-        namespace: Of move_base.
-        space: Which parameters, and the servers that hold them.
+        namespace: Namespace of move_base.
+        space: The parameters, and the servers that have them.
         on_restart: Called with a Server that came back after a restart, from a callback's thread.
         on_report: Called with the result of every attempt at a request, as `apply` returns it, from the client's
             thread.
-        on_trouble: Called from there with one line while the servers cannot be found, and with "" when they have been.
+        on_trouble: Called from the client's thread with one line while servers are missing, and with "" once all are
+            found.
 
     Attributes:
-        multipliers: (n,) by which parameters are multiplied on their way to the planner (MeterScoring sets them).
+        multipliers: Factors (n,) applied to parameters on their way to the planner, set by MeterScoring.
     """
 
     def __init__(
@@ -145,54 +149,54 @@ class ReconfigureClient:
         self._stopped = False
         self._asking, self._wake = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
-        self._servers: Dict[str, Server] = {}  # by their names in the space
+        self._servers: Dict[str, Server] = {}  # servers by their names in the space
         self.multipliers = np.ones(len(space))
         self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None  # (theta, values) of the last apply
-        self._lock = threading.Lock()  # one apply at a time
+        self._lock = threading.Lock()  # allows one apply at a time
 
     @property
     def connected(self) -> bool:
-        """True once all servers of the space have been found."""
+        """Whether all servers of the space have been found."""
         return len(self._servers) == len(self.space.servers)
 
     @property
     def sent(self) -> Optional[np.ndarray]:
-        """Theta (n,) of the last apply, of which servers may have a part; None before the first one."""
+        """Theta (n,) of the last apply, which some servers may have refused. None before the first apply."""
         return None if self._sent is None else self._sent[0]
 
     @property
     def servers(self) -> Dict[str, str]:
-        """{server as the space names it: its full name as found}."""
+        """Full names of the servers found so far, by their names in the space."""
         return {wanted: server.name for wanted, server in self._servers.items()}
 
     def connect(self) -> str:
-        """Find the servers. Return "" when all are known, else one line saying what is missing."""
+        """Find the servers. Return "" if all are known, otherwise one line about the missing one."""
         try:
-            found = find_reconfigure_services()
-        except Exception as problem:  # rosservice has errors of its own
+            running = find_reconfigure_services()
+        except Exception as problem:  # rosservice has exceptions of its own.
             return f"no ROS master: {reason(problem)}"
         for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:
             error = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
-            for name in self._candidates(wanted, found):
+            for name in self._candidates(wanted, running):
                 try:
                     self._servers[wanted] = Server(name, self.space.targets_of(wanted), self._on_restart)
                     break
                 except rospy.ROSException as problem:
                     error = f"{name}: {reason(problem)}"
                 except ApplrError as problem:
-                    error = f"{name} {problem}: the {wanted or 'move_base'} of a {self.space.robot} has it"
+                    error = f"{name} {problem}, which the {wanted or 'move_base'} of a {self.space.robot} needs"
             else:
                 return error
         return ""
 
-    def _candidates(self, wanted: str, found: List[str]) -> List[str]:
-        """Names of servers that may be the one that the space calls `wanted`, likeliest first.
+    def _candidates(self, wanted: str, running: List[str]) -> List[str]:
+        """Return the names of running servers that may be the space's server `wanted`, likeliest first.
 
-        move_base names its layers as its parameter files do: every server in the same place is tried, beginning with
-        the names that begin most alike.
+        The names of layers depend on move_base's parameter files. Every server in the same namespace is therefore a
+        candidate, and those with the longest common prefix come first.
         """
         place, _, last = f"{self.namespace}/{wanted}".rstrip("/").rpartition("/")
-        there = [name for name in found if name.rpartition("/")[0] == place]
+        there = [name for name in running if name.rpartition("/")[0] == place]
         if not wanted:
             return [name for name in there if name == self.namespace]
         if "/" not in wanted and not wanted.endswith("_costmap"):
@@ -204,23 +208,23 @@ class ReconfigureClient:
         return sorted(there, key=lambda name: (-alike(name), name))
 
     def values(self) -> Optional[np.ndarray]:
-        """Return the planner's latest values (n,) float64; of a value that several servers hold, the first's.
+        """Return the planner's latest values (n,) float64. The first server counts if several have a value.
 
-        None before `connect` has succeeded, and while a server's value is no number.
+        None before `connect` has succeeded, and while a server's value is not a number.
         """
         if not self.connected:
             return None
-        found = np.empty(len(self.space))
+        values = np.empty(len(self.space))
         for i, (server, _) in enumerate(self.space.places()):
             has = self._servers[server]
             name = next(name for j, sign, name in has.settings if j == i and sign > 0)
             if not isinstance(has.values.get(name), (bool, int, float)):
                 return None
-            found[i] = has.values[name]
-        return found
+            values[i] = has.values[name]
+        return values
 
     def theta(self) -> Optional[np.ndarray]:
-        """Return what the planner's values mean as a parameter set (n,); None if `values` is."""
+        """Return the parameter set (n,) in force, without multipliers. None if `values` is None."""
         values, sent = self.values(), self._sent
         if values is None:
             return None
@@ -229,7 +233,7 @@ class ReconfigureClient:
         return values / self.multipliers
 
     def bounds(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Return the smallest and the largest values (n,) that all servers take."""
+        """Return the smallest and the largest values (n,) that all servers accept."""
         low, high = np.full((2, len(self.space)), [[-np.inf], [np.inf]])
         for server in self._servers.values():
             declared = server.declared
@@ -239,21 +243,21 @@ class ReconfigureClient:
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
-        """Set theta (n,) times `multipliers`, within the servers' bounds, and read it back.
+        """Set theta (n,) times `multipliers`, within the servers' bounds, and read the values back.
 
-        The servers are called side by side. A server whose values are in force is not called, because C++ empties a
-        costmap at every call of its server.
+        The servers are called in parallel. A server whose values are in force already is not called, because every call
+        of a costmap's server in C++ clears the costmap.
 
         Args:
-            theta: (n,) parameters.
+            theta: Parameters (n,).
             seconds: Wall time for all answers [s].
 
         Returns:
-            "" if every value is in force, else one line with the servers that refused, are gone or did not answer. The
-            others have their new values, and the next attempt sets those that are missing.
+            "" if every value is in force, otherwise one line about the servers that refused, are gone or did not
+            answer. The other servers have their new values, and the next attempt sets the missing ones.
 
         Raises:
-            ApplrError: A value is not finite; nothing was sent.
+            ApplrError: A value is not finite. Nothing was sent.
         """
         theta = self.space.clip(theta)
         with self._lock:
@@ -270,17 +274,17 @@ class ReconfigureClient:
                 if not server.call.done():
                     errors.append(f"{server.name} does not answer")
                 elif not server.has(server.request(values)):
-                    errors.append(server.call.result() or f"{server.name} had a former call to answer")
+                    errors.append(server.call.result() or f"{server.name} was busy with an earlier call")
             return "; ".join(errors)
 
     def start(self) -> None:
-        """Begin to apply requests; those made before are kept."""
+        """Start the thread that applies requests, including an earlier one."""
         self._thread.start()
 
     def request(self, theta: np.ndarray) -> np.ndarray:
-        """Have theta (n,) applied as soon as possible, instead of what was requested before; return it as requested.
+        """Queue theta (n,) in place of the former request, and return it clipped to the ranges.
 
-        Raises ApplrError, and changes nothing, for a value that is not finite.
+        Raises ApplrError without changing anything if a value is not finite.
         """
         theta = self.space.clip(theta)
         with self._asking:
@@ -289,22 +293,22 @@ class ReconfigureClient:
         return theta
 
     def reapply(self) -> None:
-        """Apply the present parameters anew: a server came back and has its start-up values."""
-        with self._asking:  # a copy: an attempt that is under way may have reached the server before
+        """Apply the present request again, for example after a server came back with its start-up values."""
+        with self._asking:  # A new object counts as a new request, even if an attempt is under way.
             self._requested = None if self._requested is None else self._requested.copy()
         self._wake.set()
 
     @property
     def busy(self) -> bool:
-        """True while a request is not in force."""
+        """Whether the latest request is not in force yet."""
         return self._requested is not self._in_force
 
     def stop(self) -> None:
-        """End the thread; what is still requested is dropped."""
+        """End the thread and drop the open request."""
         self._stopped = True
         self._wake.set()
         if self._thread.is_alive():
-            self._thread.join(DEADLINE_S + 0.1)  # an attempt that is under way takes no longer
+            self._thread.join(DEADLINE_S + 0.1)  # An attempt takes no longer.
 
     def close(self) -> None:
         """End the thread and unsubscribe from all servers."""
@@ -327,7 +331,7 @@ class ReconfigureClient:
                     if not error:
                         self._in_force = theta
                     self._on_report(error)
-            except Exception as e:  # whatever it is, the thread that talks to the planner goes on
+            except Exception as e:  # The thread must survive any error.
                 self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
             self._wake.wait(pause)
             self._wake.clear()

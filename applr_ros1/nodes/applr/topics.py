@@ -1,10 +1,11 @@
-"""Topics that the applr node publishes: heartbeat, decisions and parameters, diagnostics.
+"""Publishers of the applr node: heartbeat, decisions, parameters and diagnostics. Used by node.py."""
 
-Called by node.py.
-"""
+from __future__ import annotations
 
 from math import atan2, nan
+from typing import Any, Mapping, Optional
 
+import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -14,12 +15,12 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.msg import Decision, Movers, Parameters
 from applr_ros1.nodes import conversions
 from applr_ros1.policy.observation import FARTHEST_M, beginning, local_goal
-from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 
 class ApplrTopics:
-    """Publishers below applr in the node's namespace, and /diagnostics, which all robots share."""
+    """Publishers under applr in the node's namespace, and of /diagnostics, which all robots share."""
 
     def __init__(self, robot: Robot = JACKAL):
         self._space, self._farthest = space_of(robot), FARTHEST_M * robot.world_scale
@@ -31,19 +32,19 @@ class ApplrTopics:
         self._parameters = rospy.Publisher("applr/parameters", Parameters, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
-    def heartbeat(self, now):
-        """Publish that the node lives, at least every 2 s; without it our move_base restores its start-up values."""
+    def heartbeat(self, now: rospy.Time) -> None:
+        """Publish a heartbeat, due every 2 s. Without it, this package's move_base restores its start-up values."""
         self._heartbeat.publish(Time(now))
 
     def decision(self, number, now, goal, snapshot, context, theta, refused):
-        """Publish one decision: the Context that it was made in, and which messages that came from."""
+        """Publish one decision: its Context, the stamps of its inputs, and theta (n,) or the reason for its refusal."""
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
         target = local_goal(context.plan, context.pose, context.layout.lookahead)
         pose = *transform_point(context.pose, *target), context.pose[2] + atan2(target[1], target[0])
         self._local_goal.publish(conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp))
 
     def course_end(self, number, now, goal, snapshot, context):
-        """Publish what came of the last decision of a course."""
+        """Publish the observation at the end of a course."""
         self._course_end.publish(self._message(number, now, goal, snapshot, context, None, ""))
 
     def _message(self, number, now, goal, snapshot, context, theta, refused):
@@ -59,29 +60,29 @@ class ApplrTopics:
         message.before, message.after = (parameters_message(t, now, self._space) for t in (context.theta, theta))
         return message
 
-    def parameters(self, theta, now, multipliers=None):
+    def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: Optional[np.ndarray] = None) -> None:
         """Publish theta (n,), the parameters in force at ROS time `now`.
 
-        multipliers: (n,), by which the planner gets them multiplied; None for ones.
+        multipliers: Factors (n,) applied to theta on its way to the planner; None for ones.
         """
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
-    def diagnostics(self, now, trouble, lost, doing, values):
+    def diagnostics(self, now: rospy.Time, trouble: str, lost: bool, doing: str, values: Mapping[str, Any]) -> None:
         """Publish the node's state.
 
         Args:
             now: ROS time.
-            trouble: One line, or "" for none.
-            lost: Whether the method does not drive, but theta_0 does.
-            doing: What the node does when there is no trouble, such as "idle: no goal".
+            trouble: Problem in one line, or "".
+            lost: Whether theta_0 has replaced the method.
+            doing: Activity of the node, such as "idle: no goal"; shown if there is no problem.
             values: {key: value} to show.
         """
         level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK
         self._diagnostics.publish(conversions.diagnostics(self._name, level, trouble or doing, values, now))
 
 
-def parameters_message(theta, stamp, space=SPACE, multipliers=None):
-    """Return an applr_ros1/Parameters of theta (n,); without names and values for None."""
+def parameters_message(theta: Any, stamp: Any, space: Space = SPACE, multipliers: Any = None) -> Parameters:
+    """Return an applr_ros1/Parameters of theta (n,). It has no names and values if theta is None."""
     message = Parameters()
     message.header.stamp = stamp
     fields = [name for name in message.__slots__ if name not in ("header", "names", "values", "multipliers")]

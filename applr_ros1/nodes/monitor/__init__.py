@@ -1,2 +1,2 @@
 """The node collision_monitor, between a source of velocities and the base, and its guard."""
-# Imports monitor, robots and what nodes share.
+# Imports monitor, robots and the shared modules of nodes.

@@ -1,13 +1,12 @@
-"""The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
+"""The ROS node collision_monitor, between move_base (or any other source of velocity commands) and the base.
 
-Started by guard.py beside it. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
-them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
-zeros until the base has stood for a second. Where anything in it raises, whatever message came, the base is stopped and
-/diagnostics says so. With ~escape it drives small motions of its own while move_base stands or is held back, though its
-goal is active.
+Started by guard.py. The node reads commands from cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor
+allows. If the next command is overdue, it brakes the base at its own rate, and then publishes zeros until the base has
+stood still for a second. If an exception occurs, it stops the base and reports this on /diagnostics. With ~escape, it
+makes small escape motions while move_base is stuck or blocked although its goal is active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
-of further lasers; the robot's own), ~escape (false), and the fields of monitor/settings.py.
+of further lasers; default: those of the description), ~escape (false), and the fields of monitor/settings.py.
 """
 
 from __future__ import annotations
@@ -37,26 +36,26 @@ from applr_ros1.robots import Robot
 from .guard import Heartbeat
 from .stalled_move_base import StalledMoveBase
 
-LOOK_S = 0.01  # s of wall time between looks for a new scan
-REPORT_S = 1.0  # s of wall time between diagnostics
-IDLE_AFTER_S = 2.0  # s of wall time without a command after which it counts as idle
-ZEROS_S = 0.05  # s of wall time between the commands of the node's own while none comes
-LAST_ZEROS = 20  # number of zeros that a standing base gets before others may drive it
-STALLED_S = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
-ESCAPE = "escape"  # as an action: a motion of the monitor's own
-STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
+LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
+REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
+IDLE_AFTER_S = 2.0  # wall time without a command after which the node counts as idle [s]
+ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
+LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
+STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
+ESCAPE = "escape"  # name of the action of driving an escape motion
+STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
 
 
 class CollisionMonitorNode:
-    """Hands scans and commands to a CollisionMonitor and publishes its verdicts.
+    """Node that passes scans and commands to a CollisionMonitor and publishes its verdicts.
 
     Args:
-        settings: of the monitor.
-        robot: whose topics and frames these are.
-        prefix: of the names of its frames.
-        tolerance: age [s] up to which the pose of its base in the odometry's frame is used.
-        more_scans: topics of further lasers.
-        escape: whether it drives small motions for a move_base that makes none itself.
+        settings: Settings of the monitor.
+        robot: Description of the robot, with its topics and frames.
+        prefix: Prefix of the robot's frames.
+        tolerance: Largest usable age of the base's pose in the odometry frame [s].
+        more_scans: Topics of further lasers.
+        escape: Whether to make escape motions, for a move_base that makes none itself.
     """
 
     def __init__(
@@ -72,27 +71,27 @@ class CollisionMonitorNode:
         self._tolerance = tolerance
         self._lock = threading.Lock()
         self._clock = Clock()
-        self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
+        self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has arrived yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
-        self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
-        self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
-        self._zeros = 0  # number of zeros that the base has got since it stands without a command
+        self._commanded = rospy.Time(0)  # ROS time of the latest command; 0 for none since the start or a clock jump
+        self._heard = self._zero_due = 0.0  # time.monotonic() of the latest command, and when the next zero is due
+        self._zeros = 0  # number of zeros sent since the base came to rest without a command
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
         self._stalls = StalledMoveBase(near) if escape else None
         topics = robot.topics
         self._scan, self._more_scans = topics.scan, more_scans
-        self._frames: Dict[str, str] = {}  # of the first laser on each topic
+        self._frames: Dict[str, str] = {}  # frame of the first laser by topic
         self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
-        self._out.publish(conversions.twist(0.0, 0.0))  # latched: it began after one that died, with the base in motion
+        self._out.publish(conversions.twist(0.0, 0.0))  # A monitor that died may have left the base in motion.
         warm_up(settings)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
 
     def spin(self) -> None:
-        """Until shutdown: takes scans, publishes zeros while no command comes, and diagnostics once a second."""
+        """Process scans, publish zeros while commands are missing, and report once per second, until shutdown."""
         due, heartbeat = time.monotonic(), Heartbeat()
         while not rospy.is_shutdown():
             with self._lock:
@@ -102,11 +101,11 @@ class CollisionMonitorNode:
                 except Exception as problem:
                     self._fail(problem)
             if not heartbeat.beat():
-                with self._lock:  # held until rospy is shut down: no command may follow the zeros
-                    for _ in range(LAST_ZEROS):  # a shutdown closes connections, and a single zero might be lost
+                with self._lock:  # Held until rospy has shut down: no command may follow the zeros.
+                    for _ in range(LAST_ZEROS):  # A single zero might be lost because shutdown closes connections.
                         self._out.publish(conversions.twist(0.0, 0.0))
                         time.sleep(ZEROS_S)
-                    rospy.signal_shutdown("the process that started this node is gone")
+                    rospy.signal_shutdown("the guard process has ended")
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT_S
                 self._report()
@@ -114,24 +113,24 @@ class CollisionMonitorNode:
 
     def _take_scans(self) -> None:
         if self._clock.went_back():
-            rospy.logwarn("collision monitor: the clock jumped back; starting afresh")
+            rospy.logwarn("collision monitor: the clock jumped back; starting anew")
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)
             if self._stalls is not None:
                 self._stalls.forget()
         for topic, scan in self.sensors.observations().items():
-            first = scan.frame == self._frames.setdefault(topic, scan.frame)  # lasers may share a topic
+            first = scan.frame == self._frames.setdefault(topic, scan.frame)  # Lasers may share a topic.
             name = "" if topic == self._scan else topic
             self.monitor.add_scan(scan, name if first else f"{topic} of {scan.frame}")
 
     @property
     def _stalled(self) -> str:
-        """Return what is wrong if ROS time stands still, else ""."""
+        """Problem in one line if ROS time has stopped, otherwise ""."""
         return f"/clock has not moved for {STALLED_S:g} s" if self._clock.stands(STALLED_S) else ""
 
     def _break_silence(self) -> None:
-        """Brake to zero while no command comes. A base that stands gets LAST_ZEROS more, then others may drive it."""
+        """Brake to zero while commands are missing. A base at rest gets LAST_ZEROS more, then others may drive it."""
         silence = self.monitor.silence
         if (self._clock.now - self._commanded).to_sec() <= silence and not self._stalled:
             return
@@ -147,13 +146,13 @@ class CollisionMonitorNode:
             stands &= not self.sensors.odometry_trouble(self._clock.now, self.monitor.settings.scan_timeout)
             self._zeros = self._zeros + 1 if stands else 0
             self._out.publish(conversions.twist(*self._braked()))
-        self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
+        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command for {silence:.2g} s"))
 
     def _braked(self) -> Tuple[float, float]:
-        """Return the (v, w) of a stop. On a clock that stands nothing falls with time."""
+        """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
         return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist()[0])
 
-    def _say(self, verdict: Verdict) -> None:
+    def _report_verdict(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
             self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
         self._verdict = verdict
@@ -172,33 +171,33 @@ class CollisionMonitorNode:
                 self._fail(problem)
 
     def _escape(self, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
-        """Return the motion (v, w) of the monitor's own that takes the place of a command; None for the command."""
+        """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
         if self._stalls is None or self._stalled:
             return None
         return self._stalls.instead(self._clock.now, command)
 
     def _drive(self, command: Tuple[float, float], planned: bool) -> None:
-        """Give the base what may be given of the planner's command, or of a motion of the monitor's own."""
+        """Filter and publish the planner's command, or an escape motion if not `planned`."""
         self._zeros = 0
         verdict = self._judge(command, planned)
         if not planned:
-            reason = "move_base does not get on with its goal" + f"; {verdict.reason}" * bool(verdict.reason)
+            reason = "move_base makes no progress" + f"; {verdict.reason}" * bool(verdict.reason)
             verdict = replace(verdict, action=ESCAPE, reason=reason)
         if self._stalls is not None:
             self._stalls.report_held(verdict.blocked)
         self._out.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
-        self._held.publish(verdict.blocked)  # each time: move_base forgets it with each new goal
-        self._say(verdict)
+        self._held.publish(verdict.blocked)  # Published each time because move_base resets it with each new goal.
+        self._report_verdict(verdict)
 
     def _fail(self, problem: Exception) -> None:
-        """Stop the base: something in the monitor has raised, and nothing that it knows can be relied on."""
+        """Stop the base and reset the monitor after an exception, because its state is unreliable."""
         if rospy.core.is_shutdown_requested():
             raise problem
         self._out.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         self.monitor.reset()
-        self._say(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
+        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
 
     def _judge(self, command: Tuple[float, float], creeps: bool) -> Verdict:
         now = rospy.get_rostime()
@@ -207,13 +206,13 @@ class CollisionMonitorNode:
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
             return Verdict(self._braked(), STOP, 0.0, trouble)
-        known = self.sensors.ages(now)  # none of a pose that never changes, or without stamps
+        known = self.sensors.ages(now)  # Static transforms and messages without stamps have no age.
         ages = known.get("pose_age_s", 0.0), known.get("twist_age_s", 0.0)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
             named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
             topic = next(named, self._scan)
-            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.newest(topic)})")
+            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.describe_latest(topic)})")
         return verdict
 
     def _report(self) -> None:
@@ -233,16 +232,16 @@ class CollisionMonitorNode:
 
 
 def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
-    """MonitorSettings from the node's private parameters, which have the names of its fields; else the robot's own.
+    """Return the robot's MonitorSettings, overridden by the node's private parameters of the same names.
 
     Raises:
-        ApplrError: with one line, for an unknown parameter or a value that cannot be used.
+        ApplrError: A parameter is unknown or has an invalid value.
     """
     known = {f.name for f in fields(MonitorSettings)}
     others = {*NAMING, "transform_tolerance", "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
-        raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
+        raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
     chosen = {name: parameters[name] for name in known & set(parameters)}
     for name in set(chosen) - {"body"}:
         number_within(name, chosen[name])
@@ -250,7 +249,7 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
 
 
 def main() -> int:
-    """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
+    """Run the node. Raises ApplrError if a parameter is invalid."""
     init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)
@@ -259,7 +258,7 @@ def main() -> int:
     if not isinstance(more, list):
         raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
-        raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic; leave it out")
+        raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic: remove it")
     settings, escape = settings_from(parameters, robot), bool(parameters.get("escape", False))
     node = CollisionMonitorNode(settings, robot, prefix, tolerance, more, escape)
     with until_shutdown():

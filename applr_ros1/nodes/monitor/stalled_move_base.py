@@ -1,6 +1,6 @@
-"""Asks a StalledPlanner for the collision monitor's node, with what the topics of move_base say.
+"""Adapter between the topics of move_base and a StalledPlanner, for the collision monitor's node.
 
-From its status comes the goal under way, from its global plan how far the robot is from there.
+The status of move_base gives the active goal, and its global plan the distance to the goal.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from nav_msgs.msg import Path
 
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
 
-STATUS_AGE_S = 1.0  # s after which a status counts no more: move_base repeats it five times a second
+STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
 NEVER = rospy.Time(0)
 
 
 class StalledMoveBase:
-    """Watch on a move_base that makes no motions of escape itself. Callbacks only keep the latest message.
+    """Escape motions for a move_base that makes none itself. Callbacks only store the latest message.
 
     Args:
-        tolerance: of its goals [m].
+        tolerance: Goal tolerance of move_base [m].
     """
 
     def __init__(self, tolerance: float):
@@ -33,14 +33,14 @@ class StalledMoveBase:
         self.report_held = self._planner.report_held
 
     def forget(self) -> None:
-        """Forget what was heard: the clock jumped back."""
+        """Drop all messages after the clock jumped back."""
         self._goal: Tuple[rospy.Time, Optional[str]] = NEVER, None
         self._left: Tuple[rospy.Time, Optional[float]] = NEVER, None
 
     def instead(self, now: rospy.Time, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
-        """Return the motion (v [m/s], w [rad/s]) to be driven instead of a command; None for the command.
+        """Return the escape motion (v [m/s], w [rad/s]) that replaces a command, or None to keep the command.
 
-        Log the first motion.
+        The first motion is logged.
         """
         (status_came, goal), (plan_came, left), had_stalled = self._goal, self._left, self._planner.has_stalled
         if (now - status_came).to_sec() > STATUS_AGE_S:
@@ -49,12 +49,12 @@ class StalledMoveBase:
             left = None
         motion = self._planner.instead(now.to_sec(), command, goal, left)
         if self._planner.has_stalled and not had_stalled:
-            rospy.logwarn("collision monitor: move_base does not get on with its goal; small motions are tried")
+            rospy.logwarn("collision monitor: move_base makes no progress; trying small escape motions")
         return motion
 
     def _take_status(self, message: GoalStatusArray) -> None:
         active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
-        self._goal = rospy.get_rostime(), active[-1] if active else None  # none where it is being cancelled
+        self._goal = rospy.get_rostime(), active[-1] if active else None  # A goal being cancelled is not ACTIVE.
 
     def _take_plan(self, message: Path) -> None:
         ends = [pose.pose.position for pose in message.poses[:1] + message.poses[-1:]]

@@ -1,2 +1,2 @@
-"""The node move_base: topics, services and actions of the C++ one around planner.move_base.MoveBase."""
-# Imports planner, robots and what nodes share.
+"""The node move_base, with the topics, services and actions of the C++ move_base around planner.move_base.MoveBase."""
+# Imports planner, robots and the shared modules of nodes.

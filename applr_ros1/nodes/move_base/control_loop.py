@@ -1,4 +1,4 @@
-"""Control cycles of the move_base node at a fixed rate of ROS time, as in C++, and the lock on its planner."""
+"""Control loop of the move_base node, at a fixed rate of ROS time as in C++, and the lock on its planner."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.nodes.sensors import Clock
 
-STALLED_S = 1.0  # wall time without a new value of a simulated clock after which the clock counts as stalled [s]
-LOOK_S = 0.1  # longest time between two looks at the clock [s]
+STALLED_S = 1.0  # wall time without a change of a simulated clock after which the clock counts as stalled [s]
+LOOK_S = 0.1  # longest time between two readings of the clock [s]
 
 
 class ControlLoop:
-    """Calls cycle(now) `frequency()` times a second of ROS time, from the thread that calls run().
+    """Loop that calls cycle(now) `frequency()` times per second of ROS time, from the thread that calls run().
 
     Args:
-        cycle: One control cycle; now: rospy.Time.
-        frequency: Returns the control frequency [Hz]; asked before every cycle.
+        cycle: Function of one control cycle, called with the rospy.Time.
+        frequency: Function that returns the control frequency [Hz], called before every cycle.
         went_back: Called before the first cycle after the clock jumped back.
-        stalled: Called once each time that a simulated clock stands still for STALLED_S seconds of wall time.
-        failed: Called with the exception that a cycle raised; the next cycle comes all the same.
+        stalled: Called once each time a simulated clock stops for STALLED_S seconds of wall time.
+        failed: Called with an exception that a cycle raised. The loop goes on.
 
     Attributes:
-        lock: Held during these calls. Whoever else uses the planner holds it as well.
-        missed: Number of cycles left out because an earlier one took too long.
+        lock: Lock that is held during these calls. Other users of the planner must hold it, too.
+        missed: Number of cycles skipped because an earlier one took too long.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class ControlLoop:
                     self._stalled()
             left = LOOK_S if now.is_zero() else 0.0 if due is None else (due - now).to_sec()
             if left > 0.0:
-                with tick:  # every /clock message notifies it
+                with tick:  # Every /clock message notifies this condition.
                     if is_wallclock() or rospy.get_rostime() == now:
                         tick.wait(min(left, LOOK_S) if is_wallclock() else LOOK_S)
                 continue
@@ -70,9 +70,9 @@ class ControlLoop:
                     self._failed(error)
 
     def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
-        """Return when the cycle after the one that begins now is due: a period [s] after this one was.
+        """Return when the next cycle is due: a period [s] after the present one was due.
 
-        After cycles that were missed it is a period from now.
+        If cycles were missed, the next one is due a period from now.
         """
         step = rospy.Duration.from_sec(period)
         late = 0.0 if due is None else (now - due).to_sec()

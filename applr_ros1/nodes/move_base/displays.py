@@ -1,10 +1,14 @@
-"""The topics that RViz and others show: costmaps with their updates, footprints, plans and the cost cloud.
+"""Publishers for RViz and other displays: costmaps and their updates, footprints, plans and clouds.
 
-Called by the move_base node after each cycle. A message without subscribers is not made.
+Called by the move_base node after each cycle. Messages without subscribers are not created.
 """
 
 from __future__ import annotations
 
+import threading
+from typing import Any, Callable, Tuple
+
+import numpy as np
 import rospy
 from geometry_msgs.msg import PolygonStamped
 from map_msgs.msg import OccupancyGridUpdate
@@ -15,15 +19,16 @@ from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import COST_FIELDS, TRAJECTORY_FIELDS
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import union
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.layers import COSTMAPS
 
-TRAJECTORIES_HZ = 5.0  # Hz of trajectory_cloud where C++ has none
+TRAJECTORIES_HZ = 5.0  # rate of trajectory_cloud for planners that have none in C++ [Hz]
 
 
 class _NewSubscriber(rospy.SubscribeListener):
-    """Sends a whole map, as it is between two cycles, to each new subscriber."""
+    """Listener that sends the whole costmap to each new subscriber, between two cycles."""
 
-    def __init__(self, lock, send):
+    def __init__(self, lock: threading.RLock, send: Callable[..., None]):
         super().__init__()
         self._lock, self._send = lock, send
 
@@ -33,12 +38,15 @@ class _NewSubscriber(rospy.SubscribeListener):
 
 
 class CostmapDisplay:
-    """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
+    """Topics `costmap`, `costmap_updates` and `footprint` of one costmap (docs/explanation/planner.md, section 3.7).
 
-    name: of the costmap of the MoveBase. lock: held while the costmap is read.
+    Args:
+        name: Name of the costmap, local_costmap or global_costmap.
+        move_base: The MoveBase.
+        lock: Lock that is held while the costmap is read.
     """
 
-    def __init__(self, name, move_base, lock):
+    def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
         self._name, self._move_base = name, move_base
         static = move_base.parameters[name]
         self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
@@ -47,11 +55,11 @@ class CostmapDisplay:
         self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
         self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
         self._sent = float("-inf")
-        self._shape = None  # origin and size of the whole map sent last
-        self._window = None  # union of the update windows since the last publication
+        self._shape: Any = None  # origin, size and resolution of the last whole map
+        self._window: Any = None  # union of the update windows since the last publication
 
-    def updated(self, stamp, pose) -> None:
-        """Publish what is due after an update of the map for the robot's pose."""
+    def updated(self, stamp: rospy.Time, pose: Tuple[float, float, float]) -> None:
+        """Publish the topics that are due after an update of the costmap at the robot's pose."""
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
@@ -74,15 +82,15 @@ class CostmapDisplay:
             self._updates.publish(conversions.grid_update(cells, corner, self._frame, stamp))
         self._shape, self._window = shape, None
 
-    def _send_whole(self, publish, stamp=None) -> None:
+    def _send_whole(self, publish: Callable[[Any], None], stamp: Any = None) -> None:
         costmap = self._move_base.costmaps[self._name]
         publish(conversions.grid(costmap, self._frame, stamp or rospy.Time.now()))
 
 
 class PlanDisplay:
-    """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner of a MoveBase."""
+    """Topics of the plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner."""
 
-    def __init__(self, move_base):
+    def __init__(self, move_base: MoveBase):
         name, static = move_base.local_planner_name, move_base.parameters
         self._static = static[name]
         self._global_frame, self._frame = (static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS)
@@ -92,14 +100,14 @@ class PlanDisplay:
         )
         self._costs = rospy.Publisher(f"~{name}/cost_cloud", PointCloud2, queue_size=1)
         self._trajectories = rospy.Publisher(f"~{name}/trajectory_cloud", PointCloud2, queue_size=1)
-        self._sent = float("-inf")  # when the sampled trajectories were sent last [s]
+        self._sent = float("-inf")  # time of the last trajectory_cloud [s]
 
-    def planned(self, plan, stamp) -> None:
-        """Publish the plan (n, 3) of the global planner, empty where it found nothing."""
+    def planned(self, plan: np.ndarray, stamp: rospy.Time) -> None:
+        """Publish the plan (n, 3) of the global planner; an empty one if planning failed."""
         self._send(self._plan, plan, stamp, self._global_frame)
 
-    def controlled(self, local_planner, costmap, stamp) -> None:
-        """Publish the local planner's paths and clouds. An empty path is not sent: the old one stays, as in C++."""
+    def controlled(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
+        """Publish the local planner's paths and clouds. Empty paths are not sent, so that displays keep the old one."""
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):
                 self._send(publisher, poses, stamp, self._frame)
@@ -109,8 +117,8 @@ class PlanDisplay:
                 self._costs.publish(conversions.cloud(rows, COST_FIELDS, self._frame, stamp))
         self._show_trajectories(local_planner, costmap, stamp)
 
-    def _show_trajectories(self, local_planner, costmap, stamp) -> None:
-        """Publish them in each cycle where C++ does (DWAPlannerROS with publish_traj_pc), else at TRAJECTORIES_HZ."""
+    def _show_trajectories(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
+        """Publish the trajectories in each cycle if C++ does (publish_traj_pc), or at TRAJECTORIES_HZ."""
         period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_HZ - 1e-3
         wanted = self._trajectories.get_num_connections() and self._static.get("publish_traj_pc", True)
         if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
@@ -121,6 +129,6 @@ class PlanDisplay:
             frame = self._static.get("global_frame_id", self._frame)
             self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
 
-    def _send(self, publisher, poses, stamp, frame) -> None:
+    def _send(self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str) -> None:
         if publisher.get_num_connections():
             publisher.publish(conversions.path(poses, frame, stamp))

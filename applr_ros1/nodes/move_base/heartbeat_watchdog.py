@@ -1,6 +1,7 @@
-"""Puts the planner back on theta_0 when the applr node has died: its last parameters would otherwise stay in force.
+"""Watchdog that restores the start-up parameters after the applr node has died.
 
-Called by the move_base node once per cycle. A planner that has never received a heartbeat is left alone.
+Otherwise the node's last parameters would stay in force. The move_base node calls the watchdog once per cycle. Without
+any heartbeat since the start, the watchdog does nothing.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ from typing import Any, Dict, Optional
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import Space
 
-LOST_PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
+LOST_PERIODS = 2.5  # number of periods without a heartbeat after which the applr node counts as dead
 
 
 class HeartbeatWatchdog:
-    """Says once when the heartbeats stop.
+    """Detector of the end of heartbeats, which it reports once.
 
     Args:
-        period: Longest time [s] between two heartbeats of a living applr node.
+        period: Longest time between two heartbeats of a running applr node [s].
     """
 
     def __init__(self, period: float):
@@ -25,14 +26,14 @@ class HeartbeatWatchdog:
         self._last: Optional[float] = None
 
     def heartbeat(self, now: float) -> None:
-        """Take a heartbeat of the applr node that arrived at `now` [s]."""
+        """Note a heartbeat of the applr node that arrived at `now` [s]."""
         self._last = now
 
     def is_lost(self, now: float) -> bool:
         """Return True once, LOST_PERIODS periods after the last heartbeat."""
         if self._last is None:
             return False
-        if now < self._last:  # the clock went back
+        if now < self._last:  # The clock jumped back.
             self._last = now
         if now - self._last <= self.patience:
             return False
@@ -41,9 +42,9 @@ class HeartbeatWatchdog:
 
 
 def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0) -> Dict[str, Dict[str, Any]]:
-    """Return {server: {name: value}} that give the parameters of a space the values with which the planner started.
+    """Return the requests {server: {name: value}} that restore a space's parameters to the planner's start-up values.
 
-    max_speed: the largest forward speed [m/s] among them; 0 for any.
+    max_speed: Upper limit of the forward speed among them [m/s], 0 for none.
     """
     requests = {}
     for server in set(space.servers) & set(move_base.servers):

@@ -1,8 +1,8 @@
-"""The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
+"""The ROS node move_base, with the interface of the C++ move_base around planner.move_base.MoveBase.
 
 Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and publishes. Subscribers
 and services use the planner between two cycles, under the same lock. Parameters: ~robot (name or folder of a
-description, whose files are then read), ~map and ~tf_prefix for it, and those in docs/reference/parameters.md.
+description, whose files are read), its ~map and ~tf_prefix, and those in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
+from typing import Any, Callable, Dict, Iterator, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -31,6 +32,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
@@ -43,20 +45,26 @@ from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.robots import Robot
 
 from .control_loop import ControlLoop
 from .displays import CostmapDisplay, PlanDisplay
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .reconfigure_server import ReconfigureServer
 
-STATUS_PERIOD = rospy.Duration(0.2)  # between two messages of goal statuses, as in actionlib
+STATUS_PERIOD = rospy.Duration(0.2)  # interval between two messages of goal statuses, as in actionlib
 WENT_BACK = "Aborting because the clock jumped back."
 
 
 class MoveBaseNode:
-    """`tree`: the checked parameters under ~; robot: whose odometry and learned parameters count, if any is named."""
+    """The node around a MoveBase.
 
-    def __init__(self, tree, robot=None):
+    Args:
+        tree: Tree of the private parameters, which have been checked.
+        robot: Robot with the topic of the odometry and the learned parameters, None for the defaults.
+    """
+
+    def __init__(self, tree: Dict[str, Any], robot: Optional[Robot] = None):
         odometry = robot.topics.odometry if robot else "odom"
         self._space = space_of(robot) if robot else SPACE
         self.move_base = MoveBase(tree)
@@ -77,8 +85,8 @@ class MoveBaseNode:
             tree.get(local_planner, {}).get("odom_topic", odometry),
             robot.laser.no_return if robot else None,
         )
-        self._report_from = 0.0  # time.monotonic()
-        self._refusals = {}  # of the first cycle without a legal command since the last report
+        self._report_from = 0.0  # time.monotonic() from which the next report is due
+        self._refusals: Dict[str, int] = {}  # refused samples of the first blocked cycle since the last report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -94,11 +102,11 @@ class MoveBaseNode:
         }
         for name in ("conservative_reset", "aggressive_reset"):
             rospy.set_param(f"~{name}/reset_distance", static[name]["reset_distance"])
-        self._pose = None
+        self._pose: Any = None  # latest pose (x, y, yaw) of the robot in the global frame
         rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
-        """Take goals and requests until the node is shut down."""
+        """Accept goals and requests until the node is shut down."""
         rospy.Subscriber("collision_monitor/held_back", Bool, self._take_held)
         rospy.Subscriber("applr/heartbeat", TimeMessage, lambda _: self.watchdog.heartbeat(rospy.get_time()))
         for name in COSTMAPS:
@@ -114,7 +122,7 @@ class MoveBaseNode:
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
         self.goals.start()
         server = self.goals.action_server
-        server.status_timer.shutdown()  # A timer without `reset` ends when the clock goes back.
+        server.status_timer.shutdown()  # A timer without `reset` ends when the clock jumps back.
         server.status_timer = rospy.Timer(STATUS_PERIOD, server.publish_status_async, reset=True)
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s",
@@ -125,7 +133,7 @@ class MoveBaseNode:
             self.loop.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
-    def _cycle(self, stamp) -> None:
+    def _cycle(self, stamp: rospy.Time) -> None:
         now, move_base = stamp.to_sec(), self.move_base
         self._take_goals(stamp, now)
         pose, frame = self._locate(stamp)
@@ -139,18 +147,18 @@ class MoveBaseNode:
             rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
             self._finish(*cycle.result)
         if self.goals.is_active():
-            self._say_why_it_stands(pose, cycle)
+            self._report_standstill(pose, cycle)
             if self._pose is not None:
                 self.goals.publish_feedback(MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp)))
         self._show(cycle, pose, stamp)
-        if self.watchdog.is_lost(now):  # in a thread: a server's own lock is taken before the loop's
-            threading.Thread(target=self._back_to_start_up, daemon=True).start()
+        if self.watchdog.is_lost(now):  # A thread avoids a deadlock: a server takes its own lock before the loop's.
+            threading.Thread(target=self._restore_start_up, daemon=True).start()
         self._report(stamp)
 
-    def _locate(self, stamp):
-        """Return (pose in the local frame, pose of that frame in the global one); (None, None) if one is not known.
+    def _locate(self, stamp: rospy.Time) -> Tuple[Optional[Pose], Optional[Pose]]:
+        """Return (robot's pose in the local frame, pose of that frame in the global one), or (None, None) if unknown.
 
-        The second is None where the frames are one.
+        The second pose is None if both frames are the same.
         """
         move_base, sensors = self.move_base, self.sensors
         if move_base.missing_map:
@@ -163,7 +171,7 @@ class MoveBaseNode:
         frame = sensors.frame(stamp, move_base.configuration("global_costmap")["transform_tolerance"])
         return (pose, frame) if frame is not None else (None, None)
 
-    def _take_goals(self, stamp, now) -> None:
+    def _take_goals(self, stamp: rospy.Time, now: float) -> None:
         if self.goals.is_new_goal_available():
             goal = self.goals.accept_new_goal().target_pose
             try:
@@ -176,29 +184,29 @@ class MoveBaseNode:
                 self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
-        # a goal that comes in between asks for the end of its predecessor, which accepting it ends
+        # A new goal also requests preemption. Accepting the new goal ends its predecessor.
         if self.goals.is_active() and self.goals.is_preempt_requested() and not self.goals.is_new_goal_available():
             self.move_base.cancel(now)
 
     def _finish(self, outcome: str, text: str) -> None:
-        """End the current goal, if there is one: "succeeded", "aborted" or "preempted"."""
+        """End the current goal, if there is one, as "succeeded", "aborted" or "preempted"."""
         if self.goals.is_active():
             getattr(self.goals, f"set_{outcome}")(text=text)
 
     def _send(self, v: float, w: float) -> None:
-        """Publish a command, slower along the same arc where it is above max_speed, ahead or back."""
+        """Publish a command, slowed along the same arc if its speed exceeds max_speed."""
         if abs(v) > self._max_speed:
             v, w = math.copysign(self._max_speed, v), w * self._max_speed / abs(v)
         self._command.publish(conversions.twist(v, w))
 
-    def _say_why_it_stands(self, pose, cycle) -> None:
+    def _report_standstill(self, pose: Optional[Pose], cycle: Any) -> None:
         sensors = self.sensors
         if pose is None:
             rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
             topic, after = cycle.silent
-            where = f"no usable scan on {sensors.resolved(topic)} for {after:g} s"
-            rospy.logerr_throttle(1.0, f"standing still: {where}: {sensors.newest(topic)}")
+            problem = f"no usable scan on {sensors.resolved(topic)} for {after:g} s"
+            rospy.logerr_throttle(1.0, f"standing still: {problem}: {sensors.describe_latest(topic)}")
         else:
             sensors.clear_errors()
         if cycle.recovery is not None and pose is not None:
@@ -208,7 +216,7 @@ class MoveBaseNode:
                 RecoveryStatus(conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()), index, total, name)
             )
 
-    def _show(self, cycle, pose, stamp) -> None:
+    def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         if cycle.planned:
             self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
         if cycle.controlled:
@@ -218,24 +226,24 @@ class MoveBaseNode:
             if updated:
                 self._maps[name].updated(stamp, place)
 
-    def _back_to_start_up(self) -> None:
-        """Give the parameters that a lost policy has set their start-up values."""
+    def _restore_start_up(self) -> None:
+        """Restore the start-up values of the parameters that a dead applr node has set."""
         max_speed = self.move_base.parameters["applr"]["max_speed"]
         for server, values in start_up_requests(self.move_base, self._space, max_speed).items():
             self.servers[server].update_configuration(values)
         rospy.logwarn(
-            "no sign of the applr node for %g s: planner parameters are back at their start-up values",
+            "no heartbeat of the applr node for %g s: planner parameters are reverted to their start-up values",
             self.watchdog.patience,
         )
 
-    def _report(self, stamp) -> None:
-        """Report once a second: cycles left out, ages, and which critics refused the samples."""
+    def _report(self, stamp: rospy.Time) -> None:
+        """Report missed cycles, ages of the inputs, and critics that refused samples, once per second."""
         if time.monotonic() <= self._report_from:
             return
         self._report_from = time.monotonic() + 1.0
         if self.loop.missed:
             rate = self.move_base.frequency
-            rospy.logwarn(f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles left out")
+            rospy.logwarn(f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles skipped")
             self.loop.missed = 0
         name, refused, self._refusals = rospy.get_name().lstrip("/"), self._refusals, {}
         blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
@@ -246,10 +254,10 @@ class MoveBaseNode:
             self._diagnostics.publish(conversions.diagnostics(f"{name}: {what}", level, text, values, stamp))
 
     # -- requests --------------------------------------------------------------------------------------------------
-    def _ask(self, work):
+    def _ask(self, work: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """Return a service callback that calls `work` between two cycles."""
 
-        def call(request):
+        def call(request: Any) -> Any:
             try:
                 with self.loop.lock:
                     return work(request)
@@ -258,33 +266,33 @@ class MoveBaseNode:
 
         return call
 
-    def _relay_simple_goal(self, message) -> None:
+    def _relay_simple_goal(self, message: PoseStamped) -> None:
         goal = MoveBaseActionGoal()
         goal.header.stamp = rospy.Time.now()
         goal.goal.target_pose = message
         self._goal_relay.publish(goal)
 
-    def _take_held(self, message) -> None:
+    def _take_held(self, message: Bool) -> None:
         with self.loop.lock:
             self.move_base.report_held(message.data)
 
-    def _take_footprint(self, name, message) -> None:
+    def _take_footprint(self, name: str, message: Polygon) -> None:
         with self.loop.lock, _refusals_of(f"{name}/footprint"):
             self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
 
-    def _take_map(self, topic, message) -> None:
+    def _take_map(self, topic: str, message: OccupancyGrid) -> None:
         with _refusals_of(topic):
             given, info = conversions.static_map(message), message.info
             with self.loop.lock:
                 self.move_base.set_map(given, topic)
             rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
 
-    def _take_map_update(self, topic, message) -> None:
+    def _take_map_update(self, topic: str, message: OccupancyGridUpdate) -> None:
         with self.loop.lock, _refusals_of(topic + "_updates"):
             cells = np.reshape(message.data, (message.height, message.width))
             self.move_base.update_map(topic, message.x, message.y, cells)
 
-    def _make_plan(self, request):
+    def _make_plan(self, request: Any) -> GetPlanResponse:
         if self.goals.is_active() or self.move_base.goal is not None:
             raise MessageError("move_base must be in an inactive state to make a plan for an external user")
         if request.start.header.frame_id:
@@ -296,7 +304,7 @@ class MoveBaseNode:
         plan = self.move_base.make_plan(start, self.sensors.to_global(request.goal), request.tolerance)
         return GetPlanResponse(self._path(plan))
 
-    def _navfn_plan(self, request):
+    def _navfn_plan(self, request: Any) -> GetPlanResponse:
         try:
             start, goal = self.sensors.to_global(request.start), self.sensors.to_global(request.goal)
             plan = self.move_base.plan(start, goal) if all(map(math.isfinite, start + goal)) else NO_PLAN
@@ -305,16 +313,16 @@ class MoveBaseNode:
             plan = NO_PLAN
         return GetPlanResponse(self._path(plan, self.frame))
 
-    def _path(self, plan, frame="") -> Path:
+    def _path(self, plan: np.ndarray, frame: str = "") -> Path:
         stamp = rospy.Time.now()
         poses = [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
         return Path(conversions.header(frame, stamp if frame else rospy.Time(0)), poses)
 
-    def _clear_costmaps(self, request):
+    def _clear_costmaps(self, request: Any) -> EmptyResponse:
         self.move_base.clear_costmaps()
         return EmptyResponse()
 
-    # -- when time or the node ends --------------------------------------------------------------------------------
+    # -- clock, errors and shutdown --------------------------------------------------------------------------------
     def _clock_went_back(self) -> None:
         rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
@@ -325,11 +333,11 @@ class MoveBaseNode:
 
     def _clock_stalled(self) -> None:
         if self.goals.is_active():
-            rospy.loginfo("standing still: /clock has not moved for a second, simulation is paused or has ended")
+            rospy.loginfo("standing still: /clock has not moved for a second; the simulation is paused or has ended")
             self._send(0.0, 0.0)
 
-    def _cycle_failed(self, error) -> None:
-        """Stop after a defect of ours, give the goal up, say it all, and be there for the next one."""
+    def _cycle_failed(self, error: Exception) -> None:
+        """Stop after an internal error, log it and abort the goal. The node keeps running for the next goal."""
         if rospy.is_shutdown():
             return
         self._send(0.0, 0.0)
@@ -339,14 +347,14 @@ class MoveBaseNode:
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _stop(self) -> None:
-        """At the shutdown the last command is to stand."""
+        """Stop the robot at shutdown."""
         self._send(0.0, 0.0)
-        time.sleep(0.1)  # publishing is done by another thread
+        time.sleep(0.1)  # rospy publishes from another thread.
 
 
 @contextmanager
-def _refusals_of(topic):
-    """Log in one line that what came on a topic cannot be used."""
+def _refusals_of(topic: str) -> Iterator[None]:
+    """Log a ValueError of the block as one line: the message on `topic` is not used."""
     try:
         yield
     except ValueError as problem:
@@ -354,18 +362,18 @@ def _refusals_of(topic):
 
 
 class _OwnFootprints(logging.Filter):
-    """A filter that drops rospy's warning that ~*_costmap/footprint is published as one type and read as another.
+    """Filter for rospy's warning that ~*_costmap/footprint is published and subscribed with different types.
 
-    C++ move_base has both under one name, and so must this one.
+    The C++ move_base uses the same name for both, so this node must, too.
     """
 
-    def filter(self, record):
+    def filter(self, record: logging.LogRecord) -> bool:
         text = record.getMessage()
         return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
 
 
 def main() -> int:
-    """Exit status 1, with a line per problem, for parameters that cannot be run."""
+    """Run the node. Return exit status 1 if parameters are invalid, after a line for each problem."""
     init_node("move_base")
     given = rospy.get_param("~", {})
     tree, robot = with_robot(given)
@@ -383,8 +391,8 @@ def main() -> int:
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
     node = MoveBaseNode(tree, robot)
-    sys.setswitchinterval(1e-3)  # s after which a thread that computes gives way to the planner's
+    sys.setswitchinterval(1e-3)  # time after which a busy thread yields to the planner's [s]
     gc.collect()
-    gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
+    gc.freeze()  # Objects that are loaded by now are permanent. Scanning them would delay a cycle by 100 ms.
     node.serve()
     return 0

@@ -1,4 +1,4 @@
-"""The dynamic_reconfigure servers of the move_base node: the library's, with MoveBase's values and its checks."""
+"""dynamic_reconfigure servers of the move_base node, with the values and checks of MoveBase."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from applr_ros1.planner.move_base import MoveBase
 
 
 class ReconfigureServer(Server):
-    """One dynamic_reconfigure server, under ~<name>/ (the node itself for "").
+    """One dynamic_reconfigure server, in the namespace ~<name>/.
 
     Args:
-        name: Of the server below the node's, "" for the node's own.
-        move_base: Holds the values.
-        lock: Held while move_base is used.
+        name: Name of the server below the node's name, "" for the node itself.
+        move_base: MoveBase that has the values.
+        lock: Lock that is held while move_base is used.
     """
 
     def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
@@ -28,7 +28,7 @@ class ReconfigureServer(Server):
         super().__init__(kind, self._apply, name)
 
     def _apply(self, config: Dict[str, Any], _: int) -> Dict[str, Any]:
-        """Apply all values or none, and return those in force."""
+        """Apply all values or none, and return the values in force."""
         try:
             with self._lock:
                 in_force = self._move_base.reconfigure(self._name, {name: config[name] for name in self.type.defaults})
@@ -41,5 +41,5 @@ class ReconfigureServer(Server):
         self.config.update(self._move_base.configuration(self._name))
 
     def _copy_to_parameter_server(self) -> None:
-        with suppress(OSError):  # the master is away; the values are in force all the same
+        with suppress(OSError):  # The values are in force even if the master is down.
             super()._copy_to_parameter_server()

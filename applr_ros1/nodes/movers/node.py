@@ -1,10 +1,11 @@
-"""The ROS node movers: tells the costmaps where moving obstacles will be, as one more observation source.
+"""The ROS node movers: tracks moving obstacles and predicts their positions, as an observation source of costmaps.
 
-With each scan it publishes what movers/prediction.py says on applr/predicted (sensor_msgs/PointCloud2), no point where
-nothing moves; for the policy what moves now on applr/tracked (Movers); and for display its marks and an arrow for each
-mover on applr/movers. All are in the frame of the odometry and have the scan's stamp.
+For each scan, the node publishes the predicted obstacle points of movers/prediction.py on applr/predicted
+(sensor_msgs/PointCloud2; empty if nothing moves), the tracked obstacles for the policy on applr/tracked (Movers), and
+the points with an arrow for each obstacle for display on applr/movers. All are in the odometry frame and have the
+scan's stamp.
 
-Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map) and ~tf_prefix.
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether the robot drives on a map) and ~tf_prefix.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import Robot
 
-LOOK_S = 0.01  # wall time between looks for a new scan [s]
-SHOWN_S = 0.3  # s for which it stays
-HEIGHT_M = 0.3  # m of the arrows above the ground
+LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
+SHOWN_S = 0.3  # lifetime of the display's markers [s]
+HEIGHT_M = 0.3  # height of the arrows above the ground [m]
 COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)
 
 
 class MoversNode:
-    """Hands the scans of a robot to a Prediction and publishes what it says. The frames' names begin with prefix."""
+    """Node that passes a robot's scans to a Prediction and publishes the result. prefix: Prefix of the frames."""
 
     def __init__(self, robot: Robot, prefix: str):
         self._prediction = Prediction(robot)
@@ -48,7 +49,7 @@ class MoversNode:
         self._sensors = Sensors.of_lasers(robot, prefix, self._frame)
 
     def spin(self) -> None:
-        """Until shutdown: takes scans as they come."""
+        """Process scans until shutdown."""
         while not rospy.is_shutdown():
             time.sleep(LOOK_S)
             if self._clock.went_back():
@@ -56,7 +57,7 @@ class MoversNode:
                 self._prediction.reset()
             scan = self._sensors.observations().get(self._scan)
             if scan is not None and scan.frame == (self._laser or scan.frame):
-                self._laser = scan.frame  # the first of those that share the topic
+                self._laser = scan.frame  # Only the first laser counts if several share the topic.
                 stamp = rospy.Time.from_sec(scan.stamp)
                 points = self._prediction.add_scan(scan).points
                 self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))
@@ -67,7 +68,7 @@ class MoversNode:
 
 
 def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]:
-    """Return the marks as points, and an arrow for each mover, from its middle to where that is a second later."""
+    """Return markers of the predicted obstacle points, and for each obstacle an arrow to its position in a second."""
     head, movers = conversions.header(frame, stamp), prediction.movers
     marks = Marker(header=head, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
     marks.points = [Point(*point) for point in prediction.marks.tolist()]
@@ -82,7 +83,7 @@ def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]
 
 
 def main() -> int:
-    """Run the command. Raises ApplrError, one line, for parameters that cannot be used."""
+    """Run the node. Raises ApplrError if a parameter is invalid."""
     init_node("movers")
     robot, prefix = named_robot(rospy.get_param("~", {}))
     warm_up()

@@ -43,7 +43,7 @@ class Listener:
         """Unsubscribe from everything, until the next question, and forget all messages."""
         while self._subscribers:
             self._subscribers.pop().unregister()
-        self._transforms.rest()
+        self._transforms.unsubscribe()
         for known in (self._queues, self._newest, self._times):
             known.clear()
 
@@ -93,7 +93,7 @@ class Listener:
         if frame.lstrip("/") == self.fixed.lstrip("/"):
             return 0.0, 0.0, 0.0
         try:
-            return pose_of(self._transforms.newest(self.fixed, frame, rospy.get_rostime()).transform)
+            return pose_of(self._transforms.latest(self.fixed, frame, rospy.get_rostime()).transform)
         except ObservationError:
             return None
 
