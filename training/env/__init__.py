@@ -1,4 +1,4 @@
-"""The learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward.
+"""Learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward.
 
 Importing this package registers the environment with Gymnasium under the name ID.
 """
@@ -9,6 +9,4 @@ from gymnasium.envs.registration import register
 from applr_ros1.policy.decision import PERIOD
 
 ID = "applr_ros1/Navigation-v0"
-register(
-    ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD}
-)  # default: the decision period of the paper
+register(ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD})  # the paper's decision period

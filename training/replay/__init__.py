@@ -1,2 +1,2 @@
 """Experience: trajectories, the replay buffer, and datasets on disk."""
-# Imports no other room.
+# Imports no other package of training.

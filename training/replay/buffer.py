@@ -1,8 +1,8 @@
-"""The global replay: a ring of observations from which n-step transitions are drawn. learner.py fills and samples it.
+"""Replay buffer: a ring of observations from which learner.py draws n-step transitions.
 
-One row holds s_t, a_t and r_t; s_{t+1} is the next row, so that no observation is stored twice. An episode of T
-transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (TransitionLayout). The paper's five
-million transitions, 13 to an episode, take 4.3 GB.
+One row holds s_t, a_t and r_t. s_{t+1} is the next row, so that no observation is stored twice. An episode of T
+transitions takes T + 1 rows, the last of which has no action. Scans are stored as uint8 (TransitionLayout). The paper's
+five million transitions, 13 per episode, take 4.3 GB.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from training.replay.trajectory import Trajectory, TransitionLayout
 
-COLUMNS = ("scan", "rest", "action", "reward", "end")  # arrays of the ring
-GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
+COLUMNS = ("scan", "rest", "action", "reward", "end")  # names of the ring's arrays
+GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # values of a row's end: how the episode continues after it
 
 
 class Replay:
-    """A ring of `capacity` rows. add() writes whole episodes, so the ring never cuts the newest one."""
+    """Ring of `capacity` rows. add() writes whole episodes, so that the ring never cuts the latest episode."""
 
     def __init__(self, layout: TransitionLayout, capacity: int):
         self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror
@@ -30,16 +30,16 @@ class Replay:
         self.action = np.zeros((capacity, layout.action), np.float32)
         self.reward = np.zeros(capacity, np.float32)
         self.end = np.full(capacity, NO_ACTION, np.uint8)
-        self.written = 0  # rows ever written; the next goes to written % capacity
-        self.transitions = 0  # ever added
-        self.held = 0  # of these, still there
+        self.written = 0  # number of rows ever written; the next row goes to written % capacity
+        self.transitions = 0  # number of transitions ever added
+        self.held = 0  # number of transitions in the ring
 
     def __len__(self) -> int:
-        """Rows in use."""
+        """Return the number of rows in use."""
         return min(self.written, self.capacity)
 
     def add(self, trajectory: Trajectory) -> None:
-        """Take in one episode, which has fewer rows than the ring."""
+        """Add an episode, which must have fewer rows than the ring."""
         t = len(trajectory)
         rows = (self.written + np.arange(t + 1)) % self.capacity
         self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
@@ -52,12 +52,12 @@ class Replay:
         self.transitions += t
 
     def rows(self, since: int) -> Dict[str, np.ndarray]:
-        """Return the rows written since `written` was so much, as far as they are still there; for restore()."""
+        """Return the rows from number `since` on that are still in the ring, for restore()."""
         rows = np.arange(max(since, self.written - self.capacity), self.written) % self.capacity
         return {name: getattr(self, name)[rows] for name in COLUMNS}
 
     def restore(self, rows: Dict[str, np.ndarray]) -> None:
-        """Take in what rows() returned, as the newest rows. The number of transitions ever added stays."""
+        """Append rows that rows() returned. The number of transitions ever added does not change."""
         count = len(rows["end"])
         places = (self.written + np.arange(count)) % self.capacity
         for name in COLUMNS:
@@ -67,9 +67,9 @@ class Replay:
 
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
-        """(size,) rows of transitions, uniformly among those held."""
+        """Draw rows (size,) of transitions uniformly from the ring."""
         if not self.held:
-            raise ApplrError("the replay is empty: there is nothing to learn from")
+            raise ApplrError("the replay buffer is empty: there is nothing to learn from")
         rows = rng.integers(0, len(self), size)
         while True:
             bad = np.flatnonzero(self.end[rows] == NO_ACTION)
@@ -78,10 +78,10 @@ class Replay:
             rows[bad] = rng.integers(0, len(self), len(bad))
 
     def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """n-step returns from `rows`: (rewards (B,), discounts (B,), rows of the observation after them).
+        """Return n-step rewards (B,) from `rows` on, discounts (B,), and rows (B,) of the observations after them.
 
-        Sums gamma^k r_{t+k} until n steps or the episode's end. The discount is gamma^steps, and 0 where a terminal
-        state was reached; a truncated episode is bootstrapped from its last observation.
+        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount is gamma^steps, or 0 if a
+        terminal state was reached. A truncated episode is bootstrapped from its last observation.
         """
         after = rows.copy()
         total = np.zeros(len(rows), np.float64)
@@ -100,10 +100,12 @@ class Replay:
         return total.astype(np.float32), discount.astype(np.float32), after
 
     def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Observations as they are stored, the first `mirrored` of them with left and right exchanged.
+        """Return the stored observations of `rows`, the first `mirrored` of them with left and right exchanged.
 
-        scan (B, beams) uint8 is in whole steps of the layout (TransitionLayout.step), rest (B, k) is float32.
-        The beams are reversed and angles are negated. The parameters stay, since robot and planner are symmetric.
+        Mirroring reverses beams and negates angles. The parameters stay, because robot and planner are symmetric.
+
+        Returns:
+            scan (B, beams) uint8 in steps of the layout (TransitionLayout.step), and rest (B, k) float32.
         """
         scan, rest, mirror, beams = self.scan[rows], self.rest[rows], self.mirror, self.layout.scan
         if mirrored and mirror is not None:
@@ -113,8 +115,8 @@ class Replay:
 
 
 def _check_memory(rows: int, row: int) -> None:
-    """ApplrError where the replay, once full, would not fit this machine: better now than killed after days."""
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if rows * row > there:
-        takes = f"a replay of {rows} rows takes {rows * row / 1e9:.1f} GB"
-        raise ApplrError(f"{takes}, this machine has {there / 1e9:.1f} GB; give smaller --total-timesteps")
+    """Raise ApplrError if the full replay buffer would not fit into memory."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if rows * row > memory:
+        takes = f"a replay buffer of {rows} rows takes {rows * row / 1e9:.1f} GB"
+        raise ApplrError(f"{takes}, this machine has {memory / 1e9:.1f} GB: give smaller --total-timesteps")

@@ -1,7 +1,7 @@
 """Datasets for offline training in Minari's format: `bags_to_dataset` writes them, `train.py --dataset` reads them.
 
-Other libraries read them, too, by minari.load_dataset or minari.MinariDataset(FOLDER/data). Here h5py reads them,
-because Minari makes the environment that a dataset names, and a stranger's dataset can name anything.
+Other libraries can read the datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads
+them with h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name anything.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import numpy as np
 from applr_ros1.common.files import read_json
 from training.replay.trajectory import Trajectory, TransitionLayout
 
-DATA, METADATA, EPISODES = "data", "metadata.json", "main_data.hdf5"  # Minari's names
+DATA, METADATA, EPISODES = "data", "metadata.json", "main_data.hdf5"  # names of files and folders in Minari's format
 
 
 def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Trajectory], about: Dict[str, Any]) -> None:
-    """Write a dataset, whole or not at all.
+    """Write a dataset atomically.
 
     Args:
-        folder: Where it becomes the folder "data".
+        folder: Parent of the new folder "data".
         layout: Layout of observations and actions.
-        trajectories: The episodes.
-        about: Further metadata, JSON values: what the experience was driven with.
+        trajectories: Episodes of the dataset.
+        about: Further metadata as JSON values: the settings with which the episodes were driven.
     """
     import minari
     from gymnasium.spaces import Box
@@ -44,7 +44,7 @@ def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Traject
 
 
 def _buffer(layout: TransitionLayout, trajectory: Trajectory, kind: Any) -> Any:
-    """Return Minari's EpisodeBuffer (`kind`) of a trajectory."""
+    """Return a trajectory as Minari's EpisodeBuffer (`kind`)."""
     last = np.arange(len(trajectory)) == len(trajectory) - 1
     return kind(
         observations=layout.restore(trajectory.scan, trajectory.rest),
@@ -56,10 +56,10 @@ def _buffer(layout: TransitionLayout, trajectory: Trajectory, kind: Any) -> Any:
 
 
 class Dataset:
-    """A dataset in a folder.
+    """Dataset in a folder.
 
     Attributes:
-        about: Its metadata.
+        about: Metadata of the dataset.
         layout: Layout of observations and actions.
         transitions: Number of transitions.
         rows: Number of observations, one more than transitions for each episode.

@@ -1,4 +1,4 @@
-"""One episode, as an actor hands it to the learner. The scan is stored in whole steps of its resolution."""
+"""Trajectory of one episode, as an actor passes it to the learner, and layout of its observations."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from applr_ros1.policy.encoding import Encoding, Mirror
 
 @dataclass(frozen=True)
 class TransitionLayout:
-    """Parts of one observation and one action.
+    """Sizes of the parts of an observation and an action.
 
-    scan    beams, each in [-1, 1], stored as whole numbers of `step` (uint8; with the paper's cap of 2 m that is
-            7.8 mm, a sixth of a costmap cell)
-    rest    further numbers (phi, theta), stored as float32
-    action  numbers in [-1, 1], float32
-    scans   how many scans the beams are of, one behind the other
-    odd     places in the rest of the numbers that turn round where left and right are exchanged
-    hidden  how many of the last numbers only critics are shown, not the policy
+    Attributes:
+        scan: Number of beams, in [-1, 1], stored as multiples of `step` (uint8). With the paper's cap of 2 m, a step
+            is 7.8 mm, a sixth of a costmap cell.
+        rest: Number of further entries (phi, theta), stored as float32.
+        action: Number of entries of an action, in [-1, 1], float32.
+        scans: Number of scans, one after the other, among which the beams are divided.
+        odd: Indices in the rest of the entries whose sign changes when left and right are exchanged.
+        hidden: Number of last entries that only the critics receive.
     """
 
     scan: int = 720
@@ -40,51 +41,55 @@ class TransitionLayout:
 
     @property
     def mirror(self) -> Optional[Mirror]:
-        """Return what exchanging left and right does to an observation; None for one without a scan."""
+        """Effect of exchanging left and right on an observation; None for an observation without a scan."""
         return Mirror.of(self.scan, self.rest, self.scans, self.odd) if self.scan and self.rest else None
 
     @property
     def policy_mirror(self) -> Optional[Mirror]:
-        """The same for what the policy is shown."""
+        """Effect of exchanging left and right on the policy's part of an observation."""
         rest = self.rest - self.hidden
         odd = tuple(place for place in self.odd if place < rest)
         return Mirror.of(self.scan, rest, self.scans, odd) if self.scan and rest else None
 
     @property
     def seen(self) -> int:
-        """Numbers that the policy is shown; they come first."""
+        """Number of entries, the first ones, that the policy receives."""
         return self.size - self.hidden
 
     @property
     def size(self) -> int:
-        """Numbers in an observation."""
+        """Number of entries of an observation."""
         return self.scan + self.rest
 
     def to_dict(self) -> Dict[str, Any]:
-        """Return its fields as JSON values; from_dict() is the inverse."""
+        """Return the fields as JSON values; from_dict() is the inverse."""
         return dict(vars(self), odd=list(self.odd))
 
     @classmethod
     def from_dict(cls, values: Dict[str, Any]) -> TransitionLayout:
-        """Return the layout of such values."""
+        """Return the layout with the fields of to_dict()."""
         return cls(**dict(values, odd=tuple(values["odd"])))
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:
-        """(n, size) → (n, scan) uint8."""
+        """Return the scans of observations (n, size) as (n, scan) uint8."""
         return np.rint((np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step).astype(np.uint8)
 
     def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """The inverse of quantise, with the rest: (n, size) float32."""
+        """Return observations (n, size) float32 from quantised scans and the rest."""
         return np.concatenate((scan.astype(np.float32) * np.float32(self.step) - np.float32(1.0), rest), axis=1)
 
 
 @dataclass
 class Trajectory:
-    """T transitions with T + 1 observations: s' of one is s of the next, stored once.
+    """T transitions with T + 1 observations: s' of a transition is s of the next one and stored once.
 
-    scan (T+1, beams) uint8, rest (T+1, k) float32, action (T, m), reward (T,) float32
-    terminated: the last observation is a terminal state; otherwise the episode was cut there (truncated) and is
-    bootstrapped. info: JSON values; "version" is the policy's, in gradient steps.
+    Attributes:
+        scan: (T+1, beams) uint8.
+        rest: (T+1, k) float32.
+        action: (T, m) float32.
+        reward: (T,) float32.
+        terminated: Whether the last observation is a terminal state; otherwise it is truncated and bootstrapped.
+        info: JSON values; "version" is the number of gradient steps of the policy.
     """
 
     scan: np.ndarray
@@ -99,9 +104,10 @@ class Trajectory:
 
     @classmethod
     def of(cls, layout: TransitionLayout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
-        """Make a trajectory of observations (T+1, size), actions (T, m) and rewards (T,).
+        """Return a trajectory of observations (T+1, size), actions (T, m) and rewards (T,).
 
-        Raises ApplrError if one of them is not finite.
+        Raises:
+            ApplrError: A value is not finite.
         """
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
         for name, values in (("an observation", observations), ("an action", actions), ("a reward", rewards)):

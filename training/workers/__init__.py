@@ -1,2 +1,2 @@
 """Processes that drive episodes and trials: a local pool and Ray behind one interface."""
-# Imports replay alone.
+# Imports only replay.

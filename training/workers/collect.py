@@ -1,6 +1,6 @@
-"""Work of an actor in an environment: a training episode with exploration noise. train.py submits them.
+"""Work of an actor: a training episode with exploration noise, submitted by train.py.
 
-Trials of the policy that is being learnt drive with PolicyWeights, too (training/evaluation/runner.py).
+PolicyWeights also drives the evaluation trials of the policy in training (training/evaluation/runner.py).
 """
 
 from __future__ import annotations
@@ -18,17 +18,21 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import forward, layers_of
 from training.replay.trajectory import Trajectory
 
-NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
-TRAINING, WORLDS = 0, 2  # first numbers of the seeds of training episodes, and of the worlds drawn for them
-INFO = ("success", "collided", "time_s")  # entries of the environment's info that a trajectory keeps
+NAVIGATION = "training.env.env:ApplrEnv"  # "module:Class" of the navigation environment
+TRAINING, WORLDS = 0, 2  # first number of the seeds of training episodes, and of their worlds
+INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps
 
 
 @dataclass(frozen=True)
 class Collect:
-    """A training episode to be driven. All of its randomness comes from the run's seed and the episode's number.
+    """Order for a training episode, whose randomness comes only from the run's seed and the episode's number.
 
-    sigma is the standard deviation of the noise, random asks for uniform actions instead of the policy's; version is
-    the policy's, in gradient steps.
+    Attributes:
+        episode: Number of the episode.
+        seed: Seed of the run.
+        sigma: Standard deviation of the exploration noise.
+        random: Whether uniformly random actions replace those of the policy.
+        version: Number of gradient steps of the policy.
     """
 
     episode: int
@@ -39,13 +43,13 @@ class Collect:
 
 
 def draw_world(seed: int, episode: int, worlds: int) -> int:
-    """Return the index of an episode's world among so many."""
+    """Return the index of an episode's world among `worlds` worlds."""
     return int(np.random.default_rng([WORLDS, seed, 0, episode]).integers(worlds))
 
 
 @lru_cache(maxsize=1)
 def environment(env: str, options: str) -> Any:
-    """Return the environment "module:Class", made once in a process; options: its keyword arguments as JSON."""
+    """Return the environment "module:Class", made once per process with `options`, keyword arguments as JSON."""
     return resolve_name(env)(**json.loads(options))
 
 
@@ -54,9 +58,9 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory
 
     Args:
         env: "module:Class" of the environment.
-        options: its keyword arguments as JSON.
-        task: what to drive.
-        weights: the policy's, as PolicyWeights reads them.
+        options: keyword arguments of the environment as JSON.
+        task: episode to drive.
+        weights: weights of the policy for PolicyWeights.
     """
     made = environment(env, options)
     layout, policy = made.layout, PolicyWeights(weights)
@@ -83,11 +87,11 @@ def collect(env: str, options: str, task: Collect, weights: bytes) -> Trajectory
 
 
 class PolicyWeights:
-    """The learnt policy in numpy, of any size, without noise: observation → action.
+    """Learnt policy of any size in numpy, without noise.
 
     Args:
-        weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32, or of several such
-            networks side by side (applr_ros1/policy/actor.py).
+        weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32, or of several
+            networks stacked along the first axis (applr_ros1/policy/actor.py).
     """
 
     def __init__(self, weights: bytes):
@@ -95,5 +99,5 @@ class PolicyWeights:
         self.layers = layers_of(arrays)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Observation (n,) → action (m,) float32 in [-1, 1]."""
+        """Return the action (m,) float32 in [-1, 1] for an observation (n,)."""
         return np.tanh(forward(self.layers, observation))

@@ -1,8 +1,8 @@
-"""Workers that execute calls, as an executor of concurrent.futures; those that die or hang are replaced.
+"""Pool of workers with the interface of concurrent.futures, which replaces workers that die or hang.
 
-A worker is a child process, which ends when its socket is closed, or runs tasks on a Ray cluster (ray.py). No
-ProcessPoolExecutor: there one death ends all workers, none can be killed, and Python 3.11 waits for ever for one that
-was killed while a message to it was in its pipe (gh-94777). pebble's pool ends with a worker that dies without a call.
+A worker is a child process, which ends when its socket is closed, or runs tasks on a Ray cluster (ray.py).
+ProcessPoolExecutor is unsuitable: one death ends all workers, no worker can be killed, and Python 3.11 waits forever
+for a worker that was killed while a message was in its pipe (gh-94777). pebble's pool ends if an idle worker dies.
 """
 
 from __future__ import annotations
@@ -22,41 +22,42 @@ from typing import Any, Callable, Dict, Iterable, Iterator, Set, Tuple, TypeVar
 
 from applr_ros1.common.errors import ApplrError
 
-DEATHS_PER_CALL = 3  # number of workers that may die of one call
+DEATHS_PER_CALL = 3  # number of worker deaths after which a call fails
 CALL_SECONDS = 900.0  # time without an answer after which a worker counts as hung [s]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 T = TypeVar("T")
 
 
 class CallFailed(Exception):
-    """The end of a call by an error, of one line, or by the deaths of its workers; the pool goes on."""
+    """Failure of a call by an error or by repeated deaths of its worker. The pool remains usable."""
 
 
 class WorkerDied(Exception):
-    """The end of a worker, or of the time in which it had to answer; the message says which."""
+    """Death of a worker, or expiry of its time to answer; the message gives the cause."""
 
 
 class Pool(ThreadPoolExecutor):
-    """Workers, and as many threads of this process, which wait for their answers.
+    """Pool of workers, with one thread of this process per worker to wait for its answers.
 
     Args:
-        workers: How many; 0: none, and a call is executed in this process when it is submitted, the same in every run.
-        ray_address: HOST:PORT of a Ray cluster, "local" for one that is started here; "": child processes.
-        seconds: Time without an answer after which a worker counts as hung.
+        workers: Number of workers. 0 executes each call in this process when submitted, which makes runs repeatable.
+        ray_address: HOST:PORT of a Ray cluster, "local" to start a cluster here, or "" for child processes.
+        seconds: Time without an answer after which a worker counts as hung [s].
 
     Attributes:
-        slots: How many calls are worth submitting at once.
+        slots: Number of calls that can run at once.
         in_process: Whether submit() returns when the call is done.
-        workers: The workers.
-        replaced: How many have died or hung.
+        workers: Current workers.
+        alive: Number of workers.
+        replaced: Number of workers that died or hung and were replaced.
 
     Raises:
-        ApplrError: Ray does not answer, or an address is given that no worker would run at.
+        ApplrError: Ray does not answer, or an address is given without workers.
     """
 
     def __init__(self, workers: int, ray_address: str = "", seconds: float = CALL_SECONDS):
         if ray_address and workers == 0:
-            raise ApplrError(f"--ray-address {ray_address}: nothing would run there; it needs 1 worker or more")
+            raise ApplrError(f"--ray-address is {ray_address}, but there are no workers: request 1 or more")
         self.slots, self.in_process, self.seconds = max(1, workers), workers == 0, seconds
         super().__init__(self.slots)
         self.alive, self.replaced = workers, 0
@@ -74,7 +75,7 @@ class Pool(ThreadPoolExecutor):
             self._free.put(worker)
 
     def submit(self, function: Callable[..., Any], /, *args: Any) -> Future:  # type: ignore[override]
-        """Return a future of function(*args), whose exception is CallFailed."""
+        """Return a future of function(*args). Its exception is CallFailed."""
         if not self.in_process:
             return super().submit(self._call, function, args)
         future: Future = Future()
@@ -86,7 +87,7 @@ class Pool(ThreadPoolExecutor):
         return future
 
     def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future]]:
-        """Yield (item, done future of function(item)) in the order of their ends, at most `slots` under way."""
+        """Yield (item, finished future of function(item)) in order of completion, with at most `slots` calls at once."""
         waiting = iter(items)
         running: Dict[Future, T] = {}
         while True:
@@ -98,16 +99,16 @@ class Pool(ThreadPoolExecutor):
                 yield running.pop(future), future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """End the workers; calls that wait or are under way are lost."""
+        """End the workers. Waiting and running calls are lost."""
         with self._lock:
-            self._closed = True  # from now on the set of workers stays as it is
+            self._closed = True  # No worker is replaced from now on.
         for worker in self.workers:
             worker.end()
         super().shutdown(cancel_futures=True)
         self._disconnect()
 
     def _call(self, function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
-        """Return the answer of a free worker. Raises CallFailed."""
+        """Execute a call in a free worker and return its answer. Raises CallFailed."""
         for _ in range(DEATHS_PER_CALL):
             worker = self._free.get()
             try:
@@ -120,15 +121,15 @@ class Pool(ThreadPoolExecutor):
                 return answer
             finally:
                 self._free.put(worker)
-        raise CallFailed(f"its worker died {DEATHS_PER_CALL} times; see above")
+        raise CallFailed(f"its worker died {DEATHS_PER_CALL} times: see the messages above")
 
     def _replacement(self, worker: Any, death: WorkerDied) -> Any:
-        """Start a worker in the place of a dead one. Raises CallFailed if the pool is closed."""
+        """Start a worker in place of a dead one. Raises CallFailed if the pool is closed."""
         worker.end()
         with self._lock:
             if self._closed:
                 raise CallFailed("the pool is closed")
-            print(f"worker {death}; a new one takes its place", file=sys.stderr)
+            print(f"worker {death}: replaced by a new one", file=sys.stderr)
             self.replaced += 1
             self.workers.discard(worker)
             self.workers.add(new := self._start())
@@ -136,7 +137,7 @@ class Pool(ThreadPoolExecutor):
 
 
 class ChildProcess:
-    """A child process of one thread that executes calls one after the other, and the socket to it."""
+    """Single-threaded child process that executes calls one after the other, connected by a socket."""
 
     def __init__(self) -> None:
         self._connection, theirs = multiprocessing.Pipe()
@@ -147,11 +148,11 @@ class ChildProcess:
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **environment()},
-                start_new_session=True,  # Ctrl-C is for this process to answer
+                start_new_session=True,  # Only the parent process handles Ctrl-C.
             )
 
     def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
-        """Return what attempt() gives there. Raises WorkerDied."""
+        """Return the result of attempt() in the process. Raises WorkerDied."""
         try:
             self._connection.send((function, args))
             if self._connection.poll(seconds):
@@ -161,18 +162,18 @@ class ChildProcess:
         raise WorkerDied(f"gave no answer for {seconds:g} s")
 
     def end(self) -> None:
-        """Kill the process, from whichever thread; it holds nothing that could be lost."""
+        """Kill the process; may be called from any thread."""
         self.process.kill()
         self.process.wait()
 
 
 def environment() -> Dict[str, str]:
-    """Return a worker's variables: one thread, and where this process finds this package and a person's own modules."""
+    """Return the environment variables of a worker: one thread, and this process's module search path."""
     return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
-    """Return function(*args), or its error as a CallFailed; an error that is no mistake of a user's is printed once."""
+    """Return function(*args), or its error as a CallFailed. The traceback of an internal error is printed once."""
     try:
         return function(*args)
     except Exception as error:
@@ -189,8 +190,8 @@ def _print_once(text: str) -> None:
 
 
 def serve(descriptor: int) -> None:
-    """Execute calls that arrive on a socket until the other end is gone."""
-    os.dup2(2, 1)  # what libraries print goes to stderr
+    """Execute calls that arrive on a socket until its other end is closed."""
+    os.dup2(2, 1)  # Prints of libraries go to stderr.
     with Connection(descriptor) as connection:
         try:
             while True:

@@ -1,4 +1,4 @@
-"""Workers on a Ray cluster, here or elsewhere, whose nodes have this repository at the same path."""
+"""Workers on a local or remote Ray cluster, whose nodes have this repository at the same path."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ from training.workers.pool import WorkerDied, attempt, environment
 
 
 def connect(address: str, workers: int) -> Any:
-    """Return ray, connected to an address, or with "local" to one that is started here for so many workers.
+    """Return the module ray, connected to a cluster.
 
-    That one listens on the loopback interface only, and has no dashboard.
+    Args:
+        address: address of the cluster, or "local" to start a cluster on the loopback interface, without a dashboard.
+        workers: number of cores of a local cluster.
 
     Raises:
-        ApplrError: with one line, where nothing answers there.
+        ApplrError: No cluster answers.
     """
     if address == "local":
-        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: so no other host
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: admits no other host
     else:
         _check_address(address)
     import ray
@@ -32,22 +34,22 @@ def connect(address: str, workers: int) -> Any:
         try:
             options.update(include_dashboard=False, logging_level=logging.ERROR)
             ray.init(address, runtime_env={"env_vars": environment()}, **options)
-        except Exception as error:  # Ray raises many kinds
+        except Exception as error:  # Ray raises many kinds of errors.
             raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
     if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
-        print(f"Ray at {address} takes work from anybody who reaches it: set RAY_AUTH_MODE=token", file=sys.stderr)
+        print(f"Ray at {address} accepts work from anybody who can reach it: set RAY_AUTH_MODE=token", file=sys.stderr)
     return ray
 
 
 class RayWorker:
-    """Runs calls on a cluster one after the other; each waits until a node has a free core."""
+    """Runs calls on a cluster one after the other. Each call waits until a node has a free core."""
 
     def __init__(self, ray: Any):
         self._ray, self._task = ray, None
         self._attempt = ray.remote(num_cpus=1, max_retries=0)(attempt)
 
     def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
-        """Return what attempt() gives there. Raises WorkerDied."""
+        """Return the result of attempt() on a node. Raises WorkerDied."""
         self._task = self._attempt.remote(function, args)
         try:
             return self._ray.get(self._task, timeout=seconds)
@@ -64,7 +66,7 @@ class RayWorker:
 
 
 def _check_address(address: str, seconds: float = 5.0) -> None:
-    """Raise ApplrError where nothing listens there; Ray itself would wait for minutes."""
+    """Raise ApplrError if nothing listens at the address. Ray itself would wait for minutes."""
     if address == "auto":
         return
     host, _, port = (address[len("ray://") :] if address.startswith("ray://") else address).rpartition(":")
@@ -72,5 +74,5 @@ def _check_address(address: str, seconds: float = 5.0) -> None:
         socket.create_connection((host or "127.0.0.1", int(port)), seconds).close()
     except (OSError, ValueError, OverflowError):
         raise ApplrError(
-            f"no Ray answers at {address}; start a head node there (ray start --head) or leave --ray-address out"
+            f"no Ray answers at {address}: start a head node there (ray start --head) or leave --ray-address out"
         ) from None

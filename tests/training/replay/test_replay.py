@@ -1,4 +1,4 @@
-"""The replay buffer: what is stored, what is drawn, what is refused."""
+"""Tests of the replay buffer: storage, sampling, refused data."""
 
 import numpy as np
 import pytest
@@ -23,14 +23,14 @@ def episode(t, number=0, terminated=False):
     return episodes.episode(SMALL, number, t, terminated=terminated)
 
 
-def test_the_scan_comes_back_within_half_a_step():
+def test_a_stored_scan_is_exact_to_half_a_step():
     layout = TransitionLayout()
     observations = np.random.default_rng(0).uniform(-1, 1, (5, layout.size)).astype(np.float32)
     back = layout.restore(layout.quantise(observations), observations[:, layout.scan :])
     assert np.abs(back - observations)[:, :720].max() <= layout.step / 2 + 1e-6
     assert np.array_equal(back[:, 720:], observations[:, 720:])
     edges = np.zeros((1, layout.size), np.float32)
-    edges[0, :3] = -1, 1, 5  # beyond the range: clipped, not wrapped
+    edges[0, :3] = -1, 1, 5  # A value beyond the range is clipped, not wrapped.
     assert layout.quantise(edges)[0, :3].tolist() == [0, 255, 255]
 
 
@@ -41,7 +41,7 @@ def test_the_scan_comes_back_within_half_a_step():
     st.integers(1, 5),
 )
 def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
-    """Against a plain list of episodes, in a ring that has been around several times."""
+    """Compares with a plain list of episodes. The ring is overwritten several times."""
     gamma, replay, truth = 0.9, Replay(SMALL, capacity), {}
     for number, (t, terminated) in enumerate(lengths):
         trajectory = episode(t, number, terminated)
@@ -83,7 +83,7 @@ def test_every_transition_is_drawn_equally_often():
     assert counts.max() < 10_400
 
 
-def test_batch_is_what_the_rows_say():
+def test_a_batch_has_the_transitions_of_its_rows():
     replay = Replay(SMALL, 50)
     trajectory = episode(5, terminated=True)
     replay.add(trajectory)
@@ -96,7 +96,7 @@ def test_batch_is_what_the_rows_say():
         assert float(batch.discount[i]) == pytest.approx(0.0 if k == 4 else 0.9)
 
 
-def test_mirror_turns_half_of_a_batch_left_for_right():
+def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
     replay = Replay(SMALL, 50)
     replay.add(episode(5, terminated=True))
     both = BATCH, BATCH.model_copy(update={"mirror": True})
@@ -119,7 +119,9 @@ def test_numbers_that_are_not_finite_are_refused(which):
         Trajectory.of(SMALL, *arrays, False)
 
 
-def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
+def test_a_replay_buffer_larger_than_memory_is_refused(monkeypatch):
     monkeypatch.setattr("training.replay.buffer.os.sysconf", lambda name: 4096 if "SIZE" in name else 2**20)  # 4 GiB
-    with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
+    with pytest.raises(
+        ValueError, match=r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give"
+    ):
         Replay(TransitionLayout(), 10**8)

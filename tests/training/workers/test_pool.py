@@ -1,4 +1,4 @@
-"""The pool of workers: both kinds execute calls, dead ones are replaced, Ray's nodes may go, a training goes on."""
+"""Tests of the pool of workers: child processes and Ray, replacement of dead workers, trainings that lose workers."""
 
 import os
 import signal
@@ -34,14 +34,14 @@ def weights(seed=0, units=(8,)):
 
 
 def results(pool, numbers, seconds=0.0):
-    """{number: (number, process) or the error of its call}."""
-    found = {}
+    """Return {number: (number, process id), or the error of its call}."""
+    answers = {}
     for number, future in pool.unordered(partial(drive, seconds=seconds), numbers):
-        found[number] = str(future.exception()) if future.exception() else future.result()
-    return found
+        answers[number] = str(future.exception()) if future.exception() else future.result()
+    return answers
 
 
-def test_an_episode_depends_on_run_and_number_only_and_noise_has_its_standard_deviation():
+def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_deviation():
     env = "tests.support.toy_env:Line", "{}"
     still = {name: np.zeros_like(array) for name, array in safetensors.numpy.load(weights()).items()}
     for sigma in (0.0, 0.1):
@@ -57,19 +57,19 @@ def test_an_episode_depends_on_run_and_number_only_and_noise_has_its_standard_de
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_call_has_one_answer(workers):
-    """A call whose worker dies is executed again, and in the end answered by an error; the others do not suffer."""
+    """A call whose worker dies is repeated, and fails after some deaths. Other calls are not affected."""
     numbers = [number for number in range(12) if workers or number != 3]
     with Pool(workers) as pool:
-        found = results(pool, numbers)
-    assert found.pop(4) == "this trial cannot be driven"
-    if workers:  # a run ends after some such episodes in a row
-        assert "its worker died 3 times" in found.pop(3)
+        answers = results(pool, numbers)
+    assert answers.pop(4) == "this trial cannot be driven"
+    if workers:
+        assert "its worker died 3 times" in answers.pop(3)
         assert pool.replaced == 3
-    assert [number for number, _ in found.values()] == list(found)
-    assert (os.getpid() in {pid for _, pid in found.values()}) == (workers == 0)
+    assert [number for number, _ in answers.values()] == list(answers)
+    assert (os.getpid() in {pid for _, pid in answers.values()}) == (workers == 0)
 
 
-def test_processes_are_gone_at_the_end_whatever_they_do():
+def test_shutdown_ends_all_processes_whatever_they_do():
     with Pool(2) as pool:
         pids = [worker.process.pid for worker in pool.workers]
         futures = [pool.submit(time.sleep, 60) for _ in range(5)]
@@ -85,11 +85,11 @@ SLOW_START = "import sys, time\nif 'workers.pool' in str(sys.orig_argv):\n    ti
 
 def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text(SLOW_START)
-    monkeypatch.syspath_prepend(tmp_path)  # a worker's path begins with this one's
+    monkeypatch.syspath_prepend(tmp_path)  # A worker's module search path begins with this path.
     with Pool(1) as pool:
         assert pool.submit(len, bytes(3_000_000)).result(30) == 3_000_000
         assert pool.replaced == 0
-    with Pool(1) as pool:  # nor is the end held up by a message that is never read
+    with Pool(1) as pool:  # A message that is never read does not block the shutdown.
         future, begun = pool.submit(len, bytes(3_000_000)), time.monotonic()
     assert time.monotonic() - begun < 50
     assert future.exception()
@@ -102,13 +102,13 @@ def test_a_killed_and_a_stopped_process_are_replaced():
         killed, stopped = [worker.process for worker in pool.workers]
         threading.Timer(0.5, killed.send_signal, [signal.SIGKILL]).start()
         threading.Timer(0.5, stopped.send_signal, [signal.SIGSTOP]).start()
-        found = results(pool, range(5, 13), seconds=0.3)
-        assert [number for number, _ in sorted(found.values())] == list(range(5, 13))
+        answers = results(pool, range(5, 13), seconds=0.3)
+        assert [number for number, _ in sorted(answers.values())] == list(range(5, 13))
         assert pool.replaced == 2
 
 
 def test_workers_end_when_the_process_that_started_them_is_killed():
-    """SIGKILL: they notice within seconds, by their closed sockets."""
+    """After SIGKILL of the parent, workers end within seconds because their sockets are closed."""
     code = (
         "import time; from training.workers.pool import Pool\n"
         "pool = Pool(2); [pool.submit(time.sleep, 0.1).result() for _ in range(4)]\n"
@@ -132,20 +132,18 @@ def test_training_with_processes_some_of_which_die(tmp_path, capsys):
     saved = Learner.saved(out)
     assert saved["transitions"] >= 600
     assert saved["updates"] == saved["transitions"] // 10
-    assert "died; a new one takes its place" in capsys.readouterr().err
-    assert (
-        main(["--resume", "--out", str(out), "--total-timesteps", "700"], env) == 0
-    )  # another incarnation, new episodes
+    assert "died: replaced by a new one" in capsys.readouterr().err
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "700"], env) == 0
     assert Learner.saved(out)["transitions"] >= 700
 
 
-def test_ray_addresses_of_no_use_are_one_line_soon():
+def test_an_unusable_ray_address_is_reported_soon_and_in_one_line():
     begun = time.monotonic()
     for address in ("127.0.0.1:1", "nowhere", "ray://127.0.0.1:1"):
         with pytest.raises(ApplrError, match="no Ray answers at"):
             connect(address, 1)
     assert time.monotonic() - begun < 15
-    with pytest.raises(ApplrError, match="--ray-address 127.0.0.1:1: nothing would run there"):
+    with pytest.raises(ApplrError, match="--ray-address is 127.0.0.1:1, but there are no workers"):
         Pool(0, "127.0.0.1:1")
 
 
@@ -161,7 +159,7 @@ for pid in filter(str.isdigit, os.listdir("/proc")):
         if int(pid) == os.getpid() or session in open("/proc/%s/cmdline" % pid).read():
             mine |= {os.readlink(entry.path)[8:-1] for entry in os.scandir("/proc/%s/fd" % pid)}
     except OSError:
-        continue  # it has ended
+        continue  # The process has ended.
 rows = [line.split() for name in ("tcp", "tcp6") for line in list(open("/proc/net/" + name))[1:]]
 print(*{row[1].split(":")[0] for row in rows if row[3] == "0A" and row[9] in mine})
 ray.shutdown()
@@ -172,14 +170,14 @@ ray.shutdown()
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
     done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120)
-    addresses = done.stdout.splitlines()[-1].split()  # as /proc/net writes 127.0.0.1, and that in IPv6
+    addresses = done.stdout.splitlines()[-1].split()  # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6
     assert addresses, done.stderr
     assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
 
 
 @pytest.mark.slow
 def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
-    """A training on two Ray nodes; one goes when both drive, and the training comes to its end with the other."""
+    """A training on two Ray nodes loses one of them while both drive, and completes on the other node."""
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
