@@ -87,7 +87,7 @@ class Pool(ThreadPoolExecutor):
         return future
 
     def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future]]:
-        """Yield (item, finished future of function(item)) in order of completion, with at most `slots` calls at once."""
+        """Yield (item, finished future of function(item)) in order of completion; at most `slots` calls run at once."""
         waiting = iter(items)
         running: Dict[Future, T] = {}
         while True:
