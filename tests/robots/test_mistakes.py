@@ -84,10 +84,10 @@ REMARKS = [
         COSTMAPS,
         "inflation_radius:",
         "inflation_radus:",
-        "inflation_radus is not read: did you mean inflation_rad",
+        "inflation_radus is ignored: did you mean inflation_rad",
     ),
-    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 0.5\n  max_vel_xx: 1.0", "ROS/max_vel_xx: not read here"),
-    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: '0.5'", "max_vel_x is '0.5': 0.55 counts, as in C"),
+    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 0.5\n  max_vel_xx: 1.0", "ROS/max_vel_xx: unknown, ignored"),
+    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: '0.5'", "max_vel_x is '0.5': the default 0.55 is used, as in C"),
     ("jackal", PLANNER, "min_vel_x: 0.1", "min_vel_x: 0.8", r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower"),
     ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
     ("jackal", COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
@@ -97,7 +97,7 @@ REMARKS = [
         BURGER,
         "sim_time: 1.5",
         "max_rot_vel: 1.0",
-        "max_rot_vel is not read: give max_vel_theta",
+        "max_rot_vel is ignored: give max_vel_theta",
     ),
     (
         "turtlebot3_burger",
@@ -111,7 +111,7 @@ REMARKS = [
         BURGER,
         "acc_lim_x: 2.5",
         "acc_lim_x: 250",
-        "acc_lim_x is 250.0: 20.0 counts, of 0.0 to 20.0",
+        "acc_lim_x is 250.0: 20.0 is used, give a value from 0.0 to 20.0",
     ),
     (
         "turtlebot3_burger",
@@ -125,7 +125,7 @@ REMARKS = [
         LOCAL,
         "robot_base_frame: base_footprint",
         "robot_base_frame: base_link",
-        "robot_base_frame is base_link: base_footprint of global_costmap counts for both",
+        "robot_base_frame is base_link: both costmaps use base_footprint of global_costmap",
     ),
 ]
 

@@ -1,2 +1,2 @@
-"""The parameters of move_base: their declarations, checks, values in force, and generated tables and .cfg files."""
+"""Parameters of move_base: declarations, checks, current values, generated tables and .cfg files."""
 # Imports costmap/ and common.

@@ -1,6 +1,6 @@
-"""Turns one server's parameters into a dynamic_reconfigure configuration.
+"""Generator of the dynamic_reconfigure configuration of one server.
 
-The files in applr_ros1/cfg call it while catkin builds the package, under ROS's interpreter and without numpy.
+Called by the files in applr_ros1/cfg while catkin builds the package, under ROS's interpreter and without numpy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,13 @@ from applr_ros1.planner.parameters.layers import TYPES
 
 
 def generate(server: str, node: str, name: str) -> int:
-    """Write `name`Config for the parameters of `server`, or of a type of layer; each alias becomes a parameter, too."""
+    """Write the type `name`Config for the parameters of a server or layer type; return catkin's exit status.
+
+    Args:
+        server: name of a server in SERVERS, or of a layer type in TYPES.
+        node: name of the node in the generated documentation.
+        name: name of the generated type, without "Config".
+    """
     from dynamic_reconfigure import parameter_generator_catkin as catkin
 
     types = {"double": catkin.double_t, "int": catkin.int_t, "bool": catkin.bool_t, "str": catkin.str_t}
@@ -23,6 +29,6 @@ def generate(server: str, node: str, name: str) -> int:
         choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
         edit = generator.enum(choices, doc) if choices else ""
         for key in p.names:
-            text = doc if key == p.name else f"Older name of {p.name}; both always show the same value."
+            text = doc if key == p.name else f"Older name of {p.name}; both always have the same value."
             generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)
     return generator.generate("applr_ros1", node, name)

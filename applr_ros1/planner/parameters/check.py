@@ -1,7 +1,7 @@
-"""Examines parameter trees: `check` gives errors, `remarks` what counts otherwise than given, `complete` adds defaults.
+"""Checks of parameter trees: `check` returns errors, `remarks` warnings about ignored values, `complete` adds defaults.
 
-MoveBase completes what it is given; the node and robots/check.py print the lines. Names and bounds come from
-declarations.tables, combinations of values that cannot be run from `contradictions` beside the declarations.
+MoveBase completes its parameter tree; the node and robots/check.py print the messages. Names and bounds come from
+declarations.tables, and conflicts between values from `contradictions` next to the declarations.
 """
 
 from __future__ import annotations
@@ -30,43 +30,43 @@ from applr_ros1.planner.parameters.layers import (
     sources,
 )
 from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAULT_RECOVERIES, RECOVERY_TYPES
-from applr_ros1.planner.parameters.parameter import ParameterError, too_many_points
+from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, too_many_points
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
 def check(tree: Dict[str, Any]) -> List[str]:
-    """Return what a robot cannot be driven with in a nested parameter tree: wrong values, or else contradictions."""
+    """Return the errors of a nested parameter tree: invalid values or, if there are none, conflicting ones."""
     try:
-        errors, _ = _walked(arranged(tree))
+        errors, _ = _inspect(arranged(tree))
         return errors or list(_contradictions(_completed(tree)))
     except ParameterError as problem:
         return [str(problem)]
 
 
 def remarks(tree: Dict[str, Any]) -> List[str]:
-    """Return what has no effect in a tree without errors, counts otherwise than given, or is a risk."""
+    """Return warnings about a tree without errors: values that are ignored, replaced or risky."""
     planner = _local_planner(tree)
     own = branch(tree, planner)
-    lines = [*_recoveries(tree)[1], *replaced(tree), *_walked(arranged(tree))[1]]
+    lines = [*_recoveries(tree)[1], *replaced(tree), *_inspect(arranged(tree))[1]]
     sideways = own.get("min_vel_y", -0.1), own.get("max_vel_y", 0.1)
     if planner == "DWAPlannerROS" and any(sideways):
-        lines.append(f"{planner}/min_vel_y, max_vel_y are {sideways}: this base cannot drive sideways, give 0")
+        lines.append(f"{planner}/min_vel_y, max_vel_y are {sideways}: the base cannot drive sideways, give 0 for both")
     return lines + list(_risks(arranged(tree)))
 
 
 def _risks(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line if the local costmap sees nothing, or if there are two base frames."""
+    """Yield a warning if the local costmap has no sources or if the costmaps have different base frames."""
     world, local = (branch(tree, name).get("robot_base_frame", "base_link") for name in COSTMAPS)
     if world != local:
-        yield f"local_costmap/robot_base_frame is {local}: {world} of global_costmap counts for both, give that"
+        yield f"local_costmap/robot_base_frame is {local}: both costmaps use {world} of global_costmap, give {world}"
     seen = [layer for layer in layers("local_costmap", branch(tree, "local_costmap")) if layer.kind == OBSTACLE_LAYER]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
-        yield "local_costmap has no observation source: the robot will not see obstacles, give one"
+        yield "local_costmap has no observation source: the robot will not detect obstacles, give a source"
 
 
-def _walked(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
-    """Return errors and remarks about the names and values of an arranged tree."""
+def _inspect(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
+    """Return errors and warnings about the names and values of an arranged tree."""
     errors: List[str] = []
     lines: List[str] = []
     unread: List[str] = []
@@ -74,12 +74,20 @@ def _walked(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
     used = {name: value for name, value in tree.items() if name not in idle}
     _walk(used, "", tables(tree), _behaviours(tree), errors, lines, unread)
     if unread:
-        lines.append(f"{', '.join(unread)}: not read here")
+        lines.append(f"{', '.join(unread)}: unknown, ignored")
     return errors, lines
 
 
-def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
-    """Append errors, remarks, and names that nothing reads, of a section and those below it."""
+def _walk(
+    here: Dict[str, Any],
+    path: str,
+    known: Dict[str, Tuple[Parameter, ...]],
+    behaviours: List[str],
+    errors: List[str],
+    lines: List[str],
+    unread: List[str],
+) -> None:
+    """Append errors, warnings and unknown names of a section and of all sections below it."""
     mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
     if path in COSTMAPS:
         mine = dict(INHERITED, **mine)
@@ -100,16 +108,16 @@ def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
             absent = [name for name in (below if isinstance(value, dict) else mine) if not here.get(name)]
             advice = f"give {older[key]}" if key in older else did_you_mean(key, absent)
             if advice:
-                lines.append(f"{label} is not read: {advice}")
+                lines.append(f"{label} is ignored: {advice}")
             elif not isinstance(value, dict):
                 unread.append(label)
 
 
-def _examine(p, value, label, errors, lines) -> None:
-    """Append an error or a remark if a value does not count as it is given."""
+def _examine(p: Parameter, value: Any, label: str, errors: List[str], lines: List[str]) -> None:
+    """Append an error or a warning if a value is not used as given."""
     if not p.reads(value):
-        if p.type != "list":  # _recoveries reports it
-            lines.append(f"{label} is {value!r}: {p.default!r} counts, as in C++; {p.give}")
+        if p.type != "list":  # _recoveries reports lists.
+            lines.append(f"{label} is {value!r}: the default {p.default!r} is used, as in C++; {p.give}")
         return
     try:
         converted, taken = p.convert(value, label), p.taken(value, label)
@@ -119,7 +127,7 @@ def _examine(p, value, label, errors, lines) -> None:
     if taken != converted and p.beyond == "error":
         errors.append(f"{label} is {converted!r}: give a value from {p.min!r} to {p.max!r}")
     elif taken != converted and p.beyond:
-        lines.append(f"{label} is {converted!r}: {taken!r} counts, of {p.min!r} to {p.max!r}")
+        lines.append(f"{label} is {converted!r}: {taken!r} is used, give a value from {p.min!r} to {p.max!r}")
 
 
 def _local_planner(tree: Dict[str, Any]) -> str:
@@ -127,20 +135,23 @@ def _local_planner(tree: Dict[str, Any]) -> str:
 
 
 def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """The tree with every absent parameter at its default and both names of each alias; a new nested dict.
+    """Return a new nested dict of the tree with defaults for all absent parameters and both names of each alias.
 
-    The parameters of layers and sources stand where C++ has them in the end (layers.arranged), and `plugins` is always
-    there. What layers inherit from their costmap stands at the layers alone, but for a track_unknown_space that was
-    given. ParameterError, one line, for what cannot be run.
+    The parameters of layers and sources are in the sections where C++ reads them (layers.arranged), and `plugins` is
+    always present. Values that layers inherit from their costmap are given only at the layers, except for a
+    track_unknown_space at the costmap.
+
+    Raises:
+        ParameterError: A value is invalid, or values conflict; the message is one line.
     """
     full = _completed(tree)
     for line in _contradictions(full):
-        raise ParameterError(line)  # the first
+        raise ParameterError(line)  # Only the first conflict is reported.
     return full
 
 
 def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """As `complete`, whatever the values say against each other."""
+    """Return the same as `complete`, without a check for conflicts between values."""
     full: Dict[str, Any] = {}
     tree = arranged(tree)
     known = tables(tree)
@@ -149,12 +160,12 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
         have, here = branch(tree, path), branch(full, path, create=True)
         for p in parameters:
             if f"{path}/{p.name}" in known:
-                continue  # a layer has this name, and nothing reads the parameter
+                continue  # A layer has this name, so nothing reads the parameter.
             named = [have[name] for name in p.names if p.reads(have.get(name))]
             if not named and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
-                named = [tree[p.name]]  # looked for from the planner's name space upwards
+                named = [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
             if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):
-                continue  # the layers have it
+                continue  # The parameter is completed at the layers.
             label = f"{path}/{p.name}" if path else p.name
             try:
                 value = p.taken(named[0] if named else p.default, label)
@@ -168,11 +179,11 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
-    """Adds the recovery behaviours in force, and the parameters of each that the tree lists."""
+    """Add the active recovery behaviours and the parameters of each behaviour that the tree lists."""
     names, full["recovery_behaviors"] = _behaviours(tree), _recoveries(tree)[0]
     for name in names:
         if name in full and name not in USUAL:
-            raise ParameterError(f"recovery_behaviors has the name {name!r}: something else has it, give another")
+            raise ParameterError(f"recovery_behaviors has the name {name!r}, which is already in use: give another one")
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
@@ -184,7 +195,7 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
 
 
 def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
-    """Yield what only shows in a complete tree: plugins that are not here, and values that cannot be run together."""
+    """Yield the errors of a complete tree: plugins that are not available, and values that conflict."""
     known = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
     for name, plugins in known.items():
         if full[name] not in plugins:
@@ -203,10 +214,10 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
 
 
 def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
-    """Return the recovery behaviours in force, and remarks about a tree's list.
+    """Return the active recovery behaviours, and warnings about the list of a tree.
 
-    As in move_base.cpp, loadRecoveryBehaviors, the default ones take the place of a list with a mistake, and a type may
-    lack its package. Types that are not here are left out.
+    As in move_base.cpp, loadRecoveryBehaviors, the default behaviours replace an invalid list, and a type may be given
+    without its package. Types that are not available are left out.
     """
     listed = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
     entries = listed if isinstance(listed, list) else [listed]
@@ -214,16 +225,16 @@ def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     for entry, name in zip(entries, names):
         again = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
         if again or not isinstance(name, str):
-            advice = "as in C++ the default behaviours count; give each a name of its own and a type"
+            advice = "the default behaviours are used, as in C++; give each behaviour a unique name and a type"
             return DEFAULT_RECOVERIES, [f"recovery_behaviors has {entry!r}: {advice}"]
     types = {namespace(kind): kind for kind in RECOVERY_TYPES}
     here = [dict(entry, type=types.get(namespace(entry["type"]), entry["type"])) for entry in entries]
     absent = [entry["type"] for entry in here if entry["type"] not in RECOVERY_TYPES]
-    lines = [f"recovery_behaviors has {kind}: that behaviour is not here, the rest counts" for kind in absent]
+    lines = [f"recovery_behaviors has {kind}: this type is not available, the others are used" for kind in absent]
     return [entry for entry in here if entry["type"] in RECOVERY_TYPES], lines
 
 
 def _behaviours(tree: Dict[str, Any]) -> List[str]:
-    """Return the names that recovery_behaviors lists; none if the default ones are in force."""
+    """Return the names in recovery_behaviors, or an empty list if the default behaviours are active."""
     behaviours, _ = _recoveries(tree)
     return [] if behaviours == DEFAULT_RECOVERIES else [behaviour["name"] for behaviour in behaviours]

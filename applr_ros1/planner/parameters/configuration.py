@@ -1,6 +1,6 @@
-"""The values in force in the dynamic_reconfigure servers: takes requests whole or refuses them whole.
+"""Current values of the dynamic_reconfigure servers, changed by requests that are accepted or rejected as a whole.
 
-MoveBase keeps one of these; it knows the declarations but not what the values do.
+MoveBase has one configuration, which knows the declarations but not the effect of the values.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from applr_ros1.planner.parameters.parameter import ParameterError
 
 
 class Configuration:
-    """`tree`: a complete parameter tree (check.complete); its values are those to return to."""
+    """Current and start-up values of all servers, from a complete parameter tree (check.complete)."""
 
     def __init__(self, tree: Dict[str, Any]):
         self._start: Dict[str, Dict[str, Any]] = {}
@@ -27,11 +27,11 @@ class Configuration:
         self.restore()
 
     def restore(self) -> None:
-        """Everything back to its start-up value."""
+        """Restore the start-up values of all servers."""
         self._now = {server: dict(values) for server, values in self._start.items()}
 
     def __getitem__(self, server: str) -> Dict[str, Any]:
-        """The values of one server by name, older names included; not to be changed."""
+        """Return the values of one server by name, including older names; read-only."""
         try:
             return self._now[server]
         except KeyError:
@@ -39,15 +39,17 @@ class Configuration:
             raise ParameterError(f"no server {server!r}: give one of {known}") from None
 
     def start_up(self, server: str) -> Dict[str, Any]:
-        """The values of one server when it started."""
+        """Return a copy of the start-up values of one server."""
         return dict(self._start[server])
 
     def request(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
-        """What the server would have after taking `values`: converted, clamped, older names following.
+        """Return the server's values after a request: converted, clamped, with older names updated.
 
-        Nothing changes yet (see accept). ParameterError, one line, for an unknown name or a value that is not
-        finite, of another type, or useless: then the whole request counts for nothing. A parameter given
-        under both names takes the one that differs from the present value, the newer name first.
+        Changes nothing yet (see accept). If a parameter is given under both names, the value that differs from the
+        current one is used, that of the newer name first.
+
+        Raises:
+            ParameterError: A name is unknown, or a value is not finite, has another type or cannot be used.
         """
         table, has = self._tables.get(server, {}), self[server]
         wanted = {}
@@ -65,12 +67,12 @@ class Configuration:
                     wanted.update(dict.fromkeys(p.names, wanted[(changed or names)[0]]))
         new = {**has, **wanted}
         for line in CONTRADICTIONS[server](new) if server in CONTRADICTIONS else ():
-            raise ParameterError(f"{server}/{line}")  # the first
+            raise ParameterError(f"{server}/{line}")  # Only the first conflict is reported.
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
-                new[name] = self._start[server][name]  # nothing else can be loaded: it stays
+                new[name] = self._start[server][name]  # No other planner can be loaded at run time.
         return new
 
     def accept(self, server: str, new: Dict[str, Any]) -> None:
-        """Put a dict made by request() in force."""
+        """Apply the values that request() returned."""
         self._now[server] = new

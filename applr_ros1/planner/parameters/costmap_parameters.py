@@ -1,6 +1,6 @@
-"""Parameters of a costmap and of its static, obstacle and inflation layers, with the sources of an obstacle layer.
+"""Parameters of a costmap, of its static, obstacle and inflation layers, and of the sources of an obstacle layer.
 
-Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+Combined in declarations.py. Uses only the standard library because the .cfg files import it at build time.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import Any, Dict, Iterator
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag, listing, real, text, whole
 
-MAX_CELLS = 16_000_000  # of a costmap: 200 x 200 m at 0.05 m
+MAX_CELLS = 16_000_000  # largest number of cells of a costmap, 200 x 200 m at 0.05 m
 
-# Read the rows as: name, default, least and largest value, unit, sentence.
+# Columns: name, default, minimum, maximum, unit, description.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
 COMBINATION = (
@@ -22,21 +22,21 @@ COMBINATION = (
 
 # Live, through dynamic_reconfigure: the costmap, its inflation layer, its obstacle layer
 COSTMAP = (
-    real("transform_tolerance", 0.3, 0.0, 10.0, "s", "Largest age at which a robot pose is still used."),
+    real("transform_tolerance", 0.3, 0.0, 10.0, "s", "Largest age of a robot pose that is still used."),
     real("update_frequency", 5.0, 0.0, 100.0, "Hz",
-        "How often the costmap is updated with the newest scan. With 0 it is never updated."),
+        "Rate at which the costmap is updated with the latest scan. 0 disables updates."),
     real("publish_frequency", 0.0, 0.0, 100.0, "Hz",
-        "Highest rate at which the costmap is published. With 0 it is never published."),
+        "Highest rate at which the costmap is published. 0 disables publishing."),
     whole("width", 10, 0, INT_MAX, "m", "Size of the costmap along x.", not_zero=True),
     whole("height", 10, 0, INT_MAX, "m", "Size of the costmap along y.", not_zero=True),
-    real("resolution", 0.05, 0.0, 50.0, "m", "Edge length of a cell; at most width and height.",
+    real("resolution", 0.05, 0.0, 50.0, "m", "Edge length of a cell, at most width and height.",
         not_zero=True),
-    real("origin_x", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along x."),
-    real("origin_y", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along y."),
+    real("origin_x", 0.0, -INF, INF, "m", "x coordinate of the lower corner of the costmap."),
+    real("origin_y", 0.0, -INF, INF, "m", "y coordinate of the lower corner of the costmap."),
     text("footprint", "[]",
-        "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used.",
-        once=(OUTLINE,)),
-    real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used where no footprint is given.",
+        "Outline of the robot as a list of points [[x, y], ...] in metres. If it is [], a circle of robot_radius is "
+        "used.", once=(OUTLINE,)),
+    real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used if no footprint is given.",
         once=(OUTLINE,)),
     real("footprint_padding", 0.01, -INF, INF, "m",
         "Distance by which the footprint is enlarged on every side.", kind="length", once=(OUTLINE,)),
@@ -45,8 +45,9 @@ COSTMAP = (
 INFLATION = (
     flag("enabled", True, "Whether costs are spread around obstacles."),
     real("cost_scaling_factor", 10.0, 0.0, 100.0, "1/m",
-        "Rate at which the cost falls with the distance from an obstacle; larger values fall faster.", kind="1/length"),
-    real("inflation_radius", 0.55, 0.0, 50.0, "m", "Distance up to which an obstacle has a cost around it.",
+        "Rate at which the cost decays with the distance from an obstacle. Larger values give a steeper decay.",
+        kind="1/length"),
+    real("inflation_radius", 0.55, 0.0, 50.0, "m", "Distance from an obstacle up to which cells have a cost.",
         kind="length"),
     flag("inflate_unknown", False, "Whether unknown cells take inflated costs."),
 )
@@ -54,7 +55,7 @@ INFLATION = (
 OBSTACLES = (
     flag("enabled", True, "Whether the laser scan marks and clears cells."),
     flag("footprint_clearing_enabled", True, "Whether cells under the footprint of the robot are always free."),
-    real("max_obstacle_height", 2.0, 0.0, 50.0, "m", "Height above which points do not count as obstacles."),
+    real("max_obstacle_height", 2.0, 0.0, 50.0, "m", "Height above which points do not mark obstacles."),
     whole("combination_method", 1, -INT_MAX - 1, INT_MAX, "",
         "How this layer is combined with the costmap.", enum=COMBINATION),
 )
@@ -66,55 +67,55 @@ STATIC_MAP = (
 # Read once, when the node starts: the costmap, its layers, the sources of an obstacle layer
 STATIC_COSTMAP = (
     text("global_frame", "map",
-        "Frame of the costmap. The two costmaps may have different ones, such as map and odom; goals are transformed "
-        "into the global costmap's."),
+        "Frame of the costmap. The two costmaps may have different frames, such as map and odom. Goals are transformed "
+        "into the frame of the global costmap."),
     text("robot_base_frame", "base_link", "Frame of the robot base."),
     flag("rolling_window", False, "Whether the costmap moves along with the robot."),
     flag("track_unknown_space", False,
-        "Whether cells are unknown instead of free until a layer knows them. Where it is given it counts for the "
-        "static and obstacle layers of the costmap, too."),
+        "Whether cells are unknown instead of free until a layer observes them. If it is given, it also applies to the "
+        "static and obstacle layers of the costmap."),
     flag("always_send_full_costmap", False,
         "Whether the whole costmap is published each time instead of only the part that changed."),
     listing("plugins", [],
         "Names and types of the layers, from the lowest to the highest: costmap_2d::StaticLayer, "
-        "costmap_2d::ObstacleLayer and costmap_2d::InflationLayer in any number and order. Without it there are "
-        "static_layer (with static_map), obstacle_layer and inflation_layer, and their parameters stand at the "
+        "costmap_2d::ObstacleLayer and costmap_2d::InflationLayer in any number and order. Without it the layers are "
+        "static_layer (with static_map), obstacle_layer and inflation_layer, and their parameters are read from the "
         "costmap itself."),
     real("circumscribed_radius", 0.46, 0.0, INF, "m",
-        "Four times the local costmap's value is the side of the square outside of which the aggressive reset clears "
-        "the costmaps."),
+        "A quarter of the side of the square outside of which the aggressive reset clears the costmaps. Only the value "
+        "of the local costmap is used."),
     real("obstacle_range", 2.5, 0.0, INF, "m",
-        "Where it is given here it counts for all obstacle layers of the costmap."),
+        "If it is given here, it applies to all obstacle layers of the costmap."),
     real("raytrace_range", 3.0, 0.0, INF, "m",
-        "Where it is given here it counts for all obstacle layers of the costmap."),
+        "If it is given here, it applies to all obstacle layers of the costmap."),
     flag("static_map", False,
-        "Whether a file without plugins has a static layer. Without effect beside plugins."),
+        "Whether a file without plugins has a static layer. No effect if plugins is given."),
     text("map_type", "costmap",
-        "Without effect; in files without plugins an obstacle layer stands for the voxel layer of voxel."),
+        "If it is voxel and plugins is not given, an obstacle layer replaces the voxel layer. No effect otherwise."),
     flag("meter_scoring", False,
-        "Without effect; exists for Clearpath's parameter files. The value of the local planner is used."),
-    real("origin_z", 0.0, -INF, INF, "m", "Without effect; exists for Clearpath's parameter files."),
-    flag("publish_voxel_map", False, "Without effect; exists for Clearpath's parameter files."),
-    real("z_resolution", 1, -INF, INF, "m", "Without effect; exists for Clearpath's parameter files."),
-    whole("z_voxels", 2, -INT_MAX - 1, INT_MAX, "", "Without effect; exists for Clearpath's parameter files."),
+        "No effect; accepted for Clearpath's parameter files. The value of the local planner is used."),
+    real("origin_z", 0.0, -INF, INF, "m", "No effect; accepted for Clearpath's parameter files."),
+    flag("publish_voxel_map", False, "No effect; accepted for Clearpath's parameter files."),
+    real("z_resolution", 1, -INF, INF, "m", "No effect; accepted for Clearpath's parameter files."),
+    whole("z_voxels", 2, -INT_MAX - 1, INT_MAX, "", "No effect; accepted for Clearpath's parameter files."),
 )
 
 STATIC_OBSTACLES = (
     text("observation_sources", "",
-        "Names of the sensor sources of the layer, separated by spaces. The parameters of each stand below its name."),
+        "Names of the sensor sources of the layer, separated by spaces. Each name is the name space of its source."),
     real("obstacle_range", 2.5, 0.0, INF, "m",
-        "Distance from the sensor beyond which points are not marked, for sources that do not give their own."),
+        "Distance from the sensor beyond which points are not marked, for sources without a value of their own."),
     real("raytrace_range", 3.0, 0.0, INF, "m",
-        "Distance from the sensor up to which rays clear cells, for sources that do not give their own."),
+        "Distance from the sensor up to which rays clear cells, for sources without a value of their own."),
     flag("track_unknown_space", False,
-        "Whether cells of the layer are unknown until they have been observed. Without it, as the costmap."),
+        "Whether cells of the layer are unknown until they are observed. Defaults to the value of the costmap."),
 )
 
 STATIC_SOURCE = (
-    text("topic", "", "Topic of the source. Without it, the name of the source."),
+    text("topic", "", "Topic of the source. Defaults to the name of the source."),
     text("data_type", "PointCloud", "Message type of the source: LaserScan, PointCloud2 or PointCloud."),
     text("sensor_frame", "",
-        "Frame at whose origin the rays start. Empty, or where tf does not know it: the frame in the messages."),
+        "Frame at whose origin the rays start. If it is empty or unknown to tf, the frame of the messages is used."),
     flag("marking", True, "Whether the points mark obstacles."),
     flag("clearing", False, "Whether the rays clear the cells that they pass."),
     flag("inf_is_valid", False,
@@ -127,42 +128,42 @@ STATIC_SOURCE = (
         "Distance from the sensor beyond which points are not marked.", beyond="error"),
     real("raytrace_range", 3.0, 0.0, INF, "m", "Distance from the sensor up to which rays clear cells."),
     real("observation_persistence", 0.0, 0.0, INF, "s",
-        "How long messages are kept and applied again in each update. With 0 the newest alone is used.",
+        "Time for which messages are kept and applied again in each update. If it is 0, only the latest one is used.",
         beyond="error"),
     real("expected_update_rate", 0.0, 0.0, INF, "s",
-        "Time without a message after which the robot stops, for sources of the local costmap. With 0 scan_timeout "
-        "alone decides.", beyond="error"),
+        "Time without a message after which the robot stops, for sources of the local costmap. If it is 0, only "
+        "scan_timeout is checked.", beyond="error"),
 )
 
 STATIC_STATIC_MAP = (
-    text("map_topic", "map", "Topic of the map. It is read from a latched topic, as map_server has it."),
+    text("map_topic", "map", "Latched topic of the map, as published by map_server."),
     flag("first_map_only", False, "Whether maps after the first one are ignored."),
-    flag("subscribe_to_updates", False, "Whether changes of the map are taken from the topic map_topic_updates."),
+    flag("subscribe_to_updates", False, "Whether changes of the map are received on the topic map_topic_updates."),
     flag("track_unknown_space", True,
-        "Whether unknown cells of the map are unknown in the costmap, or else free."),
+        "Whether unknown cells of the map are unknown in the costmap instead of free."),
     flag("use_maximum", False,
-        "Whether the map leaves higher costs of the layers below alone, instead of replacing all of them."),
+        "Whether the map only raises the costs of the layers below instead of replacing all of them."),
     whole("lethal_cost_threshold", 100, -INT_MAX - 1, INT_MAX, "",
-        "Occupancy from which on a cell is lethal; values beyond 0 and 100 count as these."),
-    whole("unknown_cost_value", -1, -INT_MAX - 1, INT_MAX, "", "Occupancy that means that a cell is unknown."),
+        "Lowest occupancy of a lethal cell, clamped to 0 to 100."),
+    whole("unknown_cost_value", -1, -INT_MAX - 1, INT_MAX, "", "Occupancy of an unknown cell."),
     flag("trinary_costmap", True,
-        "Whether cells of lower occupancy are free. Otherwise their cost is in proportion to their occupancy."),
+        "Whether cells of lower occupancy are free. Otherwise their cost is proportional to their occupancy."),
 )
 # fmt: on
 DATA_TYPES = ("LaserScan", "PointCloud2", "PointCloud")
 
 
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line for each size or outline of a costmap that cannot be run."""
+    """Yield a message for an impossible size and an invalid outline of a costmap."""
     from applr_ros1.planner.costmap import footprint  # needs numpy
 
     width, height, resolution = (values[name] for name in ("width", "height", "resolution"))
     columns, rows = width / resolution, height / resolution
     size = f"width, height are {width} x {height} m at a resolution of {resolution:g} m"
     if not (columns >= 1 and rows >= 1):
-        yield f"{size}, which has no cells: give at least one each way"
+        yield f"{size}, which gives no cells: give at least one cell along each axis"
     elif columns * rows > MAX_CELLS:
-        yield f"{size}, {columns * rows:.3g} cells: give at most {MAX_CELLS:g}"
+        yield f"{size}, which gives {columns * rows:.3g} cells: give at most {MAX_CELLS:g}"
     outline = values["footprint"]
     try:
         good = all(abs(place) < 100.0 for point in footprint.parse(outline) for place in point)

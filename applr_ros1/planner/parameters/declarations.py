@@ -1,9 +1,9 @@
-"""Every parameter of move_base, once: name, type, bounds, default, unit and a sentence.
+"""Declarations of all parameters of move_base: name, type, bounds, default, unit and description.
 
-The rows stand in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
-costmap_parameters.py; here they are joined by dynamic_reconfigure server and name space. The .cfg files,
-docs/reference/parameters.md, the parameter check at start-up and MoveBase follow from them. Pure standard library, for
-the .cfg files import it at build time without numpy.
+The rows are in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
+costmap_parameters.py. Here they are combined by dynamic_reconfigure server and name space. The .cfg files,
+docs/reference/parameters.md, the parameter check at start-up and MoveBase use them. Uses only the standard library
+because the .cfg files import it at build time without numpy.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
 
-# by place: yields a line for each value, by its name there, that cannot be run together with the others
+# Per section, a function that yields a message for each value that conflicts with others of the section.
 CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
     "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
     "DWAPlannerROS": dwa_planner_parameters.contradictions,
@@ -74,58 +74,58 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
 
 
 def of_kind(kind: str) -> Tuple[str, ...]:
-    """Return the names that local planners' parameters of a kind have, or had."""
+    """Return all names, including older ones, of local planner parameters of a kind."""
     planners = ("TrajectoryPlannerROS", "DWAPlannerROS")
     declared = (p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
     return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
 
 
 def shapes_at_start(planner: str, server: str, name: str) -> bool:
-    """Return whether a local planner takes a live parameter into its every cycle as it was when move_base started.
+    """Return whether a local planner uses the start-up value of a live parameter in every cycle.
 
-    By reconfigure it then means something else than in a parameter file: of footprint_padding, the costmaps take the
-    new value, and TrajectoryPlannerROS drives on with the outline of its start (trajectory_planner_ros.cpp:251).
+    Such a parameter has another effect by reconfigure than from a parameter file. For example, the costmaps take a new
+    footprint_padding, but TrajectoryPlannerROS keeps the outline of its start (trajectory_planner_ros.cpp:251).
     """
     once = {each: p.once for p in SERVERS.get(server, ()) for each in p.names}
     return server == "local_costmap" and planner == OUTLINE and OUTLINE in once.get(name, ())
 
 
 class Server(NamedTuple):
-    """A dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
+    """Dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
 
     config: str
     parameters: Tuple[Parameter, ...]
 
 
 def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
-    """The dynamic_reconfigure servers of a complete parameter tree: move_base, the local planner, costmaps, layers.
+    """Return the dynamic_reconfigure servers of a complete parameter tree: move_base, local planner, costmaps, layers.
 
     Returns:
-        {name: Server}; "" is move_base's own.
+        {name: Server}; the name of move_base's own server is "".
     """
     planner = namespace(tree["base_local_planner"])
-    found = {"": Server("MoveBase", MOVE_BASE), planner: Server(planner[: -len("ROS")], SERVERS[planner])}
+    declared = {"": Server("MoveBase", MOVE_BASE), planner: Server(planner[: -len("ROS")], SERVERS[planner])}
     for name in COSTMAPS:
-        found[name] = Server("Costmap2D", SERVERS[name])
+        declared[name] = Server("Costmap2D", SERVERS[name])
         for layer in layers(name, tree[name]):
-            found[layer.path] = Server(TYPES[layer.kind].config, TYPES[layer.kind].live)
-    return found
+            declared[layer.path] = Server(TYPES[layer.kind].config, TYPES[layer.kind].live)
+    return declared
 
 
 def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
-    """All parameters by place, of a tree that is arranged (layers.arranged): the names that can be given."""
-    places = [path for path in dict.fromkeys([*SERVERS, *STATIC]) if "costmap/" not in path]
-    found = {path: SERVERS.get(path, ()) + STATIC.get(path, ()) for path in places}
+    """Return the parameters of each section of an arranged tree (layers.arranged)."""
+    paths = [path for path in dict.fromkeys([*SERVERS, *STATIC]) if "costmap/" not in path]
+    declared = {path: SERVERS.get(path, ()) + STATIC.get(path, ()) for path in paths}
     for name in COSTMAPS:
         costmap = tree.get(name, {})
         for layer in layers(name, costmap) if isinstance(costmap, dict) else ():
-            found[layer.path] = TYPES[layer.kind].live + TYPES[layer.kind].static
+            declared[layer.path] = TYPES[layer.kind].live + TYPES[layer.kind].static
             own = costmap.get(layer.name, {})
             if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
-                found.update({f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)})
-    return found
+                declared.update({f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)})
+    return declared
 
 
 def namespace(plugin: str) -> str:
-    """The name space of a plugin's parameters and topics: its name without the package."""
+    """Return the name space of a plugin's parameters and topics, its name without the package."""
     return plugin.rpartition("/")[2]

@@ -1,6 +1,6 @@
 """Parameters of the local planner DWAPlannerROS.
 
-Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+Combined in declarations.py. Uses only the standard library because the .cfg files import it at build time.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from applr_ros1.planner.parameters.parameter import (
     whole,
 )
 
-# Read the rows as: name, default, least and largest value, unit, sentence.
+# Columns: name, default, minimum, maximum, unit, description.
 # Flags and texts have no bounds and no unit.
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
-SLACK = 1e-4  # m/s and rad/s by which a sample may be beyond a limit
-MOST_SAMPLES = 1_000_000  # of one cycle; more are refused instead of filling the memory
+SLACK = 1e-4  # tolerance by which a sample may exceed a limit [m/s, rad/s]
+MOST_SAMPLES = 1_000_000  # largest number of samples in one cycle; more would fill the memory
 
 # Live, through dynamic_reconfigure
 DWA_PLANNER = (
     real("max_vel_trans", 0.55, 0.0, INF, "m/s",
-        "Largest speed over ground. Also the speed at which the footprint counts largest, see max_scaling_factor.",
+        "Largest translational speed. Also the speed at which the footprint is enlarged most, see max_scaling_factor.",
         kind="speed", older=("max_trans_vel",)),
     real("min_vel_trans", 0.1, 0.0, INF, "m/s",
-        "Smallest speed over ground, except for samples that turn at min_vel_theta or faster.",
+        "Smallest translational speed, except for samples that turn at min_vel_theta or faster.",
         kind="speed", older=("min_trans_vel",)),
     real("max_vel_x", 0.55, -INF, INF, "m/s", "Largest forward velocity that is sampled.", kind="speed"),
     real("min_vel_x", 0.0, -INF, INF, "m/s",
         "Smallest forward velocity that is sampled; a negative value lets the robot drive backwards.", kind="speed"),
     real("max_vel_y", 0.1, -INF, INF, "m/s",
-        "Largest sideways velocity that is sampled. Both sideways limits are 0 for a base that cannot strafe."),
+        "Largest sideways velocity that is sampled. Set both sideways limits to 0 for a base that cannot strafe."),
     real("min_vel_y", -0.1, -INF, INF, "m/s",
         "Smallest sideways velocity that is sampled; negative values are to the right."),
     real("max_vel_theta", 1.0, 0.0, INF, "rad/s",
@@ -50,55 +50,55 @@ DWA_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
         "Forward acceleration limit of the dynamic window and of stopping at the goal."),
     real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
-        "Sideways acceleration limit of the dynamic window and of stopping at the goal. Without effect: the base "
-        "cannot strafe, and a measured sideways velocity counts as 0."),
+        "Sideways acceleration limit of the dynamic window and of stopping at the goal. No effect: the base cannot "
+        "strafe, and a measured sideways velocity is taken as 0."),
     real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
         "Angular acceleration limit of the dynamic window and of the turn to the goal heading.", older=("acc_lim_th",)),
     real("acc_lim_trans", 0.1, 0.0, INF, "m/s^2",
-        "Without effect, as in the C++ node; exists so that clients find it.", older=("acc_limit_trans",)),
+        "No effect, as in the C++ node; kept for its clients.", older=("acc_limit_trans",)),
     flag("prune_plan", False, "Whether points of the plan that the robot has passed are removed."),
     real("xy_goal_tolerance", 0.1, -INF, INF, "m",
-        "Distance from the goal position at which the position counts as reached."),
+        "Distance from the goal position within which the position counts as reached."),
     real("yaw_goal_tolerance", 0.1, -INF, INF, "rad",
-        "Difference from the goal heading at which the heading counts as reached."),
+        "Difference from the goal heading within which the heading counts as reached."),
     real("trans_stopped_vel", 0.1, -INF, INF, "m/s",
-        "Measured velocity along either axis at which the robot counts as standing."),
+        "Measured velocity along either axis up to which the robot counts as stopped."),
     real("theta_stopped_vel", 0.1, -INF, INF, "rad/s",
-        "Measured angular velocity at which the robot counts as standing.", older=("rot_stopped_vel",)),
+        "Measured angular velocity up to which the robot counts as stopped.", older=("rot_stopped_vel",)),
     real("sim_time", 1.7, 0.0, INF, "s",
-        "Duration for which each sampled velocity is simulated. With 0 no velocity is legal.", kind="time"),
+        "Duration for which each sampled velocity is simulated. If it is 0, no velocity is legal.", kind="time"),
     real("sim_granularity", 0.025, 0.0, INF, "m",
         "Distance between two simulated points of a trajectory.", not_zero=True),
     real("angular_sim_granularity", 0.1, 0.0, INF, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
     real("path_distance_bias", 0.6, 0.0, INF, "1/m",
-        "Weight of the final distance of a trajectory from the plan in its cost. With 0 trajectories through cells "
-        "that the robot cannot enter are no longer refused by this distance.", kind="weight"),
+        "Cost weight of the distance between the end of a trajectory and the plan. If it is 0, trajectories through "
+        "cells that the robot cannot enter are no longer rejected by this distance.", kind="weight"),
     real("goal_distance_bias", 0.8, 0.0, INF, "1/m",
-        "Weight of the final distance of a trajectory from the local goal in its cost.", kind="weight"),
+        "Cost weight of the distance between the end of a trajectory and the local goal.", kind="weight"),
     real("occdist_scale", 0.01, 0.0, INF, "",
-        "Weight of the largest costmap value along a trajectory in its cost. With 0 the footprint is not checked "
-        "against obstacles."),
-    real("twirling_scale", 0.0, 0.0, INF, "s/rad", "Weight of the angular velocity of a trajectory in its cost."),
+        "Cost weight of the largest costmap value along a trajectory. If it is 0, the footprint is not checked against "
+        "obstacles."),
+    real("twirling_scale", 0.0, 0.0, INF, "s/rad", "Cost weight of the angular velocity of a trajectory."),
     real("stop_time_buffer", 0.2, 0.0, INF, "s",
-        "Without effect, as in the C++ node; exists so that clients find it."),
+        "No effect, as in the C++ node; kept for its clients."),
     real("oscillation_reset_dist", 0.05, 0.0, INF, "m",
-        "Distance that the robot has to move before a direction that was barred because of oscillation is allowed "
+        "Distance that the robot has to move before a direction that was blocked because of oscillation is allowed "
         "again."),
     real("oscillation_reset_angle", 0.2, 0.0, INF, "rad",
-        "Rotation after which a direction that was barred because of oscillation is allowed again."),
+        "Rotation after which a direction that was blocked because of oscillation is allowed again."),
     real("forward_point_distance", 0.325, -INF, INF, "m",
-        "Distance ahead of the robot of a second point that is kept near the plan and driven towards the goal.",
+        "Distance of a second point ahead of the robot, which is kept near the plan and driven towards the goal.",
         kind="length"),
-    real("scaling_speed", 0.25, 0.0, INF, "m/s", "Speed above which the footprint counts larger."),
+    real("scaling_speed", 0.25, 0.0, INF, "m/s", "Speed above which the footprint is enlarged."),
     real("max_scaling_factor", 0.2, 0.0, INF, "",
-        "Share by which the footprint counts larger at max_vel_trans."),
+        "Share by which the footprint is enlarged at max_vel_trans."),
     whole("vx_samples", 3, 1, INT_MAX, "",
-        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", beyond="", kind="count"),
+        "Number of forward velocities sampled in a control cycle. 0 is taken as 1.", beyond="", kind="count"),
     whole("vy_samples", 10, 1, INT_MAX, "",
-        "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", beyond=""),
+        "Number of sideways velocities sampled in a control cycle. 0 is taken as 1.", beyond=""),
     whole("vth_samples", 20, 1, INT_MAX, "",
-        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", beyond="", kind="count"),
+        "Number of angular velocities sampled in a control cycle. 0 is taken as 1.", beyond="", kind="count"),
     flag("use_dwa", True,
         "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
         "within sim_time."),
@@ -108,15 +108,14 @@ DWA_PLANNER = (
 # Read once, when the node starts
 STATIC_DWA_PLANNER = (
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
-        "Its inverse is the control period that the dynamic window is computed with. Where it is not given, that of "
-        "move_base counts."),
+        "Control rate for which the dynamic window is computed. Defaults to the rate of move_base."),
     flag("sum_scores", False,
-        "Whether the costs under all points of a trajectory are added instead of taking the largest."),
+        "Whether the costs under all points of a trajectory are summed instead of taking the largest."),
     real("cheat_factor", 1.0, 0.0, INF, "",
-        "Scales the squared distance to the end of the local plan below which the second point of "
+        "Factor of the squared distance to the end of the local plan below which the second point of "
         "forward_point_distance is no longer kept near the plan."),
     flag("latch_xy_goal_tolerance", False,
-        "Without effect, as in the C++ node, which reads the parameter of the same name of move_base itself."),
+        "No effect, as in the C++ node, which reads the parameter of this name from move_base instead."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
     flag("publish_traj_pc", False,
@@ -128,9 +127,9 @@ STATIC_DWA_PLANNER = (
 
 
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line for each value with which there are too many samples or points."""
+    """Yield a message for each value that leads to too many samples or points."""
     counts = tuple(values[name] for name in SAMPLES)
-    most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
+    most = math.prod(max(n, 2) + 1 for n in counts)  # Each axis has at least two samples and one more at zero.
     if most > MOST_SAMPLES:
         yield f"{', '.join(SAMPLES)} are {counts}, up to {most} samples: give at most {MOST_SAMPLES} together"
     yield from too_many_points(values, "sim_granularity", ["max_vel_trans"], values["sim_time"])

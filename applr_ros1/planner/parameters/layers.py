@@ -1,11 +1,11 @@
-"""Which layers a costmap has, and where their parameters stand: the rules of costmap_2d_ros.cpp.
+"""Layers of a costmap and the sections of their parameters, by the rules of costmap_2d_ros.cpp.
 
-Used by the check and completion of parameter trees and by declarations.servers. Pure standard library.
+Used by the check and completion of parameter trees and by declarations.servers. Uses only the standard library.
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
@@ -21,10 +21,13 @@ COSTMAPS = ("global_costmap", "local_costmap")
 
 
 class LayerType(NamedTuple):
-    """A kind of layer.
+    """Type of a layer.
 
-    config: name of its dynamic_reconfigure type. live: the parameters of that server. static: those that are read
-    once. inherited: names that, given at the costmap, replace the layer's own values.
+    Attributes:
+        config: name of its dynamic_reconfigure type.
+        live: parameters of its dynamic_reconfigure server.
+        static: parameters that are read once.
+        inherited: names of parameters that replace the layer's own value if they are given at the costmap.
     """
 
     config: str
@@ -55,9 +58,10 @@ INHERITED: Dict[str, Parameter] = {
     p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
 }
 VOXEL_LAYER = "costmap_2d::VoxelLayer"
-PREDICTED = "applr/predicted"  # topic of the points where moving obstacles will be
-FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")  # at move_base itself, too
-# without `plugins`: (name, type); the static layer only with static_map
+PREDICTED = "applr/predicted"  # topic of the predicted obstacle points
+# Costmap parameters that may also be given at move_base itself
+FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")
+# Layers (name, type) of a costmap without `plugins`; the static layer only with static_map
 BEFORE_HYDRO = (
     ("static_layer", STATIC_LAYER),
     ("obstacle_layer", OBSTACLE_LAYER),
@@ -66,67 +70,68 @@ BEFORE_HYDRO = (
 
 
 class Layer(NamedTuple):
-    """A layer of a costmap. path: its place in the parameter tree, such as "local_costmap/obstacle_layer"."""
+    """Layer of a costmap."""
 
-    path: str
+    path: str  # section in the parameter tree, such as "local_costmap/obstacle_layer"
     name: str
     kind: str  # one of TYPES
 
 
 def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
-    """The layers of the costmap `name`, from the lowest to the highest, without those of types that are not here.
+    """Return the layers of the costmap `name`, lowest first, without layers whose type is not available.
 
-    ParameterError for a list that is none.
+    Raises:
+        ParameterError: `plugins` is not a list of names and types, or a name occurs twice.
     """
-    found: List[Layer] = []
+    declared: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         good = isinstance(plugins, list) and isinstance(entry, dict) and entry.get("name")
         if not good or not all(isinstance(entry.get(key), str) for key in ("name", "type")):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
-        if any(layer.name == entry["name"] for layer in found):
-            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each its own")
+        if any(layer.name == entry["name"] for layer in declared):
+            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each a unique name")
         kind = _kind(entry, costmap)
         if kind:
-            found.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
-    return found
+            declared.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
+    return declared
 
 
 def replaced(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line for each layer of a tree's costmaps whose type is not here, with what drives in its place."""
+    """Yield a warning for each costmap layer whose type is not available, with its replacement."""
     for name in COSTMAPS:
         costmap = branch(tree, name)
         if costmap.get("map_type") == "voxel" and "plugins" not in costmap:
-            yield f"{name}/map_type is voxel: an obstacle layer stands for the voxel layer"
+            yield f"{name}/map_type is voxel: an obstacle layer replaces the voxel layer"
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
             given = entry.get("type") if isinstance(entry, dict) else None
             if isinstance(given, str) and given not in TYPES:
-                instead = "an obstacle layer stands for it" if _kind(entry, costmap) else "the costmap is without it"
-                yield f"{name}/plugins has {given}: that layer is not here, {instead}"
+                instead = "an obstacle layer replaces it" if _kind(entry, costmap) else "it is left out"
+                yield f"{name}/plugins has {given}: this layer type is not available, {instead}"
 
 
 def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
-    """The type of layer that a costmap has for an entry of its plugins, "" for none.
+    """Return the layer type that is used for an entry of a costmap's plugins, or "" if the entry is left out.
 
-    An obstacle layer stands for those that are not here and have observation sources.
+    An obstacle layer replaces a layer whose type is not available if it has observation sources.
     """
     sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(costmap, str(entry.get("name")))
     return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
-    """The names of an obstacle layer's sources."""
+    """Return the names of an obstacle layer's sources."""
     listed = layer.get("observation_sources", "")
     return listed.split() if isinstance(listed, str) else []
 
 
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """The tree with the layers' parameters where C++ looks for them in the end; the costmaps in it are new dicts.
+    """Return the tree with the layers' parameters in the sections where C++ reads them; its costmaps are new dicts.
 
-    Files without `plugins` get their list, and what stands at the costmap moves to the layers. With `plugins`, values
-    at the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
+    Without `plugins`, the list is added and the layers' parameters move from the costmap to the layers. With `plugins`,
+    the values that layers inherit are copied to them. Sources get the ranges of the sections above them.
     """
     made = dict(tree)
     made["TrajectoryPlannerROS"] = _with_older_names(tree)
@@ -154,10 +159,11 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _with_older_names(tree: Dict[str, Any]) -> Any:
-    """The values of TrajectoryPlannerROS, with the older names of rotate_recovery.cpp and trajectory_planner_ros.cpp.
+    """Return the values of TrajectoryPlannerROS after those of older names have been applied as in C++.
 
-    With another local planner, rotations of recovery read them. This planner itself reads the slowest turn to the goal
-    heading so, and has written the newer names for recovery by then.
+    With another local planner, rotations of recovery read the older names (rotate_recovery.cpp). TrajectoryPlannerROS
+    reads an older name only for the slowest turn to the goal heading (trajectory_planner_ros.cpp) and writes the newer
+    names before recovery reads them.
     """
     given = tree.get("TrajectoryPlannerROS", {})
     if not isinstance(given, dict):
@@ -169,12 +175,12 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
     return {"yaw_goal_tolerance": 0.1, **{now: given[old] for now, old in older.items() if old in given}, **given}
 
 
-def _add_predicted(layer, base) -> None:
-    """One more source, of PREDICTED, where a laser marks and clears; all else is as the laser's."""
+def _add_predicted(layer: Dict[str, Any], base: str) -> None:
+    """Add a source of PREDICTED, with the parameters of the laser, if the layer has a laser that marks and clears."""
     own = [branch(layer, name) for name in sources(layer)]
     lasers = [s for s in own if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)]
-    given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]  # as beside C++
-    for source in given:
+    given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]
+    for source in given:  # Files that also configure the C++ node list the source themselves.
         source["topic"] = PREDICTED
     if lasers and not given:
         changed = {"topic": PREDICTED, "data_type": "PointCloud2", "observation_persistence": 0.0}
@@ -182,8 +188,8 @@ def _add_predicted(layer, base) -> None:
         layer["observation_sources"] += " applr_predicted"
 
 
-def _move_to_layers(costmap) -> None:
-    """The set of layers that files had before `plugins` existed."""
+def _move_to_layers(costmap: Dict[str, Any]) -> None:
+    """Add the layers of files without `plugins` and move their parameters to them."""
     with_map = costmap.get("static_map", False) is True
     own = {layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {} for layer, _ in BEFORE_HYDRO}
     keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
@@ -193,7 +199,7 @@ def _move_to_layers(costmap) -> None:
             own[layer].update({key: costmap[key] for key in names if key in costmap})
     for names in keys.values():
         for key in names:
-            if key != "track_unknown_space":  # the costmap itself has it, too
+            if key != "track_unknown_space":  # The costmap itself reads this parameter, too.
                 costmap.pop(key, None)
     costmap["plugins"] = [
         {"name": layer, "type": kind} for layer, kind in BEFORE_HYDRO if layer != "static_layer" or with_map
@@ -201,13 +207,13 @@ def _move_to_layers(costmap) -> None:
     costmap.update({entry["name"]: own[entry["name"]] for entry in costmap["plugins"]})
 
 
-def _arrange_sources(layer, above) -> None:
-    """Each source gets its topic, and the ranges of the nearest place above it, where it has none of its own."""
+def _arrange_sources(layer: Dict[str, Any], above: Sequence[Dict[str, Any]]) -> None:
+    """Give each source a topic and ranges, those of the nearest section above if it has none of its own."""
     for name in sources(layer):
         given = layer.get(name)
         own = layer[name] = dict(given) if isinstance(given, dict) else {}
         own.setdefault("topic", name)
         for key in ("obstacle_range", "raytrace_range"):
-            found = next((place[key] for place in above if key in place), None)
-            if key not in own and found is not None:
-                own[key] = found
+            inherited = next((section[key] for section in above if key in section), None)
+            if key not in own and inherited is not None:
+                own[key] = inherited

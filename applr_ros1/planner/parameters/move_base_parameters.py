@@ -1,6 +1,6 @@
-"""Parameters of move_base itself, of its recovery behaviours, of navfn, and how often the applr node sends heartbeats.
+"""Parameters of move_base itself, its recovery behaviours, navfn, and the interface to the applr node.
 
-Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+Combined in declarations.py. Uses only the standard library because the .cfg files import it at build time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from applr_ros1.planner.parameters.parameter import (
     whole,
 )
 
-# Read the rows as: name, default, least and largest value, unit, sentence.
+# Columns: name, default, minimum, maximum, unit, description.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
 RECOVERY_TYPES = ("clear_costmap_recovery/ClearCostmapRecovery", "rotate_recovery/RotateRecovery")
@@ -40,10 +40,11 @@ MOVE_BASE = (
         "Plugin name of the local planner: base_local_planner/TrajectoryPlannerROS or dwa_local_planner/DWAPlannerROS. "
         "Read once, when the node starts."),
     real("planner_frequency", 0.0, 0.0, 100.0, "Hz",
-        "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
-        "after each failure to find a velocity."),
+        "Rate at which the global plan is renewed while the robot drives. If it is 0, a plan is made for each new goal "
+        "and after each failure to find a velocity."),
     real("controller_frequency", 20.0, 0.0, 100.0, "Hz",
-        "How often a velocity command is chosen and published. 0 or less is refused.", not_zero=True, once=(PERIOD,)),
+        "Rate at which velocity commands are chosen and published. It must be above 0.", not_zero=True,
+        once=(PERIOD,)),
     real("planner_patience", 5.0, 0.0, 100.0, "s",
         "Time without a global plan after which a recovery behaviour starts."),
     real("controller_patience", 5.0, 0.0, 100.0, "s",
@@ -59,7 +60,7 @@ MOVE_BASE = (
     flag("shutdown_costmaps", False, "Whether the costmaps stop updating while there is no goal."),
     real("oscillation_timeout", 0.0, 0.0, 60.0, "s",
         "Time within which the robot has to move by oscillation_distance; otherwise a recovery behaviour starts. 0 "
-        "switches this check off."),
+        "disables this check."),
     real("oscillation_distance", 0.5, 0.0, 10.0, "m",
         "Distance that the robot has to move to count as not oscillating."),
     flag("make_plan_clear_costmap", True,
@@ -72,35 +73,35 @@ MOVE_BASE = (
 # Read once, when the node starts
 STATIC_MOVE_BASE = (
     listing("recovery_behaviors", DEFAULT_RECOVERIES,
-        "Names and types of the recovery behaviours in the order in which they are tried; an empty list: none. Of the "
-        "default ones, and only of these, clearing_rotation_allowed leaves out the rotations."),
+        "Names and types of the recovery behaviours in the order in which they are tried. An empty list disables "
+        "recovery. clearing_rotation_allowed removes rotations from the default list only."),
     real("scan_timeout", 1.0, 0.0, INF, "s",
-        "Age of the newest scan at which the robot is stopped. 0 switches this check off.", beyond="error"),
+        "Age of the latest scan at which the robot is stopped. 0 disables this check.", beyond="error"),
     flag("latch_xy_goal_tolerance", False,
-        "Of DWAPlannerROS: whether the goal position, once reached, keeps counting as reached until the next plan."),
+        "For DWAPlannerROS: whether the goal position, once reached, remains reached until the next plan."),
     real("clearing_radius", 0.46, 0.0, INF, "m",
-        "Half of the side of the square that make_plan_clear_costmap clears."),
+        "Half the side of the square that make_plan_clear_costmap clears."),
 )
 
-# Of the behaviours that clear the costmaps, beside reset_distance, and of those that turn
+# Parameters of behaviours that clear the costmaps (besides reset_distance), and of those that rotate
 CLEARING = (
     listing("layer_names", ["obstacles"],
-        "Without effect; exists for parameter files of the C++ node. All obstacle layers are cleared, whatever their "
+        "No effect; accepted for parameter files of the C++ node. All obstacle layers are cleared, whatever their "
         "names."),
     text("affected_maps", "both",
-        "Without effect; exists for parameter files of the C++ node. Both costmaps are cleared."),
-    flag("force_updating", False, "Without effect; exists for parameter files of the C++ node."),
+        "No effect; accepted for parameter files of the C++ node. Both costmaps are cleared."),
+    flag("force_updating", False, "No effect; accepted for parameter files of the C++ node."),
     flag("invert_area_to_clear", False,
-        "Without effect; exists for parameter files of the C++ node. The outside of the square is cleared."),
+        "No effect; accepted for parameter files of the C++ node. The outside of the square is cleared."),
 )
 ROTATE_RECOVERY = (
     real("sim_granularity", 0.017, 0.0, INF, "rad",
         "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
     real("frequency", 20.0, 0.0, INF, "Hz",
-        "Without effect; exists for parameter files of the C++ node. A turn is commanded at controller_frequency."),
+        "No effect; accepted for parameter files of the C++ node. A turn is commanded at controller_frequency."),
 )
 
-# Of each behaviour that a recovery_behaviors list names
+# Parameters of each behaviour in a recovery_behaviors list
 BEHAVIOUR = (
     real("reset_distance", 3.0, 0.0, INF, "m",
         "Side of the square around the robot outside of which this behaviour clears the costmaps."),
@@ -108,34 +109,34 @@ BEHAVIOUR = (
 
 CONSERVATIVE_RESET = (
     real("reset_distance", 3.0, 0.0, INF, "m",
-        "Side of the square that the conservative reset leaves; set from conservative_reset_dist."),
+        "Side of the square that the conservative reset keeps. Always set to conservative_reset_dist."),
 ) + CLEARING
 
 AGGRESSIVE_RESET = (
     real("reset_distance", 1.84, 0.0, INF, "m",
-        "Side of the square that the aggressive reset leaves; four times local_costmap/circumscribed_radius."),
+        "Side of the square that the aggressive reset keeps. Always set to 4 local_costmap/circumscribed_radius."),
 ) + CLEARING
 
 STATIC_NAVFN = (
     flag("allow_unknown", True, "Whether plans may lead through unknown cells."),
     real("default_tolerance", 0.0, 0.0, INF, "m",
         "Distance from the goal within which a plan may end if the goal itself cannot be reached."),
-    flag("visualize_potential", False, "Without effect; the potential is not published."),
+    flag("visualize_potential", False, "No effect: the potential is not published."),
 )
 
 APPLR_NODE = (
     real("period", 2.0, 0.0, INF, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
-        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored.",
+        "every 2 s. If none arrives for 2.5 times this period, the start-up parameters are restored.",
         beyond="error"),
     real("max_speed", 0.0, 0.0, INF, "m/s",
-        "Largest speed of a command, ahead and back: a faster one is slowed down along its arc. 0: any. When the applr "
-        "node has died, max_vel_x is restored to no more than it.", beyond="error"),
+        "Largest speed of a command, forwards and backwards. A faster command is slowed down along its arc. 0 sets no "
+        "limit. If the applr node dies, max_vel_x is restored to at most this speed.", beyond="error"),
     flag("movers", False,
-        "Whether both costmaps take where moving obstacles will be from applr/predicted, as one more source of each "
-        "layer that has a laser."),
+        "Whether both costmaps mark the predicted positions of moving obstacles from applr/predicted, as an additional "
+        "source of each layer that has a laser."),
     whole("recovery_rounds", 0, 0, INT_MAX, "",
-        "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
-        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached.",
-        beyond="error"),
+        "Number of times that the recovery behaviours may start anew for one goal without bringing the robot 0.5 m "
+        "nearer to it, before the goal is aborted. 0 sets no limit, as in C++, where a robot may circle an unreachable "
+        "goal forever.", beyond="error"),
 )

@@ -1,6 +1,6 @@
 """Parameters of the local planner TrajectoryPlannerROS.
 
-Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+Combined in declarations.py. Uses only the standard library because the .cfg files import it at build time.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from applr_ros1.planner.parameters.parameter import (
     whole,
 )
 
-# Read the rows as: name, default, least and largest value, unit, sentence.
+# Columns: name, default, minimum, maximum, unit, description.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
 # Live, through dynamic_reconfigure
 TRAJECTORY_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
-        "Forward acceleration limit that the trajectory simulation assumes.", older=("acc_limit_x",),
+        "Forward acceleration limit of the trajectory simulation.", older=("acc_limit_x",),
         once=(GOAL,)),
     real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
-        "Sideways acceleration limit. Without effect: the base cannot strafe, and a measured sideways velocity counts "
-        "as 0.", older=("acc_limit_y",), once=(GOAL,)),
+        "Sideways acceleration limit. No effect: the base cannot strafe, and a measured sideways velocity is taken as "
+        "0.", older=("acc_limit_y",), once=(GOAL,)),
     real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
-        "Angular acceleration limit that the trajectory simulation assumes.", older=("acc_limit_th", "acc_lim_th"),
+        "Angular acceleration limit of the trajectory simulation.", older=("acc_limit_th", "acc_lim_th"),
         once=(GOAL, RECOVERY)),
     real("max_vel_x", 0.55, 0.0, 20.0, "m/s", "Largest forward velocity that is sampled.", kind="speed"),
     real("min_vel_x", 0.0, 0.0, 20.0, "m/s", "Smallest forward velocity that is sampled.", kind="speed"),
@@ -49,28 +49,26 @@ TRAJECTORY_PLANNER = (
     real("angular_sim_granularity", 0.025, 0.0, math.pi / 2, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
     real("path_distance_bias", 0.6, 0.0, 5.0, "",
-        "Weight of the final distance of a trajectory from the global plan in its cost.",
+        "Cost weight of the distance between the end of a trajectory and the global plan.",
         aliases=("pdist_scale",), kind="weight"),
     real("goal_distance_bias", 0.8, 0.0, 5.0, "",
-        "Weight of the final distance of a trajectory from the local goal in its cost.",
+        "Cost weight of the distance between the end of a trajectory and the local goal.",
         aliases=("gdist_scale",), kind="weight"),
     real("occdist_scale", 0.01, 0.0, 5.0, "",
-        "Weight of the largest costmap value along a trajectory in its cost."),
+        "Cost weight of the largest costmap value along a trajectory."),
     real("oscillation_reset_dist", 0.05, 0.0, 5.0, "m",
-        "Distance that the robot has to move before a turning direction that was barred because of oscillation is "
+        "Distance that the robot has to move before a turning direction that was blocked because of oscillation is "
         "allowed again."),
-    real("escape_reset_dist", 0.1, 0.0, 5.0, "m", "Distance after which backing out of a dead end is over.",
+    real("escape_reset_dist", 0.1, 0.0, 5.0, "m", "Distance after which the robot stops backing out of a dead end.",
         kind="length"),
     real("escape_reset_theta", math.pi / 2, 0.0, 5.0, "rad",
-        "Rotation after which backing out of a dead end is over."),
+        "Rotation after which the robot stops backing out of a dead end."),
     whole("vx_samples", 20, 1, 300, "", "Number of forward velocities sampled in a control cycle.", kind="count"),
     whole("vtheta_samples", 20, 1, 300, "", "Number of angular velocities sampled in a control cycle.", kind="count"),
     real("heading_lookahead", 0.325, 0.0, 5.0, "m",
-        "Distance ahead of the robot, in the direction it would have after a turn in place, at which that turn is "
-        "judged."),
+        "Distance of the point at which a turn in place is scored, ahead of the robot in its heading after the turn."),
     flag("holonomic_robot", True,
-        "Without effect; exists so that clients of the C++ node find it. A differential-drive base is always "
-        "assumed."),
+        "No effect; kept for clients of the C++ node. A differential-drive base is always assumed."),
     real("escape_vel", -0.1, -2.0, 2.0, "m/s",
         "Forward velocity while backing out of a dead end; negative values drive backwards.",
         kind="speed", older=("backup_vel",)),
@@ -84,29 +82,28 @@ TRAJECTORY_PLANNER = (
     flag("simple_attractor", False,
         "Whether the robot heads straight for the last point of the local plan instead of following the plan."),
     text("y_vels", "-0.3,-0.1,0.1,-0.3",
-        "Without effect; exists so that clients of the C++ node find it. Sideways velocities of holonomic bases."),
+        "Sideways velocities of holonomic bases. No effect; kept for clients of the C++ node."),
     RESTORE,
 )
 
 # Read once, when the node starts
 STATIC_TRAJECTORY_PLANNER = (
     real("xy_goal_tolerance", 0.1, 0.0, INF, "m",
-        "Distance from the goal position at which the position counts as reached.", beyond="error"),
+        "Distance from the goal position within which the position counts as reached.", beyond="error"),
     real("yaw_goal_tolerance", 0.05, 0.0, INF, "rad",
-        "Difference from the goal heading at which the heading counts as reached.", beyond="error"),
+        "Difference from the goal heading within which the heading counts as reached.", beyond="error"),
     flag("latch_xy_goal_tolerance", False,
-        "Whether the goal position, once reached, keeps counting as reached while the robot turns to the goal "
-        "heading."),
+        "Whether the goal position, once reached, remains reached while the robot turns to the goal heading."),
     flag("prune_plan", True, "Whether points of the plan that the robot has passed are removed."),
     real("max_rotational_vel", 1.0, 0.0, INF, "rad/s",
         "Largest angular velocity of the turn to the goal heading.", kind="turn"),
     flag("meter_scoring", False,
         "Whether path_distance_bias and goal_distance_bias apply to distances in metres instead of in cells."),
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
-        "Its inverse is the control period that the dynamic window is computed with."),
+        "Control rate for which the dynamic window is computed."),
     real("min_in_place_rotational_vel", 0.4, -INF, INF, "rad/s",
-        "Older name of min_in_place_vel_theta. Where that is not given it counts, as in C++, for the turn to the goal "
-        "heading; with another local planner for rotations of recovery, too.", kind="turn"),
+        "Older name of min_in_place_vel_theta. If only the older name is given, it applies to the turn to the goal "
+        "heading, as in C++, and with another local planner also to rotations of recovery.", kind="turn"),
     text("world_model", "costmap", "Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
@@ -115,9 +112,9 @@ STATIC_TRAJECTORY_PLANNER = (
 
 
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line for each value that cannot be run together with the others.
+    """Yield a message for each value that conflicts with the others.
 
-    heading_scoring counts seconds: as a speed of 1 if it is on.
+    If heading_scoring is on, points are spaced in time, which equals a speed of 1.
     """
     speeds = ("max_vel_x", "min_vel_x", "escape_vel", "heading_scoring")
     yield from too_many_points(values, "sim_granularity", speeds, values["sim_time"])

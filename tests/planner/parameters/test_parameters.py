@@ -1,4 +1,4 @@
-"""The parameter tables, checks and requests. Expected values: running C++ move_bases (*_surface.json)."""
+"""Tests of parameter tables, checks and requests. Expected values are from running C++ nodes (*_surface.json)."""
 
 import copy
 import itertools
@@ -69,7 +69,7 @@ def test_the_dwa_planners_server_equals_the_cpp_one():
 
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
-    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # 0 as in its own file
+    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # The robot's own file gives 0.
     assert check(tree) == []
     config = Configuration(complete(tree))
     assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
@@ -100,7 +100,7 @@ SEEN = "local_costmap/obstacles_layer/"
         ({"sim_granularity": 1e-9}, "more than 100000 points"),
     ],
 )
-def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
+def test_dwa_values_that_cannot_be_run_give_one_line(values, words):
     (line,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
     assert words in line
     config = Configuration(complete(DWA))
@@ -123,7 +123,7 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         (PLANNER + "/world_model", "freespace", "give costmap"),
         (PLANNER + "/sim_granularity", 1e-9, "is 1e-09: .*more than 100000 points"),
         ("rotate_recovery/sim_granularity", 1e-9, "100000 points"),
-        ("controller_frequency", 0, "cannot work"),
+        ("controller_frequency", 0, "is 0: give a number above 0"),
         ("local_costmap/width", 100000, "cells"),
         ("local_costmap/resolution", 20.0, "local_costmap/width, height are 10 x 10 m.*20 m.*no cells"),
         ("local_costmap/plugins", [{"name": "v"}], "give a name and a type of"),
@@ -131,7 +131,7 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
     ],
 )
-def test_check_says_what_where_and_what_to_do(path, value, words):
+def test_check_reports_problem_value_and_remedy(path, value, words):
     name = path.rpartition("/")[2]
     lines = check(changed(path, value))
     assert any(re.search(words, line) and name in line for line in lines), lines
@@ -158,35 +158,35 @@ KEPT = [{"name": "turn", "type": TURN}]
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "counts", "said"),
+    ("path", "value", "used", "warning"),
     [
-        (PLANNER + "/vx_samples", "6", 20, "is '6': 20 counts, as in C++; give a whole number"),
-        (PLANNER + "/max_vel_x", "1e-1", 0.55, "is '1e-1': 0.55 counts"),
-        (PLANNER + "/max_vel_x", True, 0.55, "is True: 0.55 counts"),
-        (PLANNER + "/dwa", 1, False, "is 1: False counts, as in C++; give true or false"),
-        ("local_costmap/rolling_window", "true", False, "is 'true': False counts"),
-        (SEEN + "scan/obstacle_range", "1.0", 2.5, "is '1.0': 2.5 counts"),
-        (SEEN + "observation_sources", ["scan"], "", "is ['scan']: '' counts, as in C++; give text"),
-        ("recovery_behaviors", "none", DEFAULT_RECOVERIES, "has 'none': as in C++ the default behaviours count"),
-        ("recovery_behaviors", [MOVE_SLOW, *KEPT], KEPT, "has move_slow_and_clear/MoveSlowAndClear: that behaviour is"),
-        ("recovery_behaviors", [{"name": "turn", "type": "RotateRecovery"}], KEPT, ""),  # the older form of its type
-        ("controller_frequency", "10", 20.0, "is '10': 20.0 counts"),
-        ("local_costmap/robot_base_frame", "base", "base", "base_link of global_costmap counts for both"),
+        (PLANNER + "/vx_samples", "6", 20, "is '6': the default 20 is used, as in C++; give a whole number"),
+        (PLANNER + "/max_vel_x", "1e-1", 0.55, "is '1e-1': the default 0.55 is used"),
+        (PLANNER + "/max_vel_x", True, 0.55, "is True: the default 0.55 is used"),
+        (PLANNER + "/dwa", 1, False, "is 1: the default False is used, as in C++; give true or false"),
+        ("local_costmap/rolling_window", "true", False, "is 'true': the default False is used"),
+        (SEEN + "scan/obstacle_range", "1.0", 2.5, "is '1.0': the default 2.5 is used"),
+        (SEEN + "observation_sources", ["scan"], "", "is ['scan']: the default '' is used, as in C++; give text"),
+        ("recovery_behaviors", "none", DEFAULT_RECOVERIES, "has 'none': the default behaviours are used, as in C++"),
+        ("recovery_behaviors", [MOVE_SLOW, *KEPT], KEPT, "has move_slow_and_clear/MoveSlowAndClear: this type is not"),
+        ("recovery_behaviors", [{"name": "turn", "type": "RotateRecovery"}], KEPT, ""),  # type without its package
+        ("controller_frequency", "10", 20.0, "is '10': the default 20.0 is used"),
+        ("local_costmap/robot_base_frame", "base", "base", "both costmaps use base_link of global_costmap"),
     ],
 )
-def test_what_roscpp_passes_over_counts_as_not_given(path, value, counts, said):
+def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, used, warning):
     tree = changed(path, value)
     assert check(tree) == []
     full = complete(tree)
     for part in path.split("/"):
         full = full[part]
-    assert full == counts
+    assert full == used
     lines = [line for line in remarks(tree) if line.startswith(path)]
-    assert [said in line for line in lines] == ([True] if said else [])
+    assert [warning in line for line in lines] == ([True] if warning else [])
 
 
-def test_older_names_count_where_cpp_reads_them():
-    """The turn to the goal heading (trajectory_planner_ros.cpp:219), and recovery unless that planner drives."""
+def test_older_names_are_used_if_cpp_reads_them():
+    """The turn to the goal heading (trajectory_planner_ros.cpp:219) uses them; recovery only with another planner."""
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
         move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))
@@ -200,7 +200,7 @@ def test_older_names_count_where_cpp_reads_them():
     assert MoveBase({PLANNER: both}).local_planner._slowest_turn == 0.5
 
 
-def test_what_lies_beyond_the_bounds_is_moved_to_them_as_cpp_does():
+def test_values_out_of_bounds_are_clamped_as_in_cpp():
     tree = changed(PLANNER + "/max_vel_x", 30)
     tree[PLANNER].update(min_vel_x=-0.2, acc_lim_th=1.0)
     tree["local_costmap"].update(update_frequency=200)
@@ -210,11 +210,11 @@ def test_what_lies_beyond_the_bounds_is_moved_to_them_as_cpp_does():
     assert complete(tree)["local_costmap"]["update_frequency"] == 100.0
     lines = {line.partition(" ")[0].rpartition("/")[2]: line for line in remarks(tree)}
     assert set(lines) == {"max_vel_x", "min_vel_x", "acc_lim_th", "update_frequency"}
-    assert lines["max_vel_x"] == PLANNER + "/max_vel_x is 30.0: 20.0 counts, of 0.0 to 20.0"
-    assert lines["acc_lim_th"].endswith("is not read: give acc_lim_theta")
+    assert lines["max_vel_x"] == PLANNER + "/max_vel_x is 30.0: 20.0 is used, give a value from 0.0 to 20.0"
+    assert lines["acc_lim_th"].endswith("is ignored: give acc_lim_theta")
 
 
-def test_layers_that_are_not_here_are_named_and_the_rest_drives():
+def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
     tree = copy.deepcopy(JACKAL)
     local = tree["local_costmap"]
     local["plugins"][:0] = [{"name": "a", "type": "lab::SonarLayer"}, {"name": "c", "type": "stvl/TemporalVoxelLayer"}]
@@ -223,27 +223,28 @@ def test_layers_that_are_not_here_are_named_and_the_rest_drives():
     local["b"] = {"z_voxels": 8, "observation_sources": "scan", "scan": {"topic": "low", "data_type": "LaserScan"}}
     tree["global_costmap"] = {"map_type": "voxel", "robot_base_frame": "base_link"}
     assert check(tree) == []
-    assert [line for line in remarks(tree) if "not read" not in line] == [
-        "global_costmap/map_type is voxel: an obstacle layer stands for the voxel layer",
-        "local_costmap/plugins has lab::SonarLayer: that layer is not here, the costmap is without it",
-        "local_costmap/plugins has stvl/TemporalVoxelLayer: that layer is not here, an obstacle layer stands for it",
-        "local_costmap/plugins has costmap_2d::VoxelLayer: that layer is not here, an obstacle layer stands for it",
+    missing = "this layer type is not available"
+    assert [line for line in remarks(tree) if "ignored" not in line] == [
+        "global_costmap/map_type is voxel: an obstacle layer replaces the voxel layer",
+        f"local_costmap/plugins has lab::SonarLayer: {missing}, it is left out",
+        f"local_costmap/plugins has stvl/TemporalVoxelLayer: {missing}, an obstacle layer replaces it",
+        f"local_costmap/plugins has costmap_2d::VoxelLayer: {missing}, an obstacle layer replaces it",
     ]
     assert [f"local_costmap/{name}" in servers(complete(tree)) for name in "ac"] == [False, True]
     assert complete(tree)["local_costmap"]["b"]["scan"]["topic"] == "low"
     assert "obstacle_layer" in complete(tree)["global_costmap"]
 
 
-def test_a_layer_may_be_called_as_what_a_list_of_layers_replaces():
+def test_a_layer_may_have_the_name_of_a_parameter_without_plugins():
     plugins = [{"name": "static_map", "type": "costmap_2d::StaticLayer"}]
     tree = {name: {"plugins": plugins, "static_map": {"first_map_only": True}} for name in ("global_costmap",)}
     assert check(tree) == []
     assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
-    tree["global_costmap"]["plugins"] = []  # a section where C++ looks for true or false is neither
+    tree["global_costmap"]["plugins"] = []  # A section instead of a flag is ignored.
     assert complete(tree)["global_costmap"]["static_map"] is False
 
 
-def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
+def test_an_invalid_tree_is_not_completed():
     with pytest.raises(ParameterError, match="give a name and a type"):
         complete(changed("local_costmap/plugins", [{"type": "costmap_2d::StaticLayer"}]))
 
@@ -257,14 +258,14 @@ def test_scan_source_may_have_any_name():
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
     assert check(tree) == []
-    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
+    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # defaults of C++, ranges of the layer
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
     layer["bump"] = "no section"
     assert complete(tree)["local_costmap"]["obstacles_layer"]["bump"] == bump
 
 
-TURTLEBOT = {  # in the shape of its navigation package
+TURTLEBOT = {  # costmap parameters as in turtlebot3_navigation
     "global_frame": "map",
     "static_map": True,
     "obstacle_range": 3.0,
@@ -295,12 +296,12 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     assert names == {name[11:] for name in MAP_SURFACE["dynamic_reconfigure"] if "costmap" in name}
 
 
-def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
+def test_values_at_the_costmap_replace_those_of_the_layers():
     tree = copy.deepcopy(JACKAL)
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
     assert (full["inflater_layer"]["inflation_radius"], full["obstacles_layer"]["raytrace_range"]) == (0.7, 5.0)
-    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
+    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # The source's own value comes first.
 
 
 def test_footprint_may_be_a_list():
@@ -309,18 +310,18 @@ def test_footprint_may_be_a_list():
     assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
 
 
-def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
+def test_a_value_clamped_to_an_invalid_zero_is_rejected():
     config = Configuration(complete(JACKAL))
     assert len(NOT_ZERO) > 5
     for server, p in NOT_ZERO:
         for value in (0, -1):
-            with pytest.raises(ParameterError, match="%s is .* cannot work" % p.name):
+            with pytest.raises(ParameterError, match="%s is .*: give a number above 0" % p.name):
                 config.request(server, {p.name: value})
         (line,) = check(changed(server + "/" + p.name if server else p.name, -1))
-        assert "cannot work" in line, p.name
+        assert "give a number above 0" in line, p.name
 
 
-def test_a_costmap_without_cells_is_refused_before_anything_changes():
+def test_a_costmap_without_cells_is_rejected_before_anything_changes():
     move_base, name = MoveBase(JACKAL), "global_costmap"
     before, size = dict(move_base.configuration(name)), move_base.global_costmap.size
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
@@ -336,7 +337,7 @@ def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
     assert MoveBase(tree).global_costmap.size == (200, 200)
 
 
-def test_a_request_for_endless_trajectories_is_refused():
+def test_a_request_for_endless_trajectories_is_rejected():
     config, name = Configuration(complete(JACKAL)), "angular_sim_granularity"
     with pytest.raises(ParameterError, match="%s is 1e-09.*more than 100000 points" % name):
         config.request(PLANNER, {name: 1e-9})
@@ -373,9 +374,9 @@ class TestConfiguration:
     def test_clamps_and_keeps_the_rest(self, config):
         new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
         assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
-        assert config[PLANNER]["max_vel_x"] == 0.5  # request alone changes nothing
+        assert config[PLANNER]["max_vel_x"] == 0.5  # A request changes nothing before it is accepted.
 
-    def test_refuses_the_whole_request(self, config):
+    def test_rejects_the_whole_request(self, config):
         for bad in (math.nan, math.inf, None, "1", True):
             with pytest.raises(ParameterError, match="max_vel_x"):
                 config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": bad})
@@ -384,7 +385,7 @@ class TestConfiguration:
         for name, other in (("pdist_scale", "path_distance_bias"), ("goal_distance_bias", "gdist_scale")):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][other] == 0.33
-        everything = dict(config[PLANNER], pdist_scale=0.5)  # rqt_reconfigure sends all values, one changed
+        everything = dict(config[PLANNER], pdist_scale=0.5)  # rqt_reconfigure sends all values after one changes.
         new = config.request(PLANNER, everything)
         assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
 

@@ -1,7 +1,7 @@
-"""Which live parameters are read once: as the C++ source has it, as the table says, and as MoveBase does.
+"""Tests that the live parameters read only once are the same in the C++ source, the tables and MoveBase.
 
-A parameter that a file gives and the same one that a reconfigure gives afterwards leave the same MoveBase, or somebody
-has read it once.
+A value from a file and the same value from a later reconfigure must leave MoveBase in the same state, unless a user of
+the parameter has read it only once.
 """
 
 import copy
@@ -17,10 +17,10 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
-PLUGINS = "base_global_planner", "base_local_planner"  # of each there is one, or which one is named once
-# as read in move_base.cpp:93 to 180 and loadRecoveryBehaviors, trajectory_planner_ros.cpp:103 to 270,
-# rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with latched_stop_rotate_controller.h; the footprint of DWAPlannerROS
-# is asked for in every cycle
+PLUGINS = "base_global_planner", "base_local_planner"  # parameters that choose plugins, which cannot be changed
+# Users of parameters that C++ reads once: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
+# trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
+# latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
 BOTH = {
     ("", "controller_frequency"): {PERIOD},
     ("", "conservative_reset_dist"): {RECOVERY},
@@ -50,10 +50,10 @@ KEPT = {
 
 
 def state(thing, path="", above=()):
-    """{path: value} of everything that an object holds; what it is made from, and counters, aside."""
-    found = {}
+    """Return the state of an object as {path: value}, without its parameter tree, configuration and counters."""
+    values = {}
     if isinstance(thing, np.ndarray):
-        found[path] = (thing.shape, thing.dtype.str, thing.tobytes())
+        values[path] = (thing.shape, thing.dtype.str, thing.tobytes())
     elif isinstance(thing, dict):
         parts = thing.items()
     elif isinstance(thing, (list, tuple)):
@@ -63,17 +63,17 @@ def state(thing, path="", above=()):
     elif hasattr(type(thing), "__slots__"):
         parts = [(name, getattr(thing, name)) for name in type(thing).__slots__]
     else:
-        found[path] = repr(thing) if isinstance(thing, (bool, int, float, str, np.generic, type(None))) else ""
-    if not found and id(thing) not in above:
+        values[path] = repr(thing) if isinstance(thing, (bool, int, float, str, np.generic, type(None))) else ""
+    if not values and id(thing) not in above:
         for name, part in parts:
             here = f"{path}.{name}"
             if here not in (".parameters", "._config") and name != "version":
-                found.update(state(part, here, (*above, id(thing))))
-    return found
+                values.update(state(part, here, (*above, id(thing))))
+    return values
 
 
 def other(parameter, value):
-    """A value that a parameter may have beside this one."""
+    """Return another valid value of the parameter."""
     if parameter.type in ("bool", "str"):
         return FILED[parameter.name] if parameter.type == "str" else not value
     moved = value + 1 if parameter.type == "int" else 0.8 * value or 0.1
@@ -81,13 +81,13 @@ def other(parameter, value):
 
 
 @pytest.mark.parametrize("name", PLANNERS)
-def test_the_table_says_what_move_base_reads_once_and_that_is_what_cpp_does(name, monkeypatch):
-    monkeypatch.setattr(np, "empty", np.zeros)  # buffers that are written before they are read
+def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, monkeypatch):
+    monkeypatch.setattr(np, "empty", np.zeros)  # Unwritten buffers would differ between two objects.
     monkeypatch.setattr(np, "empty_like", np.zeros_like)
     robot, planner = robots.load(name), PLANNERS[name]
-    found, declared = {}, {}
+    readers, declared = {}, {}
     plain = robot.parameters()
-    plain[planner].pop("controller_frequency", None)  # move_base's counts, as in most files
+    plain[planner].pop("controller_frequency", None)  # The value of move_base is used, as in most files.
     plain["global_costmap"].update(width=4, height=4)
     round_ = copy.deepcopy(plain)
     round_["local_costmap"].pop("footprint")
@@ -101,7 +101,7 @@ def test_the_table_says_what_move_base_reads_once_and_that_is_what_cpp_does(name
             given = copy.deepcopy(tree)
             place = server if server in plain else server.rpartition("/")[0]
             branch(given, place, create=True)[p.name] = value
-            if "/" in server:  # where C++ looks for it in the end
+            if "/" in server:  # C++ reads the parameter of a layer from the layer's own section.
                 branch(given, server, create=True)[p.name] = value
                 branch(given, server.rpartition("/")[0]).pop(p.name, None)
             loaded = MoveBase(given)
@@ -111,14 +111,14 @@ def test_the_table_says_what_move_base_reads_once_and_that_is_what_cpp_does(name
             differ = [path for path in {*one, *two} if one.get(path) != two.get(path)]
             for path in differ:
                 reader = next((who for part, who in KEPT.items() if part in path), path)
-                found.setdefault((server, p.name), set()).add(reader)
+                readers.setdefault((server, p.name), set()).add(reader)
             if p.once and (server != "global_costmap") and (server != "local_costmap" or planner in p.once):
                 declared[server, p.name] = set(p.once)
-    assert found == CPP[planner]
-    assert declared == found
+    assert readers == CPP[planner]
+    assert declared == readers
 
 
-def test_only_the_outline_of_trajectoryplannerros_makes_a_set_that_is_loaded_another_one():
+def test_only_the_outline_of_trajectoryplannerros_keeps_its_start_up_value():
     there = "local_costmap", "footprint_padding"
     assert shapes_at_start("TrajectoryPlannerROS", *there)
     assert not shapes_at_start("DWAPlannerROS", *there)
