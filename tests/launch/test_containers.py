@@ -1,4 +1,4 @@
-"""Both images come from one script and run one command. CI builds the Docker image (.github/workflows/ci.yml)."""
+"""Container images: both are built by one script and run one command. CI builds the Docker image."""
 
 import os
 import re

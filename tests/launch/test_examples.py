@@ -1,4 +1,4 @@
-"""Every example runs as its page says, only shorter, and leaves what it promises."""
+"""Examples: each runs as its page describes, with fewer steps, and writes its output files."""
 
 import csv
 import importlib
@@ -16,21 +16,21 @@ from tests.support import ROOT
 from training import evaluate
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
-LIBRARIES = (stable_baselines3, torch)  # what they need beside the package
+LIBRARIES = (stable_baselines3, torch)  # packages that the examples need besides this package
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """run(name, arguments): the lines that the example prints, executed in an empty folder, in this process.
+    """Return run(name, arguments), which runs an example in an empty folder and returns its printed lines.
 
-    So are the commands of the package that it starts, which are `python -m MODULE` with arguments.
+    The example and the commands of this package that it starts (`python -m MODULE`) run in this process.
     """
     started = subprocess.run
 
     def command(words, **more):
         if words[:2] != [sys.executable, "-m"]:
             return started(words, **more)
-        assert more == {"check": True}, "an example goes on after a command that failed"
+        assert more == {"check": True}, "the example ignores failures of its commands"
         assert importlib.import_module(words[2]).main(words[3:]) == 0, capsys.readouterr().err
         return None
 

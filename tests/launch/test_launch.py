@@ -1,4 +1,4 @@
-"""The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
+"""Tests of the launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
 
 import contextlib
 import json
@@ -32,13 +32,13 @@ pytestmark = pytest.mark.ros
 
 
 def inside(*command):
-    """The finished process of a command in the workspace's environment."""
+    """Run a command in the workspace's environment and return its finished process."""
     return subprocess.run([APPLR, "exec", *command], capture_output=True, text=True, timeout=HANGS, check=False)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
 def test_other_robots_bring_their_files_names_and_frames(name):
-    """With a prefix, and a value on top of the files, as the launch file gives them."""
+    """The launch file also gives a prefix, and a value on top of the files."""
     robot, on_top = load(name), {"local_costmap": {"publish_frequency": 1.5}}
     tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
     assert check(tree) == []
@@ -67,16 +67,16 @@ def test_rviz_shows_what_the_robots_and_their_local_planners_publish():
     tree = yaml.safe_load((ROOT / "applr_ros1" / "rviz" / "applr.rviz").read_text())
     displays = tree["Visualization Manager"]["Displays"]
     topics = [display["Topic"] for display in displays if "Topic" in display]
-    own = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}  # C++ has none
-    assert {topic for topic in topics if "/" + topic not in published} == own | {"applr/local_goal"}
+    added = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}  # the C++ planner has no such topic
+    assert {topic for topic in topics if "/" + topic not in published} == added | {"applr/local_goal"}
     assert [sum(planner in topic for topic in topics) for planner in ("Trajectory", "DWA")] == [4, 4]
     keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
-    assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
+    assert not any(topic.startswith("/") for topic in keys)  # relative names follow the namespace
 
 
 @pytest.mark.slow
 def test_install_space(tmp_path):
-    """Executables, Python packages, generated configurations and data, from a folder that knows nothing of devel."""
+    """Executables, Python packages, generated configurations and data work from a folder without the devel space."""
     build = """
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
@@ -94,7 +94,7 @@ def test_install_space(tmp_path):
     done = inside("bash", "-c", build)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     tail = done.stdout.splitlines()[-9:]
-    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # whatever PATH says
+    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # independent of PATH
     assert tail[0].startswith(str(tmp_path / "install")), tail
     assert {"/sim_bridge", "/move_base", "/collision_monitor", "/movers", "/applr", "/send_goal"} <= set(tail)
     assert tail[-1].startswith(str(tmp_path / "install"))
@@ -129,7 +129,7 @@ def test_demo_reaches_the_goal(tmp_path):
 
 @pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
 def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
-    """The course's goal, 20 m away and off the map, is drawn onto it; one that is given is sent as it is."""
+    """The course's goal, 20 m away and outside the map, is moved onto the map; a given goal is sent unchanged."""
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo_tool.worlds, "load", lambda _: world)
@@ -143,19 +143,19 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 99.0, "auto", "timed out", 2.0),
         (0.5, 1.0, "auto", "move_base gave up: no way", 1.0),
         (8.0, 99.0, "auto", "goal reached", 0.9),
-        (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),  # the planner's word, 0.6 m off
-        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m off
+        (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),  # the planner reports success 0.6 m from the goal
+        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m from the goal
     ],
 )
 def test_how_a_demo_ends(speed, gives_up_at, goal, reason, time):
-    """The drive is a robot that goes straight from the course's start to its end at `speed` [m/s]."""
+    """The robot goes straight from the start of the course to its end at `speed` [m/s]."""
     values, _, robot, world = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
     observer = object.__new__(demo_tool.Observer)
     observer.world, observer._tolerance, observer._frame = world, robot.goal_tolerance, "odom"
     observer.track, observer.contacts, yaw = [(1.0, *world.course.start, speed, 0.0)], [], world.course.start[2]
 
     def check():
-        """A tenth of a second later."""
+        """Advance the track by 0.1 s."""
         now, x, y, *_ = observer.track[-1]
         at = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw)
         observer.track.append((now + 0.1, *at, yaw, speed, 0.0))
@@ -183,7 +183,7 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
 
 @pytest.mark.fault("23")
 def test_interrupted_demo_leaves_nobody(tmp_path, measured):
-    """Within five seconds, without those for which a busy machine keeps it waiting."""
+    """All processes end within five seconds, not counting the time for which a busy machine keeps them waiting."""
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:
@@ -199,4 +199,4 @@ def test_interrupted_demo_leaves_nobody(tmp_path, measured):
     assert took < 5.0 + kept.waiting()
     assert not [pid for pid in below if is_alive(pid)]
     assert not (tmp_path / "drive.html").exists()
-    assert not list(tmp_path.glob("applr_demo_*"))  # the log is of no use any more
+    assert not list(tmp_path.glob("applr_demo_*"))  # the log is deleted, too

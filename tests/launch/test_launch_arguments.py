@@ -1,4 +1,4 @@
-"""What the launch files make of their arguments, and what nodes and demo say of arguments that are of no use."""
+"""Arguments of the launch files, and errors of nodes and demo about invalid arguments."""
 
 import contextlib
 import os
@@ -30,12 +30,12 @@ JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
 
 @pytest.fixture(autouse=True, scope="module")
 def each_command_once():
-    """A launch file describes its robot by a command, which is the same for many of these tests."""
+    """Run the command by which a launch file describes its robot only once, because many tests share it."""
     whole = roslaunch.loader.Loader.param_value
     kept = {}
 
     def param_value(self, *given):
-        """The arguments: verbose, name, type, value, textfile, binfile, command."""
+        """Return the value of a parameter; given: verbose, name, type, value, textfile, binfile, command."""
         if given[-1] is None:
             return whole(self, *given)
         return kept[given[-1]] if given[-1] in kept else kept.setdefault(given[-1], whole(self, *given))
@@ -46,7 +46,7 @@ def each_command_once():
 
 
 def loaded(file, *words):
-    """What roslaunch makes of a launch file without starting it."""
+    """Load a launch file with roslaunch, without starting it."""
     config = roslaunch.config.ROSLaunchConfig()
     roslaunch.xmlloader.XmlLoader().load(os.path.join(LAUNCH, file), config, argv=list(words), verbose=False)
     return SimpleNamespace(
@@ -61,13 +61,13 @@ def loaded(file, *words):
 def test_parameter_files_are_the_jackals():
     given = loaded("jackal_applr.launch").parameters
     given = {name[11:]: value for name, value in given.items() if name.startswith("/move_base/")}
-    own = {"robot": "jackal", "map": False, "tf_prefix": "none"}
+    common = {"robot": "jackal", "map": False, "tf_prefix": "none"}
     more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0, "applr/movers": True}
-    assert given == {**own, **more}
-    tree, robot = with_robot(dict(own, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
+    assert given == {**common, **more}
+    tree, robot = with_robot(dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
     assert robot.name == "jackal"
     assert check(tree) == []
-    del tree["applr"]  # what C++ has no parameter for
+    del tree["applr"]  # the C++ move_base has no such parameters
     assert complete(tree) == complete(dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"]))
 
 
@@ -88,13 +88,13 @@ def test_which_nodes_start(words, nodes):
 
 def test_names_clock_and_cap_reach_the_nodes():
     words = "sim:=false", "use_sim_time:=true", "scan_topic:=/lidar/scan", "tf_prefix:=robot1", "max_speed:=0.3"
-    found = loaded("jackal_applr.launch", *words)
-    values = found.parameters
+    launched = loaded("jackal_applr.launch", *words)
+    values = launched.parameters
     assert values["/use_sim_time"] is True
     assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
     assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
-    assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in found.config.nodes)
-    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters  # Gazebo's stays
+    assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
+    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters  # Gazebo sets it
     assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
 
 
@@ -102,34 +102,34 @@ def test_names_clock_and_cap_reach_the_nodes():
 def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
     shutil.copytree(JACKAL, robot)
-    found = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
+    launched = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
-        assert found.parameters["/%s/robot" % node] == robot
-    assert found.parameters["/sim_bridge/world"] == found.parameters["/send_goal/world"] == "/a b.world"
-    assert found.words["record"][2:4] == ["-O", bag]
-    assert found.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
-    found = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
-    assert found.words["player"][-1] == bag
+        assert launched.parameters["/%s/robot" % node] == robot
+    assert launched.parameters["/sim_bridge/world"] == launched.parameters["/send_goal/world"] == "/a b.world"
+    assert launched.words["record"][2:4] == ["-O", bag]
+    assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
+    launched = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
+    assert launched.words["player"][-1] == bag
 
 
 def test_method_and_meter_scoring_reach_their_nodes():
-    found = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
-    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("/a.safetensors", "auto")
-    assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
-    assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
-    found = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
-    assert found.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
-    found = found.parameters
-    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("/own.py:Own", "true")
-    assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
+    launched = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
+    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == ("/a.safetensors", "auto")
+    assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
+    assert launched["/applr/seed"] == launched["/sim_bridge/seed"] == 3
+    launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
+    assert launched.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
+    launched = launched.parameters
+    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == ("/own.py:Own", "true")
+    assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
     assert loaded("jackal_applr.launch").parameters["/applr/method"] == "auto"
 
 
 def test_one_argument_switches_the_prediction_off():
     for words, on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
-        found = loaded("jackal_applr.launch", *words)
-        assert ("movers" in found.words) == (on is not False)
-        assert found.parameters.get("/move_base/applr/movers") is on
+        launched = loaded("jackal_applr.launch", *words)
+        assert ("movers" in launched.words) == (on is not False)
+        assert launched.parameters.get("/move_base/applr/movers") is on
 
 
 def test_the_monitor_makes_motions_of_escape_beside_a_cpp_move_base_alone():
@@ -144,12 +144,12 @@ def test_launch_files_clear_what_an_earlier_launch_left():
         ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
         ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):
-        found = loaded(name, *words)
-        ours = [entry for entry in found.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
+        launched = loaded(name, *words)
+        ours = [entry for entry in launched.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
         assert ours
-        assert [entry for entry in ours if not entry.startswith(tuple(found.cleared))] == [], name
-        if name.startswith("barn"):  # what a launch file sets beside the nodes is set after that
-            assert found.parameters["/move_base/global_costmap/width"] == 60
+        assert [entry for entry in ours if not entry.startswith(tuple(launched.cleared))] == [], name
+        if name.startswith("barn"):  # parameters outside of the nodes are set after the clearing
+            assert launched.parameters["/move_base/global_costmap/width"] == 60
 
 
 @pytest.mark.fault("23a")
@@ -205,7 +205,7 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
     from rosgraph.network import get_bind_address
 
     for name in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_NAMESPACE"):
-        monkeypatch.setenv(name, "")  # is as before after the test
+        monkeypatch.setenv(name, "")  # so that monkeypatch restores it
     monkeypatch.setenv("ROS_IP", "192.0.2.1")
     stack = SimpleNamespace(wait=lambda *_: None, stop=lambda: None)
     monkeypatch.setattr(launcher, "Stack", lambda *_: stack)
@@ -214,7 +214,7 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
 
 
 def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
-    """Any local user, and a website in a browser, can write there."""
+    """Any local user can write there, and so can a website in a browser."""
     opened, there = [], []
 
     class Stack:

@@ -1,4 +1,4 @@
-"""The wheel that pip makes: one package that collides with nobody's, and its program; and the same names in a clone."""
+"""Wheel of the package: one top-level package without name collisions, its program, and the same names in a clone."""
 
 import ast
 import json
@@ -25,7 +25,7 @@ def run(*words, **options):
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """(folder that pip installed into, a function that runs a program there beside packages of the same names)."""
+    """Return (folder of pip's installation, function that runs a program there beside packages of the same names)."""
     source, target, elsewhere = (tmp_path_factory.mktemp(name) for name in ("source", "target", "elsewhere"))
     for name in ("applr_ros1", *BESIDE):
         shutil.copytree(ROOT / name, source / name)
@@ -51,7 +51,7 @@ def test_a_wheel_has_one_package_whose_imports_are_its_own(installed):
             assert not [name for name in names if name.startswith(BESIDE)], path
 
 
-def test_its_program_says_names_and_version(installed):
+def test_its_program_prints_names_and_version(installed):
     folder, elsewhere = installed
     version = xml.parse(ROOT / "package.xml").findtext("version")
     assert elsewhere(folder / "bin" / "applr-ros1", "--version") == f"applr_ros1 {version}\n"

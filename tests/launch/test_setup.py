@@ -1,5 +1,6 @@
-"""./applr when something is missing: one clear line and a non-zero exit, before anything is changed. The script runs
-from a copy in another folder, with stand-ins for the system's programs first on PATH; nothing is installed.
+"""Tests of ./applr if something is missing: one clear line and a non-zero exit, before anything is changed.
+
+The script runs from a copy in another folder, with stand-ins for system programs first on PATH. Nothing is installed.
 """
 
 import os
@@ -16,7 +17,7 @@ from tests.support.ros_harness import wait_for
 
 
 class Clone:
-    """A folder with what set-up reads. Called, it runs ./applr there with stand-in programs: (status, error lines)."""
+    """Folder with the files that set-up reads. A call runs ./applr there and returns (exit status, error lines)."""
 
     def __init__(self, folder):
         self.folder, self.programs, self.stdout = folder, folder / "stand-ins", ""
@@ -39,18 +40,18 @@ class Clone:
 
     def __call__(self, *words, **options):
         started = self.start(*words, **options)
-        self.stdout, said = started.communicate(timeout=HANGS)
-        return started.returncode, said.strip().splitlines()
+        self.stdout, errors = started.communicate(timeout=HANGS)
+        return started.returncode, errors.strip().splitlines()
 
     def refusal(self, *words, **options):
-        """The one line with which a command is refused."""
+        """Return the one-line error of a command."""
         status, (line,) = self(*words, **options)
         assert status == 1
         return line
 
     def quick(self, *words, **environment):
-        """The same with a set-up that takes no time."""
-        stand_ins = {} if environment.get("before") else QUICK  # they are there already
+        """Run ./applr with a set-up that takes no time."""
+        stand_ins = {} if environment.get("before") else QUICK  # no files can be written, and the stand-ins exist
         return self(*words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment)
 
 
@@ -61,7 +62,7 @@ def clone(tmp_path):
 
 NOTHING = {"dpkg-query": "exit 1"}
 ALL = {"dpkg-query": 'shift 3; for p in "$@"; do echo installed $p; done'}
-# a set-up that takes no time: an interpreter that copies itself into the venv, and a workspace without anything in it
+# instant set-up: an interpreter that copies itself into the venv, and an empty workspace
 PYTHON = """
 here=$(dirname "$0"); for last; do :; done
 case "$*" in
@@ -103,27 +104,27 @@ def test_what_is_gone_is_made_again(clone, tmp_path):
     assert clone.quick("exec", "true") == (0, [VENV])
     shutil.rmtree(state / "catkin_ws")
     assert clone.quick("exec", "true") == (0, [WORKSPACE])
-    (state / "venv.stamp").unlink()  # as a set-up that was stopped while it made the venv leaves it
+    (state / "venv.stamp").unlink()  # state after a set-up that was stopped while making the venv
     (state / "venv" / "bin" / "no-pip").touch()
     assert clone.quick("exec", "true") == (0, [VENV])
     assert not (state / "venv" / "bin" / "no-pip").exists()
 
 
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
-    """pip would take them for installed. The command itself sees them, and an interpreter's home would break it."""
+    """pip would count them as installed, and PYTHONHOME would break the interpreter. The command itself sees both."""
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
     assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
     assert clone.stdout == "/elsewhere\n"
     log = (tmp_path / ".applr" / "setup.log").read_text()
     assert "pip sees nothing" in log
     assert "/elsewhere" not in log
-    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real one
+    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real interpreter
     _, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
     assert "these packages are missing" in lines[-1]
 
 
 def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_path):
-    """As in an image that root has made."""
+    """An image made by root is such a clone."""
     how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
     read_only = ["unshare", "--mount", *["--map-root-user"] * (os.getuid() != 0), "sh", "-ec", how]
     if subprocess.run([*read_only, "true"], capture_output=True).returncode:
@@ -136,14 +137,17 @@ def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_pa
 
 
 def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
-    # in short naps: an interrupt just before a nap begins reaches the shell alone, which ends after the nap
+    # Short sleeps, because an interrupt just before a sleep reaches the shell alone, which ends after the sleep.
     waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
     stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
     log = tmp_path / ".applr" / "setup.log"
     wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
-    _, said = stopped.communicate(timeout=HANGS)
-    assert (stopped.returncode, said.splitlines()[1:]) == (130, ["applr: stopped; the same command goes on from here"])
+    _, err = stopped.communicate(timeout=HANGS)
+    assert (stopped.returncode, err.splitlines()[1:]) == (
+        130,
+        ["applr: stopped; the same command goes on from here"],
+    )
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
 
 
@@ -164,7 +168,7 @@ def test_without_root_the_missing_packages_are_named(clone, tmp_path):
     assert line.endswith("apt-get install -y --no-install-recommends python3")
 
 
-def test_without_network_apt_says_so(clone):
+def test_without_network_the_error_of_apt_is_shown(clone):
     apt = {"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}
     code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 0", **apt))
     assert code == 1
@@ -174,7 +178,7 @@ def test_without_network_apt_says_so(clone):
 
 
 def test_kernels_are_compiled_before_a_drive_where_they_or_what_they_are_made_of_have_changed(clone, tmp_path):
-    """The stand-in for the compiler prints the folder, after a line of a library."""
+    """The stand-in for the compiler prints the folder after a line of a library, as the compiler does."""
     machine_code = tmp_path / "machine code"
     (tmp_path / "sim_bridge").mkdir()
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 1")
@@ -201,7 +205,7 @@ def test_an_old_python_and_none_are_refused(clone):
 
 @pytest.mark.parametrize("root", [True, False])
 def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
-    """As in a container image of Debian: apt brings python3, as root or through sudo, then the set-up goes on."""
+    """apt installs python3, as root or through sudo, as in a container image of Debian; then the set-up goes on."""
     python, calls = tmp_path / "python3", tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
@@ -216,7 +220,7 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     assert ("as root" in done) is not root
     installed = [line for line in done if line.startswith("install")]
     assert installed[0].split()[-1] == "python3"
-    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # it went on to the other packages
+    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # the next packages
     assert code == 1
     assert lines[-1].startswith("applr: apt-get could not install")
 

@@ -1,7 +1,7 @@
-"""What several tests use: stand-ins for nodes and robots, slow reference implementations, made-up worlds and maps."""
+"""Shared parts of tests: stand-ins for nodes and robots, slow reference implementations, synthetic worlds and maps."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
-HANGS = 600.0  # s after which a process counts as hanging: ten times what the longest takes on a quiet machine
+HANGS = 600.0  # time after which a process counts as hanging: ten times the longest test on an idle machine [s]

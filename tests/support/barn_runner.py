@@ -1,6 +1,6 @@
-"""A stand-in for the BARN Challenge's runner: the same calls in the same order, for tests/nodes/test_barn.py.
+"""Stand-in for the BARN Challenge's runner, with the same calls in the same order, for tests/nodes/test_barn.py.
 
-The test copies it as run.py into a made-up checkout, beside gazebo_client.py.
+The test copies this file as run.py into a synthetic checkout, beside gazebo_client.py.
 """
 
 import argparse

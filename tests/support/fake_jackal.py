@@ -1,6 +1,6 @@
-"""A Jackal on ROS for tests of nodes, as a thread of the test process at the pace of the wall clock.
+"""Simulated Jackal on ROS for tests of nodes, which runs as a thread of the test process in wall time.
 
-What it publishes can be switched off and bent.
+Tests can switch its topics off and alter its scans.
 """
 
 import itertools
@@ -26,14 +26,17 @@ from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
 
-TICK = 0.01
-COMMAND_TIMEOUT = 0.25
+TICK = 0.01  # simulation step [s]
+COMMAND_TIMEOUT = 0.25  # age of a command after which the base stops [s]
 
 
 class FakeJackal:
-    """A robot that does what /cmd_vel says among round obstacles; scan, odometry, tf and, if asked, /clock.
+    """Robot that follows /cmd_vel among round obstacles and publishes scan, odometry, tf and optionally /clock.
 
-    `clock`: publish /clock and stamp with it (starting at `clock` seconds); None: wall time.
+    Args:
+        circles: Obstacles (n, 3) of x, y, radius [m].
+        pose: Initial pose (x, y, yaw).
+        clock: Initial time of /clock [s], which also stamps the messages; None for wall time without /clock.
     """
 
     ticking = True
@@ -42,7 +45,7 @@ class FakeJackal:
         self.robot = ToyRobot(pose, circles)
         self.clock = clock
         self.scans = self.transforms = True
-        self.bend = lambda scan: scan  # what happens to a scan before it goes out
+        self.bend = lambda scan: scan  # alters a scan before it is published
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
@@ -69,7 +72,7 @@ class FakeJackal:
         return rospy.Time.from_sec(time.time() if self.clock is None else self.clock)
 
     def put(self, pose, circles=None):
-        """Set the robot somewhere else."""
+        """Move the robot to a pose and, if given, replace the obstacles."""
         self.robot.pose = pose
         if circles is not None:
             self.robot.circles = ToyRobot(circles=circles).circles
@@ -117,11 +120,11 @@ class FakeJackal:
 
 
 class Standing(FakeJackal):
-    """A Jackal that stands, with a move_base's plan, perhaps a goal, and what it hears of the applr node."""
+    """Jackal that stands still, publishes a plan and optionally a goal, and records the applr node's messages."""
 
     def __init__(self):
         self.reset()
-        self.ticking = False  # until its publishers are there
+        self.ticking = False  # no tick before the publishers exist
         super().__init__(pose=self.pose)
         self.robot.twist = self.twist
         self._plan = self._publisher("/move_base/NavfnROS/plan", Path)
@@ -177,7 +180,7 @@ class Standing(FakeJackal):
 
 
 def decided(message):
-    """Return an applr_ros1/Decision as a dict; "theta" is empty where the method's output was refused."""
+    """Return an applr_ros1/Decision as a dict. "theta" is empty if the method's output was rejected."""
     sets = {
         key: dict(zip(of.names, of.values)) for key, of in (("theta_prev", message.before), ("theta", message.after))
     }
@@ -185,7 +188,7 @@ def decided(message):
 
 
 def observed(message):
-    """Return the paper's observation (729,) of an applr_ros1/Decision of a Jackal."""
+    """Return the paper's observation (729,) from an applr_ros1/Decision of a Jackal."""
     scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
     pose, plan = (message.x, message.y, message.yaw), np.column_stack([message.plan_x, message.plan_y])
     seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))

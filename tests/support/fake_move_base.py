@@ -1,9 +1,9 @@
-"""A stand-in for move_base: its parameter servers, and switches that make them misbehave. For tests only.
+"""Stand-in for move_base in tests: its parameter servers, with switches that make them misbehave.
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
-The ROS parameters /fake/refuse, /fake/hold and /fake/lie name servers (a list) that raise an error, keep their old
-values and say so, or say that they have taken the new ones; /fake/late those that publish what they have .2 s later;
-/fake/hang those that answer when they are no longer in it.
+Each of these ROS parameters is a list of servers: /fake/refuse, which raise an error; /fake/hold, which keep their old
+values and report them; /fake/lie, which keep them and report the new values; /fake/late, which publish their values
+0.2 s late; /fake/hang, which do not answer until they are removed from the list.
 """
 
 import argparse
@@ -24,9 +24,9 @@ KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_sca
 
 
 def config_type(parameters, code=""):
-    """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters.
+    """Return dynamic_reconfigure's description of a group of parameters, as a .cfg file would generate it.
 
-    With `code` max_vel_x is a text of which the server says that this Python names its choices.
+    With `code`, max_vel_x is a string whose choices the server describes by this Python code.
     """
     always = {"level": 0, "edit_method": ""}
     rows = [
@@ -49,7 +49,7 @@ def config_type(parameters, code=""):
 
 
 class Liar(Server):
-    """Answers what it was asked where it is to lie, and sets nothing."""
+    """Server that, if listed in /fake/lie, confirms a request without applying it."""
 
     def _set_callback(self, request):
         if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):
@@ -68,7 +68,7 @@ class Liar(Server):
 
 
 def serve(name, parameters, code=""):
-    """Starts the server `name`."""
+    """Start the server `name`."""
     begun = []
 
     def callback(config, level):
@@ -89,13 +89,15 @@ def main():
     parser.add_argument("--spelling", default="noetic")
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
-    parser.add_argument("--robot", default="", help="has the servers of this robot's move_base instead")
-    parser.add_argument("--text", default="", metavar="CODE", help="what max_vel_x, a text, says of its choices")
+    parser.add_argument("--robot", default="", help="robot whose move_base has the servers to start instead")
+    parser.add_argument(
+        "--text", default="", metavar="CODE", help="code that describes the choices of max_vel_x, a string"
+    )
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
     if args.robot:
-        found = servers(check.complete(load(args.robot).parameters()))
-        served = {name: server.parameters for name, server in found.items()}
+        declared = servers(check.complete(load(args.robot).parameters()))
+        served = {name: server.parameters for name, server in declared.items()}
     else:
         served = {"TrajectoryPlannerROS": [p for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]}
         for costmap in ("local_costmap", "global_costmap"):

@@ -1,6 +1,6 @@
-"""The calls that programs written for Gazebo make, for tests/live/test_gazebo_front.py.
+"""Calls of programs that were written for Gazebo, for tests/live/test_gazebo_front.py.
 
-GazeboSimulation calls what the BARN Challenge's runner does, and Training what the authors' training loop does.
+GazeboSimulation makes the calls of the BARN Challenge's runner, Training those of the authors' training loop.
 """
 
 import math
@@ -26,7 +26,7 @@ def model_state(x, y, z, angle):
 
 
 class GazeboSimulation:
-    """Robot, physics and contacts, by Gazebo's services and topics."""
+    """Client for robot, physics and contacts, through Gazebo's services and topics."""
 
     def __init__(self, start):
         self.pause = rospy.ServiceProxy("/gazebo/pause_physics", Empty)
@@ -41,9 +41,9 @@ class GazeboSimulation:
         self.contacts += message.data
 
     def collided(self):
-        """Whether a contact was reported since the last call."""
-        found, self.contacts = self.contacts > 0, 0
-        return found
+        """Return whether a contact was reported since the last call."""
+        collided, self.contacts = self.contacts > 0, 0
+        return collided
 
     def reset(self):
         rospy.wait_for_service("/gazebo/set_model_state")
@@ -67,7 +67,7 @@ def goal(x, y):
 
 
 class Training:
-    """One episode after the other, in the order of the authors' training loop."""
+    """Client that drives episodes with the sequence of calls of the authors' training loop."""
 
     def __init__(self, simulation, target):
         self.simulation, self.target = simulation, target
@@ -78,7 +78,7 @@ class Training:
         assert self._action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
-        """Reset, plan and drive, with time standing in between. Returns (metres planned, metres driven, speed)."""
+        """Reset, plan and drive, pausing the physics between. Return (planned length [m], driven length [m], speed)."""
         simulation = self.simulation
         self._action.cancel_all_goals()
         assert simulation.reset().success
@@ -117,5 +117,5 @@ class Training:
         until = rospy.get_time() + seconds
         deadline = time.monotonic() + 180.0
         while rospy.get_time() < until:
-            assert time.monotonic() < deadline, "simulated time stands"
+            assert time.monotonic() < deadline, "simulated time does not advance"
             time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""The parameters of the Jackal's files, and the same with DWAPlannerROS as the local planner."""
+"""Parameters of the Jackal's files, and the same parameters with DWAPlannerROS as local planner."""
 
 import copy
 

@@ -1,7 +1,4 @@
-"""Small scenes for the tests of maps: cellular worlds, inflation from nothing, an open map, a static map.
-
-Used by the tests of the planner.
-"""
+"""Small scenes for tests of the planner: cellular worlds, one-off inflation, an open map, a static map."""
 
 from types import SimpleNamespace
 
@@ -16,7 +13,7 @@ JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.
 
 
 def cellular(rng, ny, nx, fill, steps=3):
-    """(ny, nx) bool: a cellular automaton's obstacles, like BARN's, from `fill` of random cells."""
+    """Return obstacles (ny, nx) bool of a cellular automaton, like BARN's, from a share `fill` of random cells."""
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
         around = sum(
@@ -27,20 +24,20 @@ def cellular(rng, ny, nx, fill, steps=3):
 
 
 def inflate(master, window, resolution, inscribed, parameters):
-    """Inflate a window of the cells in place, with a layer that has seen nothing before."""
+    """Inflate a window of the cells in place, with a new layer."""
     layer = InflationLayer(*master.shape[::-1], resolution, parameters)
     layer.set_inscribed_radius(inscribed)
     layer.update(master, master.copy(), window)
 
 
 def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL):
-    """What a local planner takes for a costmap, with nothing in it."""
+    """Return an empty map with the attributes of a costmap that a local planner reads."""
     cells = np.zeros((ny, nx), np.uint8)
     return SimpleNamespace(cells=cells, origin=origin, resolution=resolution, footprint=foot)
 
 
 def straight(length=3.0, yaw=0.0, step=0.05):
-    """A plan (n, 3) along x from 0 to `length` that ends with the heading `yaw`."""
+    """Return a plan (n, 3) along x from 0 to `length` that ends with the heading `yaw`."""
     x = np.arange(0.0, length + step / 2, step)
     plan = np.column_stack([x, 0 * x, 0 * x])
     plan[-1, 2] = yaw
@@ -48,7 +45,7 @@ def straight(length=3.0, yaw=0.0, step=0.05):
 
 
 def wall_with_a_door():
-    """10 x 6 m: a wall across at x = 2 m with a door of 1.2 m at y = 1.5 m, and unknown space far off."""
+    """Return a map of 10 x 6 m with a wall at x = 2 m, a door of 1.2 m at y = 1.5 m, and unknown space far away."""
     cells = np.zeros((120, 200), np.int8)
     cells[:, 100:103] = 100
     cells[78:102, 100:103] = 0
@@ -57,7 +54,7 @@ def wall_with_a_door():
 
 
 def paint(costmap, cells):
-    """Write the non-zero cells (ny, nx) over a costmap's master and inflate the whole map."""
+    """Write the non-zero cells (ny, nx) into a costmap's master grid, and inflate the whole map."""
     np.copyto(costmap._base, costmap.cells)
     np.copyto(costmap._base, cells, where=np.asarray(cells) != 0)
     for layer in costmap.inflation_layers:
@@ -66,7 +63,7 @@ def paint(costmap, cells):
 
 
 def sampled_window(planner):
-    """Ranges and steps of the last samples of a TrajectoryPlanner: {"min_vel_x", "max_vel_x", "dvx", ...}."""
+    """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x", "dvx", ...}."""
     x0, x1, w0, w1 = velocity_window(planner._params[0], planner._plan, planner.start)
     dvx, dw = fill_evenly(x0, x1, planner._scratch.vs), fill_evenly(w0, w1, planner._scratch.ws)
     names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"

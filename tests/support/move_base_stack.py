@@ -1,4 +1,4 @@
-"""The move_base node beside a made-up Jackal, for the test files that share them: fixtures and small helpers."""
+"""Fixtures and helpers for tests of the move_base node beside a simulated Jackal."""
 
 import math
 import time
@@ -22,7 +22,7 @@ PLANNER = "/move_base/TrajectoryPlannerROS"
 
 
 def start(master, parameters=None, sim_time=False, name="move_base"):
-    """The node as a child, ready."""
+    """Start the node and return its Child once it is ready."""
     rospy.set_param("/" + name, parameters or JACKAL)
     rospy.set_param("/use_sim_time", sim_time)
     child = master.node("move_base", "odom:=odometry/filtered")
@@ -49,12 +49,12 @@ def stack(master):
 
 @pytest.fixture
 def idle(stack):
-    """The stack at its start: robot at the origin, nothing to do, everything switched on."""
+    """Return the stack in its initial state: robot at the origin, no goal, all topics on."""
     jackal = stack.jackal
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     if stack.client.get_state() in (PENDING, ACTIVE):
-        stack.client.cancel_goal()  # a cancel of all goals, on a connection of its own, could also end the next one
+        stack.client.cancel_goal()  # cancelling all goals could also end the next goal, over another connection
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)
@@ -75,22 +75,22 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
 
 
 def collect(topic, kind):
-    """(subscriber, list of the messages that come from now on) of a topic that somebody publishes."""
-    got = []
-    subscriber = rospy.Subscriber(topic, kind, got.append)
+    """Subscribe to a topic that has a publisher; return (subscriber, list that collects its messages)."""
+    messages = []
+    subscriber = rospy.Subscriber(topic, kind, messages.append)
     wait_for(subscriber.get_num_connections, topic)
-    time.sleep(0.2)  # who publishes knows of the connection a moment later
-    return subscriber, got
+    time.sleep(0.2)  # The publisher learns of the connection a moment later.
+    return subscriber, messages
 
 
 def node_api(master):
-    """The XML-RPC server of move_base's node."""
+    """Return a proxy of the XML-RPC server of the move_base node."""
     uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
     return xmlrpc.client.ServerProxy(uri)
 
 
 def connected(master, topic, node):
-    """Whether move_base sends a topic to a node."""
+    """Return whether move_base has a connection for a topic to a node."""
     return any((line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2])
 
 

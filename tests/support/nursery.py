@@ -1,8 +1,8 @@
-"""A process that has imported all nodes and loaded their kernels once, and from which each node that a test starts is
-forked: it runs as its command would, without what every start costs anew, which is most of its processor time.
+"""Process from which the nodes of tests are forked. It has imported all nodes and loaded their kernels once.
 
-A node's parent is the process of the tests, which has its exit status. Real starts are those of tests/launch,
-tests/nodes and the collision monitor's own process.
+A forked node runs as its command would, without the cost of imports and kernels, which is most of its processor time.
+Its parent is the process of the tests, which receives its exit status. tests/launch, tests/nodes and the collision
+monitor's own process start programs without this process.
 """
 
 import ctypes
@@ -18,9 +18,9 @@ import time
 from applr_ros1.common.errors import run_script
 from applr_ros1.scripts.__main__ import COMMANDS, NODES
 
-ADOPT, DIES_WITH_PARENT = 36, 1  # of prctl: PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG
+ADOPT, DIES_WITH_PARENT = 36, 1  # options of prctl: PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG
 IMPORTED = "applr", "collision_monitor", "move_base", "movers", "sim_bridge", "send_goal"
-PARTS = {  # whose kernels (nodes/tools/compile_kernels.py) a node's first start loads
+PARTS = {  # kernels (nodes/tools/compile_kernels.py) that the first start of each node loads
     "move_base": "move_base with base_local_planner/TrajectoryPlannerROS",
     "movers": "the tracker of moving obstacles",
     "sim_bridge": "the simulators",
@@ -32,14 +32,14 @@ def prctl(option, value):
 
 
 class Forked:
-    """A forked process, with what its users need of subprocess.Popen."""
+    """Forked process, with the part of subprocess.Popen's interface that the tests use."""
 
     def __init__(self, pid):
         self.pid, self.returncode = pid, None
 
     def poll(self):
-        if self.returncode is None and (found := os.waitpid(self.pid, os.WNOHANG))[0]:
-            self.returncode = -os.WTERMSIG(found[1]) if os.WIFSIGNALED(found[1]) else os.WEXITSTATUS(found[1])
+        if self.returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
+            self.returncode = -os.WTERMSIG(ended[1]) if os.WIFSIGNALED(ended[1]) else os.WEXITSTATUS(ended[1])
         return self.returncode
 
     def wait(self, timeout):
@@ -52,7 +52,12 @@ class Forked:
 
 
 class Nursery:
-    """The process, as the tests' process sees it. env: its environment; where it has printed something is `log`."""
+    """Handle of the nursery in the process of the tests.
+
+    Args:
+        env: Environment of the nursery.
+        log: File for its stderr.
+    """
 
     def __init__(self, env, log):
         prctl(ADOPT, 1)
@@ -67,9 +72,13 @@ class Nursery:
             )
 
     def fork(self, words, env, log, constants):
-        """Starts a program of `rosrun applr_ros1`, or a module's main(), by its words; returns its Forked.
+        """Start a program of `rosrun applr_ros1`, or the main() of a module, and return its Forked.
 
-        constants: {"module.NAME": value} that it has instead of its own.
+        Args:
+            words: Command line.
+            env: Environment.
+            log: File for its output.
+            constants: {"module.NAME": value} of constants that are replaced in the program.
         """
         order = {"words": list(map(str, words)), "env": env, "log": str(log), "constants": constants}
         self._process.stdin.write(json.dumps(order).encode() + b"\n")
@@ -82,7 +91,7 @@ class Nursery:
 
 
 def main():
-    """Forks what is ordered on stdin; who is forked leaves the loop and becomes the program."""
+    """Fork a process for each order on stdin. A forked process leaves the loop and becomes the program."""
     from applr_ros1.nodes.tools import compile_kernels
 
     parent, parts = int(sys.argv[1]), dict(compile_kernels.PARTS)
@@ -100,13 +109,13 @@ def main():
             os.waitpid(child, 0)
             continue
         if os.fork():
-            os._exit(0)  # who was forked last has the tests' process as its parent now
+            os._exit(0)  # The tests' process, a subreaper, becomes the parent of the grandchild.
         return become(order, parent)
     return None
 
 
 def become(order, parent):
-    """Runs a program in this process, as its command would."""
+    """Run a program in this process, as its command would."""
     import rospy
 
     while os.getppid() != parent:
@@ -121,7 +130,7 @@ def become(order, parent):
     os.environ.clear()
     os.environ.update(order["env"])
     sys.argv = order["words"]
-    rospy.names.reload_mappings(sys.argv)  # rospy has read them when it was imported
+    rospy.names.reload_mappings(sys.argv)  # rospy read the old ones at its import
     rospy.names._set_caller_id(rospy.names.get_ros_namespace() + "unnamed")
     for place, value in order["constants"].items():
         module, _, name = place.rpartition(".")

@@ -1,8 +1,8 @@
-"""Processes as the system lists them."""
+"""State of processes, from /proc."""
 
 
 def is_alive(pid):
-    """Whether a process is there and has not ended; one that only waits to be reaped has ended."""
+    """Return whether a process runs. A zombie, which only waits to be reaped, does not."""
     try:
         with open("/proc/%d/stat" % pid) as stat:
             return stat.read().rpartition(")")[2].split()[0] != "Z"

@@ -1,4 +1,4 @@
-"""Drives in simulation as a robot's recorder would have heard them: a bag with the stack's topics, without ROS."""
+"""Recorder of simulated drives: writes a bag with the topics of the stack, without ROS."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from training.bags.writer import BagWriter
 from training.env.episode import Episode
 from training.env.outcome import Outcome
 
-PAUSE = 5.0  # s of time between two courses of a bag
-PLOTTED = 8  # fields of Parameters.msg beside its lists
+PAUSE = 5.0  # time between two courses of a bag [s]
+PLOTTED = 8  # number of fields of Parameters.msg besides its lists
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
 _OTHERS = {
     "move_base_msgs/msg/MoveBaseActionResult": "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
@@ -24,7 +24,7 @@ _OTHERS = {
 
 
 class StackWriter(BagWriter):
-    """A bag with what move_base and the applr node publish, too. Arguments as BagWriter's."""
+    """BagWriter that also writes the topics of move_base and of the applr node. Args: as for BagWriter."""
 
     def __init__(self, *args: Any, **more: Any):
         super().__init__(*args, **more)
@@ -32,17 +32,17 @@ class StackWriter(BagWriter):
             self.store.register(get_types_from_msg(text, name))
 
     def contact(self, time: float) -> None:
-        """Write that the robot touches something."""
+        """Write a contact of the robot."""
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
     def status(self, time: float, goal_id: str, running: bool = True, ended: int = 0) -> None:
-        """Write the status topic of the action move_base, with a goal that runs or has ended with this status."""
+        """Write the status of the action move_base, with a goal that is active or has ended with the status `ended`."""
         pursued = [self._status(goal_id, ACTIVE if running else ended)] if running or ended else []
         topic = self.topics.move_base + "/status"
         self._put(topic, "actionlib_msgs/msg/GoalStatusArray", time, self._header(time, ""), pursued)
 
     def result(self, time: float, goal_id: str, status: int) -> None:
-        """Write the result of a goal with an actionlib status."""
+        """Write the result of a goal, with an actionlib status."""
         fields = (
             self._header(time, ""),
             self._status(goal_id, status),
@@ -51,7 +51,10 @@ class StackWriter(BagWriter):
         self._put(self.topics.move_base + "/result", "move_base_msgs/msg/MoveBaseActionResult", time, *fields)
 
     def decision(self, time, number, goal, seen, before, after=None):
-        """Write msg/Decision.msg: a Seen in the odometry's frame, and two {name: value}; without the second an end."""
+        """Write msg/Decision.msg with a Seen in the odometry frame and {name: value} before and after the decision.
+
+        Without `after`, write the end of the course.
+        """
         kinds = [f"applr_ros1/msg/{name}" for name in ("Parameters", "Movers", "Decision")]
         if kinds[-1] not in self.store.types:
             for kind in kinds:
@@ -75,20 +78,20 @@ class StackWriter(BagWriter):
 
 
 class RecordingEpisode(Episode):
-    """An Episode that writes all that it drives into a BagWriter, course after course."""
+    """Episode that writes its drives into a StackWriter, course after course."""
 
     def __init__(self, simulator, move_base, writer: BagWriter, **options):
         super().__init__(simulator, move_base, writer.robot, **options)
         self.writer = writer
         self.courses = self.decisions = 0
-        self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
-        self._written: Optional[float] = None  # time of the newest scan in the bag
+        self._ahead = 1.0  # offset to the simulator's time, which restarts with each course [s]
+        self._written: Optional[float] = None  # time of the latest scan in the bag [s]
 
     def reset(self, world, seed: int, theta=None) -> Outcome:
-        """Begin a course; a goal is sent on the recorded action topic."""
+        """Begin a course and send its goal on the recorded action topic."""
         if self.courses:
             self._ahead += self.simulator.state.time + PAUSE
-        self._goal_id = ""  # nothing is written before the goal is sent
+        self._goal_id = ""  # no messages before the goal is sent
         outcome = super().reset(world, seed, theta)
         self.courses += 1
         self._goal_id = f"course {self.courses} in {world.name}"
@@ -97,7 +100,7 @@ class RecordingEpisode(Episode):
         return outcome
 
     def decide(self, theta) -> Outcome:
-        """Drive one decision period and write what the nodes would have published in it."""
+        """Drive one decision period and write the messages that the nodes would have published."""
         now, seen, before = self._now, self.seen(), self.outcome.theta
         outcome = super().decide(theta)
         sets = map(self.space.as_dict, (before, outcome.theta))
@@ -121,7 +124,7 @@ class RecordingEpisode(Episode):
         before, now, ranges = self.simulator.state, self._now, self._ranges
         cycle, state = super()._cycle()
         if self._goal_id:
-            if self._written != now:  # a decision's scan was taken at the same moment, with other noise
+            if self._written != now:  # The scan of a decision at the same time has other noise.
                 self.writer.odometry(now, before.odom_pose, before.odom_twist)
                 if self._ranges is not ranges:
                     self.writer.scan(now, self._ranges)
@@ -130,7 +133,7 @@ class RecordingEpisode(Episode):
         return cycle, state
 
     def _look(self) -> None:
-        """What the coming decision sees."""
+        """Write the inputs of the next decision."""
         now, state = self._now, self.simulator.state
         self.writer.status(now, self._goal_id)
         self.writer.odometry(now, state.odom_pose, state.odom_twist)

@@ -1,4 +1,4 @@
-"""What a person's mistake ends with: an error of this project, in one line."""
+"""Check that a user's mistake ends with a one-line error of this project."""
 
 import re
 
@@ -8,10 +8,10 @@ from applr_ros1.common.errors import ApplrError
 
 
 def refused(call, *words, kind=ApplrError):
-    """Return the line with which call() is refused, in which each of the regular expressions is found."""
-    with pytest.raises(kind) as found:
+    """Return the error message of call(), after checking that it is one line and matches all regular expressions."""
+    with pytest.raises(kind) as raised:
         call()
-    line = str(found.value)
+    line = str(raised.value)
     assert "\n" not in line, line
     assert all(re.search(word, line) for word in words), line
     return line

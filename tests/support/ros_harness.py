@@ -1,7 +1,7 @@
-"""ROS for tests: a master of one's own on a free port, and processes beside it, each ended by its own pid.
+"""ROS for tests: a private master on a free port, and processes beside it, each ended by its own pid.
 
-Used by every test that needs rospy. rospy knows one master URI per process, so all tests of one process share that of
-`session()`; tests/conftest.py calls `close_session()` between test files.
+Every test that needs rospy uses this module. rospy knows one master URI per process, so all tests of a process share
+the master of `session()`. tests/conftest.py calls `close_session()` between test files.
 """
 
 import atexit
@@ -23,13 +23,13 @@ import psutil
 from tests.support import ROOT
 from tests.support.nursery import Nursery
 
-INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")  # also when this process is killed
+INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")  # prefix that interrupts a child even if this process is killed
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
 GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-packages"
 
 
 class Child:
-    """A started process. `log` (a Path) holds what it prints."""
+    """Started process. `log` is the file (Path) with its output."""
 
     def __init__(self, process, log):
         self.process, self.log, self.pid = process, log, process.pid
@@ -42,9 +42,10 @@ class Child:
         return self.process.poll() is None
 
     def until(self, condition):
-        """Waits until it has printed some words, or until condition() is true; returns its value.
+        """Wait until the process has printed a text, or until condition() is true, and return the value.
 
-        AssertionError with all that it has printed where it ends before, or hangs.
+        Raises:
+            AssertionError: The process ended first, or hangs; the message has its output.
         """
         holds = condition if callable(condition) else lambda: condition in self.text
         try:
@@ -62,13 +63,13 @@ class Child:
             os.kill(self.pid, signal.SIGCONT)
 
     def kill(self):
-        """SIGKILL, as a crash."""
+        """Kill the process with SIGKILL, as a crash would end it."""
         if self.alive():
             os.kill(self.pid, signal.SIGKILL)
         self.process.wait(LONGEST)
 
     def end(self):
-        """SIGINT as Ctrl-C does, SIGKILL where it hangs. Returns the exit status."""
+        """Send SIGINT, as Ctrl-C does, and SIGKILL if the process hangs. Return the exit status."""
         if self.alive():
             self.thaw()
             os.kill(self.pid, signal.SIGINT)
@@ -80,7 +81,7 @@ class Child:
 
 
 def started(args, env, log):
-    """The Child of a command, which is executed."""
+    """Start a command and return its Child."""
     with open(log, "wb") as file:
         command = [*INTERRUPTED_WITH_US, *map(str, args)]
         output = {"stdout": file, "stderr": subprocess.STDOUT}
@@ -88,9 +89,10 @@ def started(args, env, log):
 
 
 class RosMaster:
-    """A ROS master on the given or a free port, and its children.
+    """ROS master on the given or a free port, and its children. Use as a context manager or call close().
 
-    env: what a process needs to join it. Use as a context manager or call close().
+    Attributes:
+        env: Environment of processes that join the master.
     """
 
     def __init__(self, port=None):
@@ -113,13 +115,13 @@ class RosMaster:
         self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
-        """Starts a program beside the master; env: additional environment variables. Returns its Child."""
+        """Start a program beside the master, with additional environment variables `env`, and return its Child."""
         return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
 
     def node(self, script, *args, constants=None, **env):
-        """Forks a program of `rosrun applr_ros1`, named without ".py", or a module's main(). Returns its Child.
+        """Fork a program of `rosrun applr_ros1`, named without ".py", or the main() of a module; return its Child.
 
-        constants: {"module.NAME": value} that it has instead of its own.
+        constants: {"module.NAME": value} of constants that are replaced in the program.
         """
         child = self._keep(functools.partial(forked, constants=constants or {}), (script, *args), env, script)
         self._nodes.append((next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child))
@@ -131,7 +133,7 @@ class RosMaster:
         return self._children[-1]
 
     def forget_ended(self):
-        """Deletes the parameters of scripts' nodes that have ended: the next one of that name begins with its own."""
+        """Delete the parameters of nodes that have ended, so that the next node of that name does not inherit them."""
         import rospy
 
         living = {name for name, child in self._nodes if child.alive()}
@@ -154,11 +156,11 @@ class RosMaster:
 
 
 _session, _port, _nursery = None, None, None
-_joined = []  # topics and services of this process
+_joined = []  # functions that end the topics and services of this process
 
 
 def forked(words, env, log, constants):
-    """The Child of a program that is forked from the nursery."""
+    """Fork a program from the nursery and return its Child."""
     global _nursery
     if _nursery is None:
         _nursery = Nursery(env, os.devnull)
@@ -167,7 +169,7 @@ def forked(words, env, log, constants):
 
 
 def session():
-    """The master of the tests that run now, with this process as a node of it (rospy is initialised)."""
+    """Return the master of the running tests, with this process as one of its nodes (rospy is initialised)."""
     global _session, _port
     if _session is None:
         import rospy
@@ -187,7 +189,7 @@ def session():
 
 
 def _remember(kind, end):
-    """Keeps what ends each object of a class from now on."""
+    """Register the method that ends each object of a class created from now on."""
     make = kind.__init__
 
     @functools.wraps(make)
@@ -199,13 +201,13 @@ def _remember(kind, end):
 
 
 def forget_ended():
-    """What ended nodes have left on the session's parameter server goes."""
+    """Delete the parameters of ended nodes from the session's parameter server."""
     if _session is not None:
         _session.forget_ended()
 
 
 def close_session():
-    """Ends the master, its nodes and what this process has on it; the next tests get a master without parameters."""
+    """End the master, its nodes and this process's topics; the next tests get a master without parameters."""
     global _session
     if _session is not None:
         while _joined:
@@ -217,7 +219,7 @@ def close_session():
 
 
 def use_generated():
-    """Makes applr_ros1.cfg (generated by catkin) importable in this process."""
+    """Make applr_ros1.cfg (generated by catkin) importable in this process."""
     import applr_ros1
 
     if GENERATED.is_dir() and str(GENERATED) not in sys.path:
@@ -234,38 +236,38 @@ def free_port():
         return s.getsockname()[1]
 
 
-LONGEST = 300.0  # s before something counts as hanging; the planner's kernels are compiled in that
+LONGEST = 300.0  # time after which a process counts as hanging, including compilation of the kernels [s]
 
 
 class Kept:
-    """The time for which a busy machine has kept this process and those below it waiting for a processor.
+    """Meter of the time for which a busy machine kept this process and its children waiting for a processor.
 
-    What a test allows in wall time it allows beside that, so that its limit can be a quiet machine's.
+    Tests add this time to their limits of wall time, which can then be those of an idle machine.
     """
 
     def __init__(self):
-        self._since = self._newest = self._delays()
+        self._since = self._latest = self._delays()
 
     @staticmethod
     def _delays():
-        """{(process, thread): time [ns] that it has been ready to run and did not}."""
-        found = {}
+        """Return {(process, thread): time for which it was ready but did not run [ns]}."""
+        delays = {}
         for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
             for file in Path("/proc/%d/task" % process.pid).glob("*/schedstat"):
-                with contextlib.suppress(OSError):  # it has ended
-                    found[process.pid, file.parent.name] = int(file.read_text().split()[1])
-        return found
+                with contextlib.suppress(OSError):  # the thread has ended
+                    delays[process.pid, file.parent.name] = int(file.read_text().split()[1])
+        return delays
 
     def waiting(self):
-        """Return the time [s] since this was made, of the thread that waited most; of one that ended as last seen."""
-        self._newest = {**self._newest, **self._delays()}
-        return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._newest.items())
+        """Return the longest waiting time of a thread since construction [s]; an ended thread counts as last read."""
+        self._latest = {**self._latest, **self._delays()}
+        return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._latest.items())
 
 
 def wait_for(condition, what):
-    """Polls until condition() is true and returns its value; AssertionError after LONGEST: it is for what hangs.
+    """Poll until condition() is true and return its value. Raise AssertionError after LONGEST.
 
-    How long something takes is measured beside it.
+    This limit only catches hanging processes; tests of durations measure them separately.
     """
     began = time.monotonic()
     while True:

@@ -1,4 +1,4 @@
-"""Small worlds and drives with which simulators are tested."""
+"""Small worlds and drives for tests of simulators."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from sim_bridge import RobotState, Simulator
 from worlds import Course, Mover, World
 
-STEP = 0.05  # simulated seconds between commands
+STEP = 0.05  # simulated time between commands [s]
 
 
 def small_world(
@@ -18,7 +18,7 @@ def small_world(
     movers: Sequence[Mover] = (),
     start: Tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> World:
-    """A world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and movers [m, rad]; start (x, y, yaw)."""
+    """Return a world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and moving obstacles [m, rad]."""
     path = np.array([start[:2], (start[0] + 1.0, start[1])])
     return World(
         name="scene",
@@ -30,7 +30,7 @@ def small_world(
 
 
 def drive(simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP) -> RobotState:
-    """Hold the command (v, w) [m/s, rad/s] for some simulated seconds; returns the last state."""
+    """Hold the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
     for _ in range(int(round(seconds / step))):
         simulator.command(v, w)
         simulator.advance(step)

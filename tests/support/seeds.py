@@ -1,25 +1,25 @@
-"""How many cases a random comparison has: all with `./applr test --all`, else a part that is the same in each run."""
+"""Number of cases of random comparisons: all with `./applr test --all`, else a part that is the same in each run."""
 
 import math
 
 from hypothesis import settings
 
-FIRST_SHARE = 0.25
-share = 1.0  # set by tests/conftest.py
+FIRST_SHARE = 0.25  # share of the cases without --all
+share = 1.0  # share of the cases to run, set by tests/conftest.py
 
 
 def part(count):
-    """Return how many of `count` cases this run has, at least one."""
+    """Return how many of `count` cases to run, at least one."""
     return math.ceil(share * count)
 
 
 def examples(count):
-    """A hypothesis test gets `count` examples with --all, drawn anew in each run; else a part, the same in each run."""
+    """Return settings of a hypothesis test: `count` new examples with --all, else a part that is the same every run."""
     return settings(max_examples=part(count), deadline=None, derandomize=share < 1.0)
 
 
 def seeds(count):
-    """A test of a seed becomes one that runs with each seed below `count`; where it fails it names the seed."""
+    """Return a decorator that runs a test with each seed below `count` and names the seed on failure."""
 
     def decorate(test):
         def run():

@@ -1,4 +1,4 @@
-"""A tiny task for the tests of training: go to zero on a line. No planner, no simulator, a millisecond an episode."""
+"""Tiny task for tests of training: go to zero on a line, without planner or simulator, in 1 ms per episode."""
 
 import os
 import time
@@ -10,7 +10,7 @@ from training.replay.trajectory import TransitionLayout
 
 
 class Line(gymnasium.Env):
-    """x' = x + .3 a, r = -|x'|, 10 steps, then truncated; terminated where |x| > 3 (never, from [-1, 1])."""
+    """Environment with x' = x + .3 a and r = -|x'|, truncated after 10 steps and never terminated."""
 
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
@@ -31,7 +31,7 @@ class Line(gymnasium.Env):
 
 
 class Slow(Line):
-    """Half a second an episode, so that a test can kill an actor in the middle."""
+    """Environment that takes 0.2 s per episode, so that a test can kill an actor in an episode."""
 
     def step(self, action):
         time.sleep(0.02)
@@ -44,7 +44,7 @@ class Broken(Line):
 
 
 class Dying(Line):
-    """Ends its process in one episode of eight."""
+    """Environment that ends its process in one of eight episodes."""
 
     def reset(self, *, seed=None, options=None):
         result = super().reset(seed=seed)
@@ -54,7 +54,7 @@ class Dying(Line):
 
 
 def drive(number, seconds=0.0):
-    """A call for workers: number 3 ends its process, number 4 fails, the rest say where they were executed."""
+    """Task for workers: number 3 ends its process, number 4 raises, all others return their process."""
     time.sleep(seconds)
     if number == 3:
         os._exit(9)

@@ -1,4 +1,4 @@
-"""A robot and a laser made up for tests of MoveBase: it does exactly what it is told, among round obstacles."""
+"""Ideal robot with a laser for tests of MoveBase: follows commands exactly, among round obstacles."""
 
 import copy
 import math
@@ -20,7 +20,7 @@ SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.1
 
 
 class ToyRobot:
-    """`circles`: (n, 3) of x, y, radius [m]. pose (x, y, yaw), twist (v, w)."""
+    """Robot with pose (x, y, yaw) and twist (v, w) among circles (n, 3) of x, y, radius [m]."""
 
     def __init__(self, pose=(0.0, 0.0, 0.0), circles=()):
         self.pose, self.twist, self.time = pose, (0.0, 0.0), 0.0
@@ -31,14 +31,14 @@ class ToyRobot:
         return x + LASER_X * math.cos(yaw), y + LASER_X * math.sin(yaw), yaw
 
     def ranges(self):
-        """(720,) float32, inf where nothing is hit."""
+        """Return the ranges (720,) float32, inf for beams that hit nothing."""
         return Lidar(LASER, self.circles, np.zeros((0, 5))).scan(*self.sensor_pose())
 
     def scan(self):
         return LaserScan(self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose())
 
     def drive(self, command, duration):
-        """Drive for `duration` [s]; without a command the robot stands."""
+        """Drive for `duration` [s]. Without a command, the robot stands still."""
         v, w = command or (0.0, 0.0)
         x, y, yaw = self.pose
         for _ in range(10):
@@ -50,7 +50,7 @@ class ToyRobot:
 
 
 def ring(x, y, radius, posts=40, size=0.1):
-    """Posts (n, 3) all around a point."""
+    """Return posts (n, 3) on a circle around a point."""
     return [
         (x + radius * math.cos(a), y + radius * math.sin(a), size)
         for a in np.linspace(0, 2 * math.pi, posts, endpoint=False)
@@ -58,7 +58,7 @@ def ring(x, y, radius, posts=40, size=0.1):
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
-    """Step both for `seconds`; returns the result, or None. `cycles`: a list that takes (time, Cycle)."""
+    """Step planner and robot for `seconds` and return the result or None; append (time, Cycle) to `cycles`."""
     for _ in range(int(round(seconds / period))):
         cycle = move_base.step(robot.time, robot.pose, robot.twist, robot.scan() if scans else None)
         if cycles is not None:
@@ -70,7 +70,7 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
 
 
 class Told:
-    """A local planner whose n-th command is answer(n): (whether there is one, (v, w))."""
+    """Local planner with scripted commands: the n-th is answer(n), (whether there is a command, (v, w))."""
 
     goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
 
@@ -90,7 +90,7 @@ class Told:
 
 # -- MoveBase with small maps ------------------------------------------------------------------------------------
 def quick(**changes):
-    """The Jackal's tree with small maps and short patience."""
+    """Return the Jackal's parameters with small maps and short patience."""
     tree = copy.deepcopy(JACKAL)
     for name, size in (("global_costmap", 20), ("local_costmap", 6)):
         tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
@@ -100,7 +100,7 @@ def quick(**changes):
 
 
 def start(goal, robot=None, tree=None, before=0.1):
-    """(move_base, robot) that have looked for a moment and then got the goal."""
+    """Return (move_base, robot) that received the goal after `before` seconds of scans."""
     robot, made = robot or ToyRobot(), MoveBase(tree or quick())
     run(made, robot, before)
     made.set_goal(goal, robot.time)

@@ -1,6 +1,6 @@
-"""Evaluation trials that drive nothing: a result from the task alone, after a moment.
+"""Evaluation trials without drives, for tests of evaluate.py: results drawn from the task, after a short wait.
 
-Methods named "bad..." fail. Used by the tests of evaluate.py.
+Methods named "bad..." fail.
 """
 
 import os
@@ -12,11 +12,11 @@ import numpy as np
 from training.evaluation.evaluation import EvaluationOptions, settings
 from training.evaluation.trial import Result
 
-SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of itself, with nothing in it
+SETTINGS = settings(EvaluationOptions(), [], [])  # settings of an evaluation without worlds and methods
 
 
 def drive(settings, task):
-    """As training.evaluation.runner.run."""
+    """Return a drawn result, with the interface of training.evaluation.runner.run."""
     if os.environ.get("TOY_BROKEN"):
         raise ValueError("the toy is broken; mend it")
     rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])

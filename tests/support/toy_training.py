@@ -1,4 +1,4 @@
-"""Training runs of the toy environment (toy_env.py), what they leave, and the one line with which they refuse."""
+"""Training runs of the toy environment (toy_env.py), and checks of their files and one-line errors."""
 
 import json
 import re
@@ -26,7 +26,7 @@ NO_EVALUATION = ["--eval-worlds", "none"]
 
 
 def drive(env, task, weights):
-    """Drives one episode of the policy, or of the default, which stands still, where the task names another method."""
+    """Drive one episode of the policy, or of the default, which stands still, if the task names another method."""
     policy = PolicyWeights(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
     made, total, ended = environment(env, "{}"), 0.0, False
     observation, _ = made.reset(seed=task.seed)
@@ -37,7 +37,7 @@ def drive(env, task, weights):
 
 
 def toy_run(config, env=LINE):
-    """A training run in a toy environment."""
+    """Return a training run in a toy environment."""
 
     class ToyRun(TrainingRun):
         @staticmethod
@@ -53,23 +53,23 @@ def toy_run(config, env=LINE):
 
 
 def main(arguments=None, env=LINE):
-    """train.py in a toy environment."""
+    """Run train.py in a toy environment."""
     return run_main(lambda: toy_run(parse(arguments), env).run(), "train.py")
 
 
 def toy(out, *more):
-    """Arguments of a run in the toy environment."""
+    """Return the arguments of a run in the toy environment."""
     return [*TOY, "--out", str(out), *map(str, more)]
 
 
 def networks_of(folder):
-    """The networks of a run's checkpoint, bit for bit."""
+    """Return the networks of a run's checkpoint as bytes."""
     state = torch.load(folder / Learner.saved(folder)["learner"], weights_only=True)
     return {name: tensor.numpy().tobytes() for name, tensor in state["networks"].items()}
 
 
 def one_line(capsys, arguments, pattern, main=main):
-    """Asserts that train.py ends with one line on stderr that matches the pattern."""
+    """Assert that train.py ends with one line on stderr that matches the pattern."""
     capsys.readouterr()
     assert main([str(a) for a in arguments]) > 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train.py: ")]

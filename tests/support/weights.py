@@ -1,4 +1,4 @@
-"""Weights of a policy's network, drawn at random."""
+"""Random weights of a policy's network."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Gazebo world files made in the tests: no file of anybody else's is in this repo. tests/test_worlds_*.py use it."""
+"""Synthetic Gazebo world files for tests, because the repository has none of BARN's or DynaBARN's files."""
 
 import os
 
@@ -9,12 +9,12 @@ from tests.support.refusals import refused
 
 
 def refused_world(path, *words):
-    """The line with which a world file is refused."""
+    """Return the one-line error about a world file."""
     return refused(lambda: worlds.load(str(path)), *words)
 
 
 def model(name, pose, shape):
-    """A model of one shape; pose: six numbers in a text, with the attribute as it stands in DynaBARN's files."""
+    """Return a model of one shape; `pose` is six numbers as text, with the attribute as in DynaBARN's files."""
     return (
         f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
         f"<geometry>{shape}</geometry></collision></link></model>"
@@ -22,7 +22,7 @@ def model(name, pose, shape):
 
 
 def box(name, x, y, z, *size, yaw=0):
-    """A box (size along x, y, z) whose middle is at (x, y, z)."""
+    """Return a box (size along x, y, z) centred at (x, y, z)."""
     return model(name, f"{x} {y} {z} 0 0 {yaw}", "<box><size>%s %s %s</size></box>" % size)
 
 
@@ -31,7 +31,7 @@ COURSE = """<applr:course xmlns:applr='applr'><applr:start>0 -9 1.57</applr:star
 
 
 def sdf(body, course=COURSE):
-    """The text of a world file; course: its element of this package, "" for none."""
+    """Return the text of a world file; `course` is this package's element, or "" for none."""
     ground = model("ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>")
     light = "<light name='sun' type='directional'/>"
     return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}{course}</world></sdf>"
@@ -43,14 +43,14 @@ def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
 
 
 def moving(name, x=0.0, y=0.0, filename=None):
-    """A cylinder of .5 m with a Gazebo plugin, as DynaBARN's; `filename` of the plugin, by default its name and .so."""
+    """Return a cylinder of radius .5 m with a Gazebo plugin, as in DynaBARN; the plugin is `filename` or NAME.so."""
     return cylinder(x, y, radius=0.5, name=name).replace(
         "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
     )
 
 
 def as_barn(world):
-    """The text of a BARN-style file for a world of cylinders: models, then the same poses in a saved state."""
+    """Return the text of a BARN-style file for a world of cylinders: models, then their poses as a saved state."""
     xy = world.cylinders[:, :2]
     models = "".join(cylinder(x, y, name="unit_cylinder_%d" % n) for n, (x, y) in enumerate(xy))
     states = "".join(
@@ -62,7 +62,7 @@ def as_barn(world):
 
 
 def put(folder, text, name="world_7.world", cells=None):
-    """Writes a world file, and a path file beside it when cells are given. Returns the file's path."""
+    """Write a world file, and a path file beside it if cells are given. Return the path of the world file."""
     path = os.path.join(str(folder), name)
     with open(path, "wb" if isinstance(text, bytes) else "w") as file:
         file.write(text)

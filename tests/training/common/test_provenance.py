@@ -1,4 +1,4 @@
-"""What results say about where they come from."""
+"""Tests of the provenance of results."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from tests.support import ROOT
 
 
 def test_the_commit_is_found_through_a_catkin_workspaces_link(tmp_path):
-    """rosrun imports the package through the link in the workspace."""
+    """rosrun imports the package through the symbolic link in the workspace."""
     (tmp_path / "applr_ros1").symlink_to(ROOT)
 
     def commit(path):
