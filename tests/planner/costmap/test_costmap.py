@@ -1,4 +1,4 @@
-"""The layered costmap: whole drives byte for byte as recorded, rolling, windows, versions, requests."""
+"""Tests of the layered costmap: recorded drives byte for byte, rolling, windows and versions."""
 
 import json
 import math
@@ -19,7 +19,7 @@ HERE = (0.0, 0.0, 0.0)
 
 
 def local(**arguments):
-    """The Jackal's local map."""
+    """Return the Jackal's local costmap."""
     return Costmap(
         10, 10, 0.05, rolling=True, footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3), **arguments
     )
@@ -37,7 +37,7 @@ def hit(x, y):
 
 @pytest.mark.parametrize("drive", json.loads((DRAWN / "drives.json").read_text()))
 def test_drives_are_as_recorded(drive):
-    """All that can happen to a costmap: tests/golden/FORMAT.md."""
+    """Every recorded step leaves the same cells and origin; tests/golden/FORMAT.md describes the events."""
     ranges = np.load(DRAWN / "drives.npz")["ranges"]
     obstacles, inflation = ObstacleParameters(**drive["obstacles"]), InflationParameters(**drive["inflation"])
     layers = (
@@ -57,8 +57,8 @@ def test_drives_are_as_recorded(drive):
             getattr(costmap, call)(*arguments, **values)
         version, cells, origin = costmap.version, costmap.cells.copy(), costmap.origin.copy()
         costmap.update(step["pose"], seen)
-        found = [zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)]
-        assert [*found, costmap.origin.tolist()] == step["expected"]
+        checksums = [zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)]
+        assert [*checksums, costmap.origin.tolist()] == step["expected"]
         differs, rect = cells != costmap.cells, costmap.changed_since(version)
         if rect is None:
             assert costmap.version == version
@@ -73,7 +73,7 @@ def test_sizes():
     assert (Costmap(10, 10, 0.05).size, Costmap(40, 20, 0.05).cells.shape) == ((200, 200), (400, 800))
 
 
-def test_a_pose_that_is_none():
+def test_a_pose_that_is_not_finite_is_rejected():
     for pose in ((math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
         with pytest.raises(ApplrError, match="finite"):
             local().update(pose)
@@ -91,7 +91,7 @@ def test_a_far_jump_empties_the_map():
 def test_window_and_version():
     costmap = fixed(footprint=map_scenes.JACKAL)
     costmap.update(HERE, hit(1.02, 0.02))
-    assert costmap.window == (0, 0, 80, 80)  # the first pass is a full one
+    assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version
     costmap.update(HERE)
     x0, y0, xn, yn = costmap.window
@@ -113,7 +113,7 @@ def test_changes_are_remembered_for_a_while():
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
     assert costmap.changed_since(versions[-3]) == (5, 5, 8, 6)
     assert costmap.changed_since(versions[0]) == (0, 0, 80, 80)
-    costmap.set_free(5, 5, 8, 6)  # nothing there any more
+    costmap.set_free(5, 5, 8, 6)  # All of these cells are free already.
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
 
 

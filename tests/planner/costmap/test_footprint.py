@@ -1,4 +1,4 @@
-"""The robot's outline: parsing, padding, radii and the line of cells between two."""
+"""Tests of the footprint (parsing, padding, radii) and of the line of cells between two cells."""
 
 import math
 
@@ -42,7 +42,7 @@ def test_parse_reads_values_as_the_cpp_node_does():
         "[[0,0],[1,1],[2,1e999]]",
     ],
 )
-def test_parse_refuses_in_one_line(text):
+def test_parse_rejects_in_one_line(text):
     refused(lambda: footprints.parse(text), "footprint")
 
 

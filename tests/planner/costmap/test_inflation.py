@@ -1,4 +1,4 @@
-"""The inflation layer on maps that change: repairs equal spreading anew. What is spread: test_golden.py."""
+"""Tests that repairs of the inflation layer equal a new spread. test_golden.py compares the costs with C++."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def blank(nx, ny):
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
 @examples(40)
 def test_repairs_equal_spreading_anew(seed, radius, fill):
-    """Obstacles come and go, windows move: every map is the one that C++ makes from nothing each time."""
+    """After obstacles change and windows move, the map equals that of C++, which always spreads anew."""
     rng = np.random.default_rng(seed)
     nx, ny = 50, 44
     layer = make(nx, ny, InflationParameters(radius, 3.0))
@@ -46,7 +46,7 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
 
 
 def assert_within(differs, rect):
-    """Every difference lies in the rectangle, and the rectangle is no larger than they need."""
+    """Assert that the rectangle contains all differences, and that it is None if there are none."""
     ys, xs = np.nonzero(differs)
     if len(ys) == 0:
         assert rect is None
@@ -60,7 +60,7 @@ def assert_within(differs, rect):
 
 
 def test_short_queues_are_survived():
-    """Many obstacles at once: the queue grows, or the spread begins anew."""
+    """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
     layer, plain = make(150, 150, InflationParameters(0.3, 3.0)), blank(150, 150)
     layer._queue, layer._lost = np.empty((4, 75), np.int32), np.empty(250, np.int64)

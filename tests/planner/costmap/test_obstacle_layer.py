@@ -1,4 +1,4 @@
-"""Scan projection by hand. The obstacle layer is held against its plain version in test_costmap.py."""
+"""Tests of scan projection and the obstacle layer. test_costmap.py compares whole drives with recordings."""
 
 import math
 
@@ -18,12 +18,12 @@ def scan(ranges, pose=(0.0, 0.0, 0.0), increment=0.1, range_max=30.0, height=0.0
     return LaserScan(0.0, 0.0, increment, 0.1, range_max, np.array(ranges, np.float32), pose, height)
 
 
-def test_what_is_kept():
+def test_ranges_within_the_limits_are_kept():
     kept = project(scan([0.05, 0.1, 29.99, 30.0, INF, -INF, math.nan, 5.0]))
     np.testing.assert_allclose(np.hypot(*kept.points.T[:2]), [0.1, 29.99, 5.0], rtol=1e-6)
 
 
-def test_infinite_ranges_count_when_they_are_declared_valid():
+def test_infinite_ranges_are_used_if_they_are_declared_valid():
     kept = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
     assert (len(kept.points), np.hypot(*kept.points[0, :2])) == (2, pytest.approx(30.0 - 0.0001))
     assert len(project(scan([], (1.0, 2.0, 3.0))).points) == 0
@@ -36,7 +36,7 @@ def test_infinite_ranges_count_when_they_are_declared_valid():
     st.floats(-7, 7),
 )
 @examples(100)
-def test_projection_rounds_as_the_cpp_code(ranges, x, y, yaw):
+def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     made = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
     f = np.float32
     z, w = f(math.sin(0.5 * yaw)), f(math.cos(0.5 * yaw))
@@ -50,7 +50,7 @@ def test_projection_rounds_as_the_cpp_code(ranges, x, y, yaw):
     assert made.origin == (x, y, 0.3)
 
 
-def test_whole_numbers_as_parameters_compile_nothing_new():
+def test_integer_parameters_do_not_compile_a_new_kernel():
     known = []
     for numbers in ({}, {"obstacle_range": 2, "raytrace_range": 3, "clearing": 1}):
         made = obstacle_layer.ObstacleLayer(
@@ -63,8 +63,8 @@ def test_whole_numbers_as_parameters_compile_nothing_new():
 
 
 @pytest.mark.parametrize(("x", "marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)])
-def test_a_point_as_far_as_obstacle_range_marks_no_more(x, marked):
-    """obstacle_layer.cpp leaves out points whose squared distance is at least that of the range."""
+def test_a_point_at_obstacle_range_does_not_mark(x, marked):
+    """obstacle_layer.cpp skips points whose squared distance is at least the squared range."""
     given = 100, 100, 0.05, (-2.0, -2.5), False, 0, obstacle_layer.ObstacleParameters(), (Source(obstacle_range=2.5),)
     made = obstacle_layer.ObstacleLayer(*given)
     made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))

@@ -1,4 +1,4 @@
-"""navfn on maps that change: one planner plans as a new one does. Its numbers: test_golden.py."""
+"""Tests that one navfn planner on changing maps plans like a new one. test_golden.py compares plans with C++."""
 
 import copy
 from collections import Counter
@@ -19,7 +19,7 @@ RES = 0.05
 
 
 def costmap_of(cells, origin=(0.0, 0.0)):
-    """A costmap with exactly these cells (ny, nx)."""
+    """Return a costmap with exactly these cells (ny, nx)."""
     ny, nx = cells.shape
     made = Costmap((nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0))
     map_scenes.paint(made, cells)
@@ -27,7 +27,7 @@ def costmap_of(cells, origin=(0.0, 0.0)):
 
 
 def world(rng, ny, nx, kind):
-    """(ny, nx) uint8: "cellular" obstacles with falling costs, or any "arbitrary" bytes."""
+    """Return cells (ny, nx) uint8 of a kind: "cellular" obstacles with decaying costs, or "arbitrary" bytes."""
     if kind == "arbitrary":
         cells = rng.integers(0, 256, (ny, nx)).astype(np.uint8)
         cells[rng.random((ny, nx)) < 0.6] = 0
@@ -48,7 +48,7 @@ def world(rng, ny, nx, kind):
 
 
 def inside(rng, nx, ny, border=0.0):
-    """A point on the map, sometimes on its border cells."""
+    """Return a point on the map, with probability `border` in a border cell."""
     point = [rng.uniform(0, n * RES) for n in (nx, ny)]
     if rng.random() < border:
         axis = int(rng.integers(2))
@@ -57,7 +57,7 @@ def inside(rng, nx, ny, border=0.0):
 
 
 def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
-    """The plan, which is that of a new planner, as are potential and costs."""
+    """Return the plan after asserting that plan, potential and costs equal those of a new planner."""
     fresh = Navfn(planner._list_size)
     expected = fresh.plan(copy.deepcopy(costmap), start, goal, tolerance, allow_unknown)
     plan = planner.plan(costmap, start, goal, tolerance, allow_unknown)
@@ -71,7 +71,7 @@ def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
 @given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
 @examples(25)
 def test_one_planner_on_a_changing_map(seed, list_size):
-    """Map, robot, goal and flag change between the plans of one planner; each equals a new planner's."""
+    """Map, robot, goal and flag change between the plans of one planner. Each plan equals that of a new planner."""
     rng = np.random.default_rng(seed)
     ny, nx = (int(v) for v in rng.integers(20, 45, 2))
     cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
@@ -79,7 +79,7 @@ def test_one_planner_on_a_changing_map(seed, list_size):
     robot, goal, allow_unknown = inside(rng, nx, ny, 0.1), inside(rng, nx, ny) + (0.0,), True
     for _ in range(8):
         compare(planner, costmap, robot, goal, 0.0, allow_unknown)
-        if rng.random() < 0.7:  # the map changes about a point, as about a robot
+        if rng.random() < 0.7:  # The map changes around one point, as around a robot.
             x, y = (int(v) for v in rng.integers(0, (nx, ny)))
             block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
             cells[block] = world(rng, 9, 9, "arbitrary")[: cells[block].shape[0], : cells[block].shape[1]]
@@ -119,12 +119,14 @@ def test_a_deep_copy_plans_by_itself():
     np.testing.assert_array_equal(compare(planner, costmap, *way), before)
 
 
-def test_no_way():
+def test_no_plan_if_the_goal_cannot_be_reached():
     cells = np.zeros((40, 40), np.uint8)
     cells[:, 20] = 254
     costmap, planner = costmap_of(cells), Navfn()
     assert compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0)).shape == (0, 3)
-    assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3  # in the wall, but near
+    assert (
+        len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3
+    )  # The goal is in the wall, but within tolerance.
     assert planner.plan(costmap, (5.0, 5.0), (1.0, 1.0, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0), 0.2).shape == (0, 3)
@@ -145,9 +147,9 @@ def test_a_map_too_small_to_have_an_inside():
         assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
 
 
-# -- the part of the map that is flooded ------------------------------------------------------------------------------
-def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
-    """On maps that are mostly free, along short drives with cells that change: plans, and potentials in the fence."""
+# -- fence of the flood -----------------------------------------------------------------------------------------------
+def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
+    """Plans, and potentials inside the fence, are equal on mostly free maps along short drives with changing cells."""
     whole, stat = window.around, Counter()
     for seed in range(90):
         rng = np.random.default_rng(seed)
@@ -179,8 +181,8 @@ def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
     assert stat["fenced"] > 200
 
 
-def test_of_points_equally_near_the_goal_the_first_is_taken():
-    """navfn_ros.cpp:262 looks row by row from the lowest x and y."""
+def test_the_first_of_equally_near_points_is_the_target():
+    """navfn_ros.cpp:262 searches row by row from the lowest x and y."""
     potential = np.zeros((6, 6), np.float32)
     potential[3, 3] = 1e10
     assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (2 * 6 + 3, 1.75, 1.25)
