@@ -181,21 +181,14 @@ class Costmap:
                 layer.take(given)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Give changed occupancies (h, w) int8, from cell (x, y) on, to the static layers that subscribe to the topic.
-
-        Raises:
-            ApplrError: The cells are not on the map.
-        """
+        """Apply changed occupancies (h, w) int8 from cell (x, y) on; raise ApplrError if they are not on the map."""
         for layer in self.static_layers:
             p = layer.parameters
             if p.map_topic == topic and p.subscribe_to_updates:
                 layer.take_update(x, y, cells)
 
     def update(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
-        """Update all layers and the master for the robot's pose (x [m], y [m], yaw [rad]).
-
-        `scan` is a new cloud of the first source, or None if there is none.
-        """
+        """Update all layers and the master for a pose (x, y [m], yaw [rad]) and a new cloud of the first source."""
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
             raise ApplrError("robot pose of a costmap update is (%g, %g, %g): give finite numbers" % (x, y, yaw))

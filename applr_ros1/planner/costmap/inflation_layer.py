@@ -17,6 +17,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance, union
 
+Window = Tuple[int, int, int, int]
 LARGEST_F32 = float(np.finfo(np.float32).max)
 FEW = 4096  # largest number of changed obstacle cells that are repaired; above it all costs are computed anew
 
@@ -37,14 +38,7 @@ class InflationParameters:
 
 
 def cost_at(distance: float, resolution: float, inscribed_radius: float, weight: float) -> int:
-    """Return the cost (0 .. 254) at a distance [cells] from an obstacle. inflation_layer.h:109.
-
-    Args:
-        distance: distance [cells].
-        resolution: edge length of a cell [m].
-        inscribed_radius: inscribed radius of the footprint [m].
-        weight: cost_scaling_factor [1/m].
-    """
+    """Return the cost (0 .. 254) at a distance [cells]; `weight` is cost_scaling_factor. inflation_layer.h:109."""
     if distance == 0:
         return LETHAL
     if distance * resolution <= inscribed_radius:
@@ -131,10 +125,7 @@ class InflationLayer:
         pose: Optional[Sequence[float]] = None,
         footprint: Optional[np.ndarray] = None,
     ) -> Tuple[float, float, float, float]:
-        """Return the bounds (min x, min y, max x, max y) [m], widened by the radius. inflation_layer.cpp:129.
-
-        The arguments `pose` and `footprint` are not used.
-        """
+        """Return the bounds (min x, min y, max x, max y) [m], widened for any pose. inflation_layer.cpp:129."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False
@@ -190,7 +181,7 @@ class InflationLayer:
             _wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
             self._spread = None
 
-    def _around(self, rect: Tuple[int, int, int, int], cells: int) -> Tuple[int, int, int, int]:
+    def _around(self, rect: Window, cells: int) -> Window:
         return (
             max(0, rect[0] - cells),
             max(0, rect[1] - cells),
@@ -198,9 +189,7 @@ class InflationLayer:
             min(self._ny, rect[3] + cells),
         )
 
-    def update(
-        self, master: np.ndarray, base: np.ndarray, window: Tuple[int, int, int, int]
-    ) -> Optional[Tuple[int, int, int, int]]:
+    def update(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
         """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
 
         `base` holds the cells before inflation: those of the layers below inside the window, those of the master
@@ -222,7 +211,7 @@ class InflationLayer:
             *self._around(seeds_in, self.reach),
         )
 
-    def _spread_obstacles(self, base: np.ndarray, rect: Tuple[int, int, int, int]) -> None:
+    def _spread_obstacles(self, base: np.ndarray, rect: Window) -> None:
         """Spread the obstacles of `base` within the rectangle, by repairing the last spread if possible."""
         before, self._spread = self._spread, rect
         self._spread_reach = self.reach
@@ -244,9 +233,7 @@ class InflationLayer:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
                 _wipe(self._level, self._cost, *self._around(rect, self.reach))
 
-    def _update_anew(
-        self, master: np.ndarray, base: np.ndarray, window: Tuple[int, int, int, int]
-    ) -> Optional[Tuple[int, int, int, int]]:
+    def _update_anew(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
         """Update with a reach beyond MAX_REACH by spreading everything anew, as C++ always does."""
         rect = self._around(window, 2 * self.reach)
         x0, y0, xn, yn = rect

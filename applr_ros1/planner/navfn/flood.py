@@ -78,17 +78,9 @@ def _push(field, lists, end, k, old, new):
 def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
     """Grow the potential from the cell `robot_` until `goal_` is reached.
 
-    Inside this function a cell is addressed by its place in the field, twice its index.
-
-    Args:
-        field: float32 array of make_field(), with all potentials at 1e10 and the weights of the border infinite.
-        lines: uint8 zeros, one per LINE cells.
-        lists_: (3, m + 4) uint32 scratch for lists of m cells, usually LIST_SIZE.
-        before: (8 m + 32,) float32 scratch.
-        nx_: columns of the map.
-        ny_: rows of the map.
-        robot_: flat index of the robot's cell.
-        goal_: flat index of the goal's cell.
+    field is the float32 array of make_field(), with all potentials at 1e10 and infinite weights on the border. lines
+    uint8 are zeros, one per LINE cells. lists_ (3, m + 4) uint32 and before (8 m + 32,) float32 are scratch for lists
+    of m cells. Inside this function a cell is addressed by its place in the field, twice its index.
     """
     far = np.float32(1e10)
     one = _int(1)

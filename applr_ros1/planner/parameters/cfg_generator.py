@@ -12,13 +12,7 @@ from applr_ros1.planner.parameters.layers import TYPES
 
 
 def generate(server: str, node: str, name: str) -> int:
-    """Write the type `name`Config for the parameters of a server or layer type; return catkin's exit status.
-
-    Args:
-        server: name of a server in SERVERS, or of a layer type in TYPES.
-        node: name of the node in the generated documentation.
-        name: name of the generated type, without "Config".
-    """
+    """Write the type `name`Config with the parameters of `server`, a server or layer type; return the exit status."""
     from dynamic_reconfigure import parameter_generator_catkin as catkin
 
     types = {"double": catkin.double_t, "int": catkin.int_t, "bool": catkin.bool_t, "str": catkin.str_t}

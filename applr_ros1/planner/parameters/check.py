@@ -78,15 +78,7 @@ def _inspect(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
     return errors, lines
 
 
-def _walk(
-    here: Dict[str, Any],
-    path: str,
-    known: Dict[str, Tuple[Parameter, ...]],
-    behaviours: List[str],
-    errors: List[str],
-    lines: List[str],
-    unread: List[str],
-) -> None:
+def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
     """Append errors, warnings and unknown names of a section and of all sections below it."""
     mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
     if path in COSTMAPS:

@@ -85,11 +85,7 @@ class Parameter:
         return isinstance(value, (str, list) if self.name in TEXT_OR_LIST else _TYPES[self.type])
 
     def convert(self, value: Any, label: str = "") -> Any:
-        """Convert `value` to the parameter's type without clamping; `label` names the parameter in messages.
-
-        Raises:
-            ParameterError: The value has another type, is not finite, or is 0 although not_zero is set.
-        """
+        """Convert `value` without clamping; raise ParameterError for another type, NaN, infinity or an invalid 0."""
         label = label or self.name
         number = self.type in ("double", "int")
         if not self.reads(value) or number and not math.isfinite(value):
@@ -117,13 +113,9 @@ class Parameter:
 def too_many_points(
     values: Dict[str, Any], spacing: str, names: Iterable[str], time: Optional[float] = None
 ) -> Iterator[str]:
-    """Yield a message for the first value that has too many points at the spacing `values[spacing]`.
+    """Yield a message for the first of the named values that has too many points at the spacing `values[spacing]`.
 
-    Args:
-        values: values by name.
-        spacing: name of the distance between two points.
-        names: names of the values to check, which are lengths, or speeds if a time is given.
-        time: duration of the motion [s].
+    The values are lengths, or speeds if a time [s] is given.
     """
     for name in names:
         if abs(values[name]) * (1.0 if time is None else time) > MOST_POINTS * values[spacing]:
