@@ -1,9 +1,9 @@
-"""The check of a robot: fields of robot.yaml, parameters of its move_base, and how they fit together.
+"""Check of a robot: fields of robot.yaml, parameters of its move_base, and their consistency.
 
-`check` returns what the robot cannot be driven with, `remarks` what it will not drive well with or what has no effect.
-Each line says problem, value and remedy. Names with dots are fields of robot.yaml, names with slashes parameters of
-move_base. check_robot.py prints all lines; `load` of folder.py stops at those of `check`. Values that are given beside
-a robot's folder, on ROS's parameter server, are checked by planner.parameters.check alone.
+`check` returns errors, with which the robot cannot be driven. `remarks` returns values that degrade driving or have no
+effect. Each line gives problem, value and remedy. Names with dots are fields of robot.yaml, and names with slashes are
+parameters of move_base. check_robot.py prints all lines, while `load` of folder.py only raises the errors. Values on
+ROS's parameter server, outside a robot's folder, are only checked by planner.parameters.check.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, STATI
 from applr_ros1.robots import geometry
 from applr_ros1.robots.robot import Robot, SpaceParameter
 
-WIDTH = 0.53  # width of the Jackal's padded footprint [m], for which the recipe of the worlds was made
-EIGHT = np.arange(8) * pi / 4  # directions to sides and corners [rad]
-LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, and their limit in base
-UNITS = 10.0  # ratio of lengths above which one of them is in centimetres or millimetres
-OUTSIDE = 0.01  # distance by which body and wheels may reach beyond the padded footprint [m]
+WIDTH = 0.53  # width of the Jackal's padded footprint, for which the recipe of the worlds was made [m]
+EIGHT = np.arange(8) * pi / 4  # directions of sides and corners in which outlines are compared [rad]
+LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, and their limit in `base`
+UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
+OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
 
 
 class _Setup(NamedTuple):
-    """A robot's parameters with or without a map: as its files give them, and with defaults."""
+    """Parameters of a robot with or without a map: `tree` from its files, `full` with all defaults."""
 
     robot: Robot
     with_map: bool
@@ -39,26 +39,26 @@ class _Setup(NamedTuple):
 
     @property
     def planner(self) -> str:
-        """Name space of the local planner."""
+        """Namespace of the local planner."""
         return self.robot.local_planner
 
     def layers(self, costmap: str, kind: str) -> List[Tuple[str, Dict[str, Any]]]:
         """Return (path, values) of the layers of this kind in a costmap."""
-        found = (layer.path for layer in layers(costmap, self.full[costmap]) if layer.kind == kind)
-        return [(path, branch(self.full, path)) for path in found]
+        paths = (layer.path for layer in layers(costmap, self.full[costmap]) if layer.kind == kind)
+        return [(path, branch(self.full, path)) for path in paths]
 
     def sources(self, costmap: str) -> List[Tuple[str, Dict[str, Any]]]:
         """Return (path, values) of the observation sources of a costmap."""
-        seen = self.layers(costmap, OBSTACLE_LAYER)
-        return [(f"{path}/{name}", own[name]) for path, own in seen for name in sources(own)]
+        obstacle_layers = self.layers(costmap, OBSTACLE_LAYER)
+        return [(f"{path}/{name}", own[name]) for path, own in obstacle_layers for name in sources(own)]
 
 
 def check(robot: Robot, with_map: bool = False) -> List[str]:
-    """Return what a robot cannot be driven with, a line for each value.
+    """Return the errors of a robot, one line per value.
 
     Args:
-        robot: As `folder.read` gives it.
-        with_map: Whether its files for a map count, instead of those without.
+        robot: Robot from `folder.read`.
+        with_map: Whether to check its parameters with a map instead of those without.
     """
     tree = robot.parameters(with_map)
     errors = [*fields(robot), *_planner_section(tree), *parameters.check(tree)]
@@ -70,7 +70,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
 
 
 def remarks(robot: Robot, with_map: bool = False) -> List[str]:
-    """Return what a robot without errors will not drive well with, or what has no effect, a line for each value."""
+    """Return values of a robot without errors that degrade driving or have no effect, one line per value."""
     tree = robot.parameters(with_map)
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
     lines = [*parameters.remarks(tree), *_planner_remarks(setup)]
@@ -78,11 +78,11 @@ def remarks(robot: Robot, with_map: bool = False) -> List[str]:
 
 
 def refused(error: ValidationError) -> List[str]:
-    """Return what pydantic refused in a robot.yaml, a line for each value."""
+    """Return pydantic's errors about a robot.yaml, one line per value."""
     lines = []
     for problem in error.errors():
         place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])[1:]
-        if problem["type"] == "value_error":  # of robot.py
+        if problem["type"] == "value_error":  # robot.py raised this error.
             lines.append(f"{place}: {problem['ctx']['error']}" if place else str(problem["ctx"]["error"]))
         elif problem["type"] == "missing":
             lines.append(f"{place} is missing: give it")
@@ -99,16 +99,16 @@ def fields(robot: Robot) -> Iterator[str]:
     base, body, laser, simulation = robot.base, robot.body, robot.laser, robot.simulation
     skids, ground = base.drive == "skid_steer", base.axle_height - base.wheel_radius
     if skids and not base.wheelbase:
-        yield "base.wheelbase is 0: a skid_steer base has two axles, give their distance"
+        yield "base.wheelbase is 0: a skid_steer base has two axles, give the distance between them"
     elif skids and base.casters:
-        yield "base.casters are given: a skid_steer base has none, leave them out"
+        yield "base.casters are given: a skid_steer base has no casters, remove them"
     elif not skids and not base.casters:
-        yield "base.casters are missing: a two_wheel base stands on one at least, give where they touch the ground"
+        yield "base.casters are missing: a two_wheel base has at least one, give their contact points with the ground"
     else:
         mass, _, loads = geometry.balance(robot)
-        if loads.min() < -1e-4 * mass * geometry.GRAVITY:  # right above the axle it stands
+        if loads.min() < -1e-4 * mass * geometry.GRAVITY:  # A centre of mass exactly above the axle is allowed.
             place = _list(body.centre_of_mass)
-            yield f"body.com is {place}: that is outside the wheels and casters; correct it, or base.casters"
+            yield f"body.com is {place}: it lies outside the wheels and casters; correct body.com or base.casters"
     if simulation.ground == "gazebo" and not (skids and simulation.track_multiplier):
         yield "simulation.ground is gazebo: only a skid_steer base with simulation.track_multiplier has it, give plain"
     for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
@@ -118,7 +118,7 @@ def fields(robot: Robot) -> Iterator[str]:
     for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
         given, most = getattr(robot.monitor, name), getattr(base, limit)
         if given > most:
-            yield f"monitor.{name} is {given:g}, larger than base.{limit} ({most:g}): give at most that"
+            yield f"monitor.{name} is {given:g}, larger than base.{limit} ({most:g}): lower monitor.{name}"
     if body.bottom < ground:
         yield (
             f"base.axle_height is {base.axle_height:g}: the ground is then at {ground:.3g} m, above body.bottom "
@@ -131,13 +131,13 @@ def fields(robot: Robot) -> Iterator[str]:
 
 
 def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield a line if the files hold parameters of another planner than that in use."""
+    """Yield an error if the files only hold parameters of a planner that is not in use."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
     used = namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
-    held = [name for name in plugins if name in tree]
-    if used in plugins and held and used not in held:
-        alone = f"but the files hold the parameters of {held[0]} alone"
-        yield f"base_local_planner is {plugins[used]}, {alone}: give {plugins[held[0]]}, or the section {used}"
+    present = [name for name in plugins if name in tree]
+    if used in plugins and present and used not in present:
+        alone = f"but the files only hold parameters of {present[0]}"
+        yield f"base_local_planner is {plugins[used]}, {alone}: give {plugins[present[0]]}, or the section {used}"
 
 
 def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
@@ -149,7 +149,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     if not (_no_footprint(setup, costmap) or width / UNITS <= across <= width * UNITS):
         names = f"{costmap}/footprint, robot_radius, footprint_padding"
         size = f"{length:.3g} x {across:.3g} m; body and wheels are {front - back:.3g} x {width:.3g} m"
-        yield f"{names}: the padded footprint is {size}, give metres"
+        yield f"{names}: the padded footprint is {size}; give all lengths in metres"
     frames = {"robot_base_frame": "base"} if not local else {}
     if not setup.with_map:
         frames["global_frame"] = "odom"
@@ -158,49 +158,48 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     for name, field in frames.items():
         wanted = getattr(robot.frames, field)
         if _differ(own[name], wanted):
-            yield f"{costmap}/{name} is {own[name]}: frames.{field} in robot.yaml is {wanted}, give that"
+            yield f"{costmap}/{name} is {own[name]}, but frames.{field} in robot.yaml is {wanted}: give {wanted}"
     for name, size in (("origin_x", own["width"]), ("origin_y", own["height"])):
         if not (setup.with_map or own["rolling_window"] or -size < own[name] < 0.0):
-            start = f"the costmap, {size:g} m long, does not hold the robot's start at 0"
+            start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
             yield f"{costmap}/{name} is {own[name]:g}: {start}, give {-size / 2:g}, or rolling_window: true"
     static, seen = setup.layers(costmap, STATIC_LAYER), setup.sources(costmap)
     if static and not setup.with_map:
-        yield f"{costmap}/plugins has {static[0][0].rpartition('/')[2]}: there is no map here, leave it out"
+        yield f"{costmap}/plugins has {static[0][0].rpartition('/')[2]}, but there is no map: remove this layer"
     blind = [_blind(path, source, robot) for path, source in seen]
     if blind and all(blind):
         yield blind[0]
     if local and not seen:
-        yield "local_costmap has no observation source: the robot would not see obstacles, give one"
+        yield "local_costmap has no observation source: the robot would not see obstacles, add one"
 
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
-    """Return why a source does not mark what the robot's laser sees; "" if it does."""
+    """Return why a source does not mark the points of the robot's laser; "" if it marks them."""
     lowest, highest, height = source["min_obstacle_height"], source["max_obstacle_height"], robot.laser.height
     if _differ(source["topic"], robot.topics.scan):
-        return f"{path}/topic is {source['topic']}: topics.scan in robot.yaml is {robot.topics.scan}, give that"
+        scan = robot.topics.scan
+        return f"{path}/topic is {source['topic']}, but topics.scan in robot.yaml is {scan}: give {scan}"
     if not lowest <= height <= highest:
         bounds = f"{path}/min_obstacle_height, max_obstacle_height are {lowest:g}, {highest:g}"
-        return (
-            f"{bounds}: all points are dropped, because laser.height in robot.yaml is {height:g}; give bounds around it"
-        )
+        return f"{bounds}: all points are dropped, as laser.height in robot.yaml is {height:g}; include {height:g}"
     return ""
 
 
 def _space_limits(setup: _Setup) -> Iterator[str]:
-    """Yield ranges of the parameter space that the base's controller does not allow."""
+    """Yield errors in ranges of the parameter space that exceed the limits of the base's controller."""
     for parameter in setup.robot.space:
         for names, limit in LIMITED:
             if any(one.server == setup.planner and one.name in names for one in parameter.sets):
-                first = parameter.sets[0]  # the range includes what the files start with
+                first = parameter.sets[0]  # The range may include an initial value beyond the limit.
                 start = branch(setup.full, first.server).get(first.name, 0.0)
                 most = max(getattr(setup.robot.base, limit), abs(start))
                 if max(abs(parameter.low), abs(parameter.high)) > most:
                     place = f"parameter_space.{parameter.name}.range is [{parameter.low:g}, {parameter.high:g}]"
-                    yield f"{place}: base.{limit} of this base is {most:g}, stay within it"
+                    yield f"{place}, but base.{limit} of this base is {most:g}: stay within {most:g}"
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
-    """Yield what servers of a complete tree do not take of a robot's parameter space: the first of each parameter."""
+    """Yield the first value of each parameter of a robot's space that the servers of a complete tree would refuse."""
     known = servers(full)
     for parameter in robot.space:
         problem = next(filter(None, (_refusal(parameter, one, known) for one in parameter.sets)), "")
@@ -213,7 +212,7 @@ def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
 
 
 def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
-    """Return why a parameter cannot set a value of a server; "" if it can."""
+    """Return why a parameter cannot set a value of a server; "" if there is no problem."""
     where = f"server {one.server} of move_base" if one.server else "move_base's own server"
     if one.server not in known:
         names = list(filter(None, known))
@@ -233,7 +232,7 @@ def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
 
 
 def _planner_remarks(setup: _Setup) -> Iterator[str]:
-    """Yield speeds that the base will not drive, and values of the local planner that do not fit together."""
+    """Yield speeds that the base cannot reach, and inconsistent values of the local planner."""
     robot, planner, own = setup.robot, setup.planner, setup.full[setup.planner]
     given = branch(setup.tree, planner)
     for names, limit in LIMITED:
@@ -247,13 +246,13 @@ def _planner_remarks(setup: _Setup) -> Iterator[str]:
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
-    """Yield what does not fit in footprint, size, layers and observation sources of a costmap."""
+    """Yield inconsistent values in footprint and observation sources of a costmap."""
     robot, own = setup.robot, setup.full[costmap]
     back, front, right, left = geometry.bounding_box(robot)
     if _no_footprint(setup, costmap):
         box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in ((back, right), (back, left), (front, left), (front, right)))
-        circle = f"a circle of {own['robot_radius']:g} m counts"
-        yield f"{costmap}/footprint is missing: {circle}, but body and wheels fill [{box}]; give that"
+        circle = f"a circle of {own['robot_radius']:g} m is used"
+        yield f"{costmap}/footprint is missing: {circle}, but body and wheels fill [{box}]; give this outline"
     elif costmap == "local_costmap":
         directions, outline = np.array([np.cos(EIGHT), np.sin(EIGHT)]), _outline(own)
         beyond = ((geometry.corners(robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
@@ -263,8 +262,8 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
     for path, source in setup.sources(costmap):
         frame = source["sensor_frame"]
         if frame and not _differ(source["topic"], robot.topics.scan) and _differ(frame, robot.laser.frame):
-            wanted = f"laser.frame in robot.yaml is {robot.laser.frame}"
-            yield f"{path}/sensor_frame is {frame}: {wanted}, give that or leave it out"
+            wanted = robot.laser.frame
+            yield f"{path}/sensor_frame is {frame}, but laser.frame in robot.yaml is {wanted}: give {wanted} or omit it"
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------
@@ -272,7 +271,7 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
 
 def _outline(own: Dict[str, Any]) -> np.ndarray:
     """Return the padded footprint (n, 2) of a costmap [m]."""
-    from applr_ros1.planner.costmap import footprint  # needs numba
+    from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
 
     return footprint.padded(own)
 

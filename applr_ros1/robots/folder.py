@@ -1,4 +1,4 @@
-"""A robot's folder: `load` reads and checks it. Included robots lie beside this file, in folders of their names."""
+"""Reader of a robot's folder: `load` reads and checks it. Folders of the included robots lie beside this file."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ NAMES = tuple(sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.pat
 
 
 class RobotError(ApplrError):
-    """One or more mistakes in a robot's description: `lines`. The error's own text has the first of them."""
+    """Errors in a robot's description, one per item of `lines`. The message has the first error."""
 
-    def __init__(self, folder: str, lines: Iterable[str]):
+    def __init__(self, folder: str, lines: Iterable[str]) -> None:
         self.lines: Tuple[str, ...] = tuple(lines)
         more = len(self.lines) - 1
         listed = f" ({more} more: check_robot.py lists them)" if more else ""
@@ -30,15 +30,15 @@ class RobotError(ApplrError):
 
 
 def load(name_or_folder: str, with_map: bool = False) -> Robot:
-    """Return the description of an included robot by name, or of the robot in a folder, which is checked.
+    """Return an included robot by name, or the checked robot of a folder.
 
     Args:
-        name_or_folder: A name without a slash that is included means the included robot, for which nothing is checked.
-        with_map: Whether its files for a map are checked, instead of those without.
+        name_or_folder: Name of an included robot, which is not checked again, or path of a folder.
+        with_map: Whether to check the parameters with a map instead of those without.
 
     Raises:
-        RobotError: It has errors: a line for each.
-        ApplrError: There is no such robot, or a file of it cannot be read; one line.
+        RobotError: The description has errors, with one line each.
+        ApplrError: There is no such robot, or one of its files cannot be read.
     """
     robot = read(name_or_folder)
     if name_or_folder in NAMES:
@@ -50,7 +50,7 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
 
 
 def read(name_or_folder: str) -> Robot:
-    """Return a robot as its files describe it, without a check of how values fit together; errors as of `load`."""
+    """Return a robot as described by its files. Raise the errors of `load`, but do not check consistency."""
     name = str(name_or_folder)
     if name in NAMES:
         return _read(os.path.join(_HERE, name))

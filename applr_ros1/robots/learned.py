@@ -1,7 +1,7 @@
-"""The parameters that searches and policies set, each in one line, and the parameter space of a robot made of them.
+"""Table of the parameters that searches and policies set, and the default parameter space of a robot.
 
-folder.py calls `default_space` where robot.yaml states no space; policy/dimensionless.py takes the outputs of a policy
-from OUTPUTS. What kind of value a parameter is stands with its declaration in planner/parameters.
+folder.py calls `default_space` if robot.yaml has no parameter_space. policy/dimensionless.py takes the outputs of a
+policy from OUTPUTS. The kind of each parameter is part of its declaration in planner/parameters.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ DECLARED = {**SERVERS, LAYERS: INFLATION, BOTH_COSTMAPS: SERVERS[COSTMAPS[0]]}
 
 
 class Learned(NamedTuple):
-    """A parameter that is learnt.
+    """A learnable parameter.
 
     Attributes:
         place: Local planner, layers, costmaps or move_base that have the parameter.
-        low, high: Range in a robot's space, in the unit of its kind: share of what the base allows for a speed or turn,
-            widths of the robot for a length.
-        policy: Number of the output of a policy in the dimensionless encoding; 0 if only searches set the parameter.
+        low, high: Range in a robot's space, relative to the limit of the base for a speed or yaw rate, and to the width
+            of the robot for a length.
+        policy: Number of the policy output in the dimensionless encoding; 0 if only searches set the parameter.
         log: Whether that output is logarithmic.
         output: Range of the output in units of the encoding, if it differs from low and high.
-        also: Second name in the same place that follows, with the opposite sign after "-".
-        start: Value that move_base starts with if the files leave it out and it may lie outside of the range.
+        also: Second parameter of the same place that gets the same value, or the opposite value after "-".
+        start: Initial value in move_base if the files omit the parameter. It may lie outside the range.
     """
 
     place: str
@@ -47,11 +47,11 @@ class Learned(NamedTuple):
 
     @property
     def declared(self) -> Parameter:
-        """Its declaration in the planner's tables."""
+        """Declaration of the parameter in the planner's tables."""
         return next(p for p in DECLARED[self.place] if self.name in p.names)
 
 
-LEARNED = (  # in the order in which a space has them
+LEARNED = (  # rows in the order of the parameters in a space
     Learned(TRAJECTORY, "max_vel_x", 0.1, 1.0, 1),
     Learned(DWA, "max_vel_x", 0.1, 1.0, 1, also="max_vel_trans"),
     Learned(TRAJECTORY, "max_vel_theta", 0.1, 1.0, 2, also="-min_vel_theta"),
@@ -79,7 +79,7 @@ LEARNED = (  # in the order in which a space has them
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )
 _rows = sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy)
-# Outputs of a policy in the dimensionless encoding, in their order, by the parameter's name; then by all of its names.
+# Policy outputs of the dimensionless encoding in order, by the name of a parameter; then that name by all aliases
 OUTPUTS = {row.name: row for row in _rows if row is next(first for first in _rows if first.policy == row.policy)}
 NAMES = {
     known: name
@@ -91,17 +91,17 @@ NAMES = {
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
-    """Return eleven to fifteen parameters of planners and costmaps; ranges include what the files start with.
+    """Return eleven to fifteen parameters of planners and costmaps, whose ranges include the initial values.
 
-    They are made without checks, because the tree has not been checked yet; check.py does so.
+    The parameters are not validated, because check.py checks the tree later.
 
     Args:
-        base: The robot's base, whose limits bound the speeds.
-        body: Its body, whose width is the measure of lengths.
-        tree: Its move_base parameters.
+        base: Base of the robot, whose limits bound the speeds.
+        body: Body of the robot, whose width scales the lengths.
+        tree: move_base parameters of the robot.
     """
     inflation: List[str] = []
-    with suppress(ParameterError):  # which the check tells
+    with suppress(ParameterError):  # The check reports this error.
         tree = arranged(tree)
         found_layers = [layer for name in COSTMAPS[::-1] for layer in layers(name, branch(tree, name))]
         inflation = [layer.path for layer in found_layers if layer.kind == INFLATION_LAYER]
@@ -109,10 +109,10 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     places = {LAYERS: inflation, BOTH_COSTMAPS: list(COSTMAPS[::-1]), MOVE_BASE: [MOVE_BASE]}
     places[DWA if planner == DWA else TRAJECTORY] = [planner]
     left_out = {
-        "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0)
-        >= 0.0,  # no policy reverses where its maker does not
+        # A policy must not reverse a robot whose own parameters never reverse it.
+        "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0) >= 0.0,
         "footprint_padding": len({number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}) > 1,
-        "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),  # else a plan is made once
+        "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),
     }
     units = {"speed": base.max_speed, "turn": base.max_yaw_rate, "length": max(body.size[1], base.track)}
     rows = (row for row in LEARNED if not left_out.get(row.name) and places.get(row.place))
@@ -120,7 +120,7 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
 
 
 def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]) -> SpaceParameter:
-    """A learnt parameter of these servers, whose range includes what a tree of parameters starts with."""
+    """Return a learnable parameter of these servers, whose range includes the initial value in `tree`."""
     p = row.declared
     settings = [Setting.model_construct(server=server, name=row.name, aliases=p.aliases) for server in servers]
     if row.also:
@@ -130,7 +130,7 @@ def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], 
     start = number_at(tree, servers[0], settings[0].names)
     start = row.start if start is None else start
     if start is not None:
-        start = min(max(start, p.min), p.max)  # as move_base has it
+        start = min(max(start, p.min), p.max)  # move_base clamps it, too.
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(
         name=row.name, range=(low, high), integer=p.kind == "count", sets=tuple(settings), paper=row.policy > 0

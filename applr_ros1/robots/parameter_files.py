@@ -1,6 +1,6 @@
-"""Reader of the YAML files of a robot: parameters of move_base as rosparam reads them.
+"""Reader of the YAML files of a robot, with the parameters of move_base, as rosparam reads them.
 
-folder.py reads those in a robot's folder, urdf_import/parameters.py those of a navigation package.
+folder.py reads the files of a robot's folder, and urdf_import/parameters.py those of a navigation package.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from applr_ros1.common.yaml_files import yaml_value
 _ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
 
 
-_SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
+_SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"  # tag in files of rqt_reconfigure
 
 
 class Loader(yaml.SafeLoader):
-    """YAML with the angles of rosparam (!degrees 90, !radians pi/2, deg(90), rad(pi/2)) and rqt_reconfigure's files."""
+    """YAML loader with rosparam's angles (!degrees 90, !radians pi/2, deg(90), rad(pi/2)) and rqt_reconfigure's tag."""
 
 
 def _saved(loader: Any, node: Any) -> Dict[str, Any]:
-    """Return the values that `dynparam dump` or rqt_reconfigure saved, as a plain mapping."""
+    """Return the values saved by `dynparam dump` or rqt_reconfigure as a plain mapping."""
     values = loader.construct_mapping(node, deep=True)["dictitems"]
     return {name: value for name, value in values.items() if name != "groups"}
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
-    """Return a reader of angles, one of whose units is so many radians."""
+    """Return a reader of angles in a unit [rad]."""
 
     def read(loader: Any, node: Any) -> float:
         parts = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
         if not parts or not (parts[1] or parts[2]):
-            raise ValueError(f"{node.value[:40]} is no angle: give a number, or a fraction of pi")
+            raise ValueError(f"{node.value[:40]} is no angle: give a number or a fraction of pi")
         number = float(f"{parts[1]}1" if parts[1] in ("", "-", "+") else parts[1])
         return number * (math.pi if parts[2] else 1.0) / float(parts[3] or 1.0) * unit
 
@@ -52,49 +52,49 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
 
 
 def read_yaml(path: Any) -> Dict[str, Any]:
-    """Read the mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
-    return mapping(read_bytes(path).decode("utf-8-sig", "replace"), path)  # comments may be of another encoding
+    """Read the mapping in a YAML file, {} if the file is empty. Raise ApplrError if it holds anything else."""
+    return mapping(read_bytes(path).decode("utf-8-sig", "replace"), path)  # Comments may have another encoding.
 
 
 def mapping(text: str, path: Any) -> Dict[str, Any]:
     """Read the mapping in a YAML text, as `read_yaml` does."""
-    found = yaml_value(text, path, Loader)
-    if not isinstance(found or {}, dict):
-        raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
-    return found or {}
+    content = yaml_value(text, path, Loader)
+    if not isinstance(content or {}, dict):
+        raise ApplrError(f"{path}: contains no mapping; give lines such as name: value")
+    return content or {}
 
 
 def read_parameters(path: str) -> Dict[str, Any]:
-    """Read the parameters of move_base in a YAML file, without the levels above those of move_base."""
+    """Read the parameters of move_base in a YAML file, without the levels above move_base."""
     return of_move_base(nested(path))
 
 
 def nested(path: str) -> Dict[str, Any]:
-    """Read the parameters in a YAML file, in which a/b: 1 is a: {b: 1}, as rosparam loads it."""
+    """Read the nested parameters in a YAML file, in which a/b: 1 means a: {b: 1} as for rosparam."""
     return _levels(read_yaml(path))
 
 
-def of_move_base(found: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the level named move_base in nested parameters; all of them if there is none."""
-    levels = list(_move_bases(found))
+def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
+    """Return the level named move_base in nested parameters, or all parameters if there is no such level."""
+    levels = list(_move_bases(tree))
     if len(levels) > 1:
-        raise ApplrError("the parameters hold more than one move_base: give those of one robot")
-    return levels[0] if levels else found
+        raise ApplrError("the parameters contain more than one move_base: give those of one robot")
+    return levels[0] if levels else tree
 
 
-def _move_bases(found: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
     """Yield the levels named move_base in nested parameters."""
-    for name, value in found.items():
+    for name, value in tree.items():
         if isinstance(value, dict):
             yield from [value] if name == "move_base" else _move_bases(value)
 
 
 def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
-    """Return a mapping with one level per part of each name."""
-    found: Dict[str, Any] = {}
+    """Return a nested mapping with one level per part of each name."""
+    tree: Dict[str, Any] = {}
     for name, value in content.items():
         *above, last = [part for part in str(name).split("/") if part] or [""]
         value = _levels(value) if isinstance(value, dict) else value
-        here = branch(found, "/".join(above), create=True)
+        here = branch(tree, "/".join(above), create=True)
         here.update(merged({last: here.get(last)}, {last: value}))
-    return found
+    return tree

@@ -1,13 +1,13 @@
-"""The model of a robot that RViz shows, made from its description: box, wheels, casters and laser.
+"""Model of a simulated robot for RViz, made from its description: box, wheels, casters and laser.
 
-`rosrun applr_ros1 robot_model.py` prints it for the parameter robot_description. One link holds all shapes, so that no
-joint states are needed. A real robot's own description is up already; this one is for the simulated robot.
+`rosrun applr_ros1 robot_model.py` prints the model for the parameter robot_description. All shapes belong to one link,
+so that no joint states are needed. A real robot already has a robot_description.
 """
 
 from __future__ import annotations
 
 import sys
-from typing import List
+from typing import List, Sequence
 from xml.sax.saxutils import quoteattr
 
 from applr_ros1.robots import geometry, load
@@ -17,7 +17,7 @@ _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
 
 
 def urdf(robot: Robot) -> str:
-    """The URDF of a robot, a text."""
+    """Return the URDF text of a robot."""
     base, body, laser = robot.base, robot.body, robot.laser
     length, width, height = body.size
     shape = _cylinder((length + width) / 4, height) if body.round else _box(body.size)
@@ -49,20 +49,20 @@ def _link(name: str, visuals: List[str]) -> List[str]:
     return [f"  <link name={quoteattr(name)}>"] + visuals + ["  </link>"]
 
 
-def _visual(place, shape, colour, turn="0 0 0"):
+def _visual(place: Sequence[float], shape: str, colour: str, turn: str = "0 0 0") -> str:
     origin = '<origin xyz="%g %g %g" rpy="%s"/>' % (*place, turn)
     return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
 
 
-def _box(size):
+def _box(size: Sequence[float]) -> str:
     return '<box size="%g %g %g"/>' % tuple(size)
 
 
-def _cylinder(radius, length):
+def _cylinder(radius: float, length: float) -> str:
     return f'<cylinder radius="{radius:g}" length="{length:g}"/>'
 
 
 def main() -> None:
-    """Print the model of the robot that the first argument names: the Jackal without one."""
+    """Print the model of the robot named by the first argument, by default the Jackal."""
     names = [word for word in sys.argv[1:] if ":=" not in word]  # ROS remapping arguments are not names
     sys.stdout.write(urdf(load(names[0] if names else "jackal")))

@@ -44,7 +44,7 @@ IN_ROBOT_YAML = [
     ("axle_height: 0.0345", "axle_height: 0.5", "base.axle_height is 0.5: .*0.402"),
     ("pose: [0.055, 0.0, 0.0]", "pose: [5.5, 0.0, 0.0]", r"laser.pose is \[5.5, 0, 0\]: .*0.229 .*0.208"),
     ("com: [0.0147, 0.0019, 0.0779]", "com: [0.147, 0.0019, 0.0779]", r"body.com is \[0.147, 0.0019, 0.0779\]: "),
-    ("range: [0.2, 2.0]", "range: [0.2, 2.5]", r"parameter_space.max_vel_x.range is \[0.2, 2.5\]: .* is 2, stay"),
+    ("range: [0.2, 2.0]", "range: [0.2, 2.5]", r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay"),
 ]
 OF_JACKAL = [
     (
@@ -57,7 +57,7 @@ OF_JACKAL = [
         "move_base_params.yaml",
         "base_local_planner/TrajectoryPlannerROS",
         "dwa_local_planner/DWAPlannerROS",
-        "base_local_planner is .*, but the files hold the parameters of TrajectoryPlannerROS alone: give ",
+        "base_local_planner is .*, but the files only hold parameters of TrajectoryPlannerROS: give ",
     ),
     (COSTMAPS, OUTLINE, "[[-21, -16.5], [-21, 16.5], [21, 16.5], [21, -16.5]]", "footprint.* 42.2 x 33.2 m.*metres"),
     (
@@ -67,16 +67,21 @@ OF_JACKAL = [
         r"footprint is \[\[-0.21, -0.165\], \[-0.21\]\]: give at least three",
     ),
     (COSTMAPS, "footprint_padding: 0.1", "footprint_padding: 10", "footprint_padding.* 20.4 x 20.3 m"),
-    (COSTMAPS, "topic: front/scan", "topic: scan", "obstacles_layer/scan/topic is scan: .*front/scan, give that"),
+    (COSTMAPS, "topic: front/scan", "topic: scan", "obstacles_layer/scan/topic is scan, but .*: give front/scan"),
     (COSTMAPS, "max_obstacle_height: 2.0", "max_obstacle_height: 0.2", "max_obstacle_height are -2, 0.2: .*0.333"),
     (COSTMAPS, "  observation_sources: scan\n", "", "local_costmap has no observation source: "),
-    (COSTMAPS, "robot_base_frame: base_link", "robot_base_frame: base", "robot_base_frame is base: .*base_link"),
+    (
+        COSTMAPS,
+        "robot_base_frame: base_link",
+        "robot_base_frame: base",
+        "robot_base_frame is base, but .*: give base_link",
+    ),
     (PLANNER, "sim_time: 2.0", "sim_time: .inf", "TrajectoryPlannerROS/sim_time is inf: give a finite number"),
 ]
 OF_BURGER = [
-    (LOCAL, "global_frame: odom", "global_frame: map", "local_costmap/global_frame is map: .*odom, give that"),
+    (LOCAL, "global_frame: odom", "global_frame: map", "local_costmap/global_frame is map, but .*: give odom"),
     (LOCAL, "rolling_window: true", "origin_x: -1.0", "local_costmap/origin_y is 0: .* 3 m long.*give -1.5"),
-    (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer: "),
+    (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer, but "),
 ]
 REMARKS = [
     (
@@ -91,7 +96,13 @@ REMARKS = [
     ("jackal", PLANNER, "min_vel_x: 0.1", "min_vel_x: 0.8", r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower"),
     ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
     ("jackal", COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
-    ("jackal", COSTMAPS, "sensor_frame: front_laser", "sensor_frame: laser", "sensor_frame is laser: .*front_laser"),
+    (
+        "jackal",
+        COSTMAPS,
+        "sensor_frame: front_laser",
+        "sensor_frame: laser",
+        "sensor_frame is laser, but .*: give front_laser",
+    ),
     (
         "turtlebot3_burger",
         BURGER,
