@@ -57,7 +57,7 @@ def supports(base: Base) -> np.ndarray:
 
 
 def balance(robot: Robot) -> Tuple[float, Tuple[float, float], np.ndarray]:
-    """Return mass [kg], centre of mass (x, y) [m] and support loads (n,) [N], one of which is negative if the robot tips."""
+    """Return mass [kg], centre of mass (x, y) [m] and support loads (n,) [N]; the robot tips if a load is negative."""
     base, body = robot.base, robot.body
     mass = body.mass + base.wheels * base.wheel_mass
     com = (body.mass / mass * body.centre_of_mass[0], body.mass / mass * body.centre_of_mass[1])

@@ -185,7 +185,7 @@ def test_what_roslaunch_dumps_is_one_file(make):
     flat["/two/move_base/base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
     status, said, found = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
     assert status == 0, said
-    assert "left_joint, right_joint, by the controller's file" in said
+    assert "left_joint, right_joint, according to the controller's file" in said
     assert found["move_base"]["files"] == [{"file": "dump.yaml"}]
     assert (found["frames"]["odom"], found["topics"]["scan"]) == ("odom_comb", "scan")
 
@@ -213,7 +213,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     assert found["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     assert asked(said) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
-    assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; here the planner's max_vel_trans\n", text)
+    assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n", text)
     assert check_robot.main([str(tmp_path / "my_robot")]) == 1
     assert "base.max_speed is missing" in capsys.readouterr().err
     fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
@@ -227,7 +227,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [False, True]
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
-    assert "the laser alone, and none of bumps: correct it before" in said
+    assert "only the laser scan, without bumps: correct it before" in said
 
 
 @pytest.mark.parametrize("frame", ["odom", "map"])
@@ -248,16 +248,16 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
 @pytest.mark.parametrize(
     ("urdf", "more", "by"),
     [
-        (CART, {}, "being continuous"),
+        (CART, {}, "pairs of continuous joints"),
         (CART + IDLE + DRIVE, {}, "the drive plugin"),
         (CART + IDLE, CONTROLLED, "the controller's file"),
-        (ROCKER + wheel("left", "0 .12 0", parent="rocker"), {}, "being continuous"),
+        (ROCKER + wheel("left", "0 .12 0", parent="rocker"), {}, "pairs of continuous joints"),
     ],
     ids=["pairs", "plugin", "controller", "below a rocker"],
 )
 def test_driven_wheels(make, urdf, more, by):
     _, said, found = make(urdf, **more)
-    assert re.search(f"the driven wheels are those of (left|right)_joint, (left|right)_joint, by {by}", said)
+    assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", said)
     base = found["base"]
     assert [base[name] for name in ("drive", "track", "wheel_radius")] == ["two_wheel", 0.24, 0.05]
     if more:
@@ -274,10 +274,14 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
 @pytest.mark.parametrize(
     ("urdf", "more", "why"),
     [
-        (BODY, {}, r"\(none\) are not in one or two pairs"),
+        (BODY, {}, r"\(none\) do not form one or two pairs"),
         (CART.replace("continuous", "fixed"), CONTROLLED, "left_joint is steered, or not continuous"),
-        (CART + wheel("l2", ".2 .12 0") + wheel("r2", ".2 -.12 0") + PLANAR, {}, "planar_move.so is of a base that"),
-        (CART.replace('"left"', '"mecanum_left"'), {}, "mecanum_left is of a base that also drives sideways"),
+        (
+            CART + wheel("l2", ".2 .12 0") + wheel("r2", ".2 -.12 0") + PLANAR,
+            {},
+            "planar_move.so belongs to a base that",
+        ),
+        (CART.replace('"left"', '"mecanum_left"'), {}, "mecanum_left belongs to a base that also drives sideways"),
         (
             CART + KNUCKLE + wheel("steered", "0 0 0", parent="knuckle"),
             {},
@@ -293,7 +297,7 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
 def test_odd_wheels_are_asked_for(make, urdf, more, why):
     status, said, found = make(urdf, **more)
     assert status == 0
-    assert re.search(f"remark: the driven wheels are asked for: .*{why}", said), said
+    assert re.search(f"remark: driven wheels not identified: .*{why}", said), said
     assert {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size", "body.bottom"} <= set(
         asked(said)
     )
@@ -316,7 +320,7 @@ def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     arm = link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT)
     _, said, found = make(CART + mark + arm)
     assert (found["body"]["size"], found["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
-    assert "links that move are left out of the outline: roller, arm" in said
+    assert "the outline excludes moving links: roller, arm" in said
 
 
 BARE = link("base_link")
@@ -333,7 +337,7 @@ BARE = link("base_link")
 )
 def test_an_odd_outline_is_asked_for_with_the_footprint(make, tmp_path, hull, why):
     _, said, found = make(CART.replace(HULL, hull))
-    assert re.search(f"the outline is asked for: .*{why}", said)
+    assert re.search(f"outline not identified: .*{why}", said)
     assert found["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
 
@@ -349,9 +353,7 @@ def test_the_laser_is_the_one_that_is_named(make):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
     _, said, found = make(CART + rear)
     assert (found["laser"] or {}) == {}
-    assert (
-        "the laser is asked for: no file names it; give it with --laser LINK; these links have ray sensors: sc" in said
-    )
+    assert "laser not identified: no file names it; give it with --laser LINK; these links have ray sensors: sc" in said
     assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(said))
 
 
@@ -371,7 +373,7 @@ def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
         CART, files={"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: mast,")}
     )
     assert found["laser"] == {"frame": "mast"}
-    assert "has no link mast, which the costmaps name as sensor_frame" in said
+    assert "has no link mast, the sensor_frame of the costmaps" in said
 
 
 NO_PLANNER = PLACES[:-1]
@@ -383,7 +385,7 @@ NO_PLANNER = PLACES[:-1]
         (
             '<link name="$(arg part)"/>',
             {"name": "a.xacro"},
-            "xacro refuses it: .*part.*; give its arguments as NAME:=V",
+            "xacro fails: .*part.*; give arguments as NAME:=V",
         ),
         (
             CART.replace("base_footprint", "foot"),
@@ -400,7 +402,7 @@ NO_PLANNER = PLACES[:-1]
             {"files": {"dwa.yaml": "sim_time: 1.5\n"}},
             r"sim_time is no .*\(\S*dwa.yaml:TrajectoryPlannerROS and \S*dwa.yaml:DWA",
         ),
-        (CART, {"places": ["dwa.yaml"]}, "have nothing for local_costmap: give those that its launch file loads"),
+        (CART, {"places": ["dwa.yaml"]}, "have no local_costmap: give all files that the launch file loads"),
         (CART, {"places": [*PLACES, "none.yaml"]}, "none.yaml: cannot be read"),
         (
             CART,

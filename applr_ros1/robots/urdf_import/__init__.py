@@ -1,2 +1,2 @@
-"""A robot's folder from a URDF or xacro file and the parameter files of move_base."""
+"""Import of a robot's folder from a URDF or xacro file and the parameter files of move_base."""
 # Imports robots, planner and common.

@@ -1,6 +1,6 @@
-"""Reader of the parameter files of a robot's navigation package: what move_base loads, and its controller's limits.
+"""Reader of the parameter files of a navigation package: parameters of move_base, and limits of the base's controller.
 
-training/new_robot.py calls `read_parameter_files`; parameter_files.py reads each file.
+training/new_robot.py calls `read_parameter_files`, and parameter_files.py reads each file.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, OBSTACLE
 from applr_ros1.robots.parameter_files import nested, of_move_base
 from applr_ros1.robots.robot import number_at
 
-_PLACES = ("", *COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # at which a file can be loaded
+_PLACES = ("", *COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # namespaces of parameter files below move_base
 _LISTS = {"": set(FOUND_ABOVE), **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS}}
 _NAMES: Dict[str, Set[str]] = {
     place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names} | _LISTS.get(place, set())
     for place in _PLACES
 }
-CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller
+CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller [s]
 
 
 @dataclass
@@ -34,13 +34,13 @@ class Parameters:
     """Content of parameter files.
 
     Attributes:
-        files: (path, namespace below move_base) in the order in which they are loaded.
-        tree: Their values, nested, as move_base has them.
-        full: The same with every absent parameter at its default.
-        added: What robot.yaml has to give beside the files.
+        files: (path, namespace below move_base) in the order of loading.
+        tree: Nested values of the files, as move_base has them.
+        full: Nested values with all defaults filled in.
+        added: Parameters that robot.yaml must give in addition to the files.
         limits: Limits in the controller's file, by field of robot.yaml's section base.
-        driven: Joints of the driven wheels that the controller's file names.
-        notes: Sentences for people.
+        driven: Joints of the driven wheels in the controller's file.
+        notes: Messages for the user.
     """
 
     files: List[Tuple[str, str]] = field(default_factory=list)
@@ -52,22 +52,22 @@ class Parameters:
     notes: List[str] = field(default_factory=list)
 
     def frames(self) -> Dict[str, str]:
-        """Return the section frames of robot.yaml, as far as the costmaps name them."""
+        """Return the section frames of robot.yaml with the frames of the costmaps."""
         world, local = (self.full[costmap] for costmap in COSTMAPS)
-        found = {"base": local["robot_base_frame"], "odom": local["global_frame"], "map": world["global_frame"]}
-        found = {name: frame.lstrip("/") for name, frame in found.items()}
+        frames = {"base": local["robot_base_frame"], "odom": local["global_frame"], "map": world["global_frame"]}
+        frames = {name: frame.lstrip("/") for name, frame in frames.items()}
         static = any(layer.kind == STATIC_LAYER for layer in layers("global_costmap", world))
-        if found["odom"] == found["map"]:
-            found.pop("odom" if static or found["map"] == "map" else "map")
-        return found
+        if frames["odom"] == frames["map"]:
+            frames.pop("odom" if static or frames["map"] == "map" else "map")
+        return frames
 
     @property
     def planner(self) -> Dict[str, Any]:
-        """The given values of the local planner."""
+        """Values of the local planner in the files."""
         return branch(self.tree, namespace(str(self.full["base_local_planner"])))
 
     def footprint(self) -> np.ndarray:
-        """Return the outline (n, 2) [m] that the files give; empty if they give none."""
+        """Return the outline (n, 2) [m] of the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
         given = any("robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap")))
@@ -89,26 +89,26 @@ class Parameters:
         return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
 
     def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
-        """Return what differs if the laser scan on a topic is all that the robot publishes, as simulated robots do.
+        """Return the changes for a simulated robot, which only publishes the laser scan on a topic.
 
         Returns:
-            observation_sources of the layers that wait for other topics as well, nested, and those topics.
+            Nested observation_sources of the layers that use other topics as well, and these topics.
         """
         changes: Dict[str, Any] = {}
-        found = [(path, name, source["topic"].strip("/")) for path, name, source in self.sources()]
-        others = {(path, other) for path, _, other in found if other != topic.strip("/")}
+        topics = [(path, name, source["topic"].strip("/")) for path, name, source in self.sources()]
+        others = {(path, other) for path, _, other in topics if other != topic.strip("/")}
         for layer in sorted({path for path, _ in others}):
             costmap = layer.partition("/")[0]
             place = layer if "plugins" in branch(self.tree, costmap) else costmap
-            kept = [name for path, name, other in found if path == layer and (path, other) not in others]
+            kept = [name for path, name, other in topics if path == layer and (path, other) not in others]
             branch(changes, place, create=True)["observation_sources"] = " ".join(kept)
         return changes, {other for _, other in others}
 
     def without_map(self, odom: str, size: int) -> Dict[str, Any]:
-        """Return what differs on a course without a map: the laser fills an empty costmap in the frame `odom`.
+        """Return the changes for a course without a map, on which the laser fills an empty costmap in the frame `odom`.
 
         Args:
-            odom: Name of the odometry's frame.
+            odom: Name of the odometry frame.
             size: Width and height of the global costmap [m].
         """
         changes: Dict[str, Any] = {}
@@ -121,7 +121,7 @@ class Parameters:
             static = [layer.name for layer in layers(costmap, tree) if layer.kind == STATIC_LAYER]
             if static:
                 plugins = [entry for entry in tree["plugins"] if entry["name"] not in static]
-                # Where the map was all that the global costmap had, it gets the local one's obstacles.
+                # A global costmap with only the map gets the obstacle layers of the local costmap.
                 local = branch(self.tree, "local_costmap").get("plugins", [])
                 seeing = [path for path, _, _ in self.sources()]
                 if not any(path.startswith(f"{costmap}/") for path in seeing):
@@ -132,7 +132,7 @@ class Parameters:
             if change:
                 changes[costmap] = change
         if changes and branch(self.tree, "NavfnROS").get("allow_unknown") is False:
-            changes["NavfnROS"] = {"allow_unknown": True}  # Everything is unknown at first.
+            changes["NavfnROS"] = {"allow_unknown": True}  # All space is unknown at first.
         return changes
 
 
@@ -140,14 +140,14 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     """Read the parameter files of a navigation package.
 
     Args:
-        given: FILE or FILE:NAMESPACE in the order of the launch file; NAMESPACE is that of its <rosparam ns="...">
-            inside the node move_base. The output of roslaunch --dump-params is one FILE.
+        given: FILE or FILE:NAMESPACE in the order of the launch file, with the NAMESPACE of <rosparam ns="..."> inside
+            the node move_base. The output of roslaunch --dump-params is one FILE.
 
     Raises:
-        ApplrError: A file cannot be read or is given without its namespace, none is for move_base, or the planner
-            refuses their values.
+        ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, or the planner refuses the
+            values.
     """
-    found = Parameters()
+    parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
     for path, _, place in (text.partition(":") for text in given):
         place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
@@ -157,38 +157,41 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
         if own and not place and not set(values) & {*_NAMES[""], *_PLACES}:
             continue
         _check_namespace(path, place, values)
-        found.files.append((path, place))
+        parameters.files.append((path, place))
         tree: Dict[str, Any] = {}
         branch(tree, place, create=True).update(values)
-        found.tree = merged(found.tree, tree)
-    if not branch(found.tree, "local_costmap"):
-        raise ApplrError("the parameter files have nothing for local_costmap: give those that its launch file loads")
+        parameters.tree = merged(parameters.tree, tree)
+    if not branch(parameters.tree, "local_costmap"):
+        raise ApplrError("the parameter files have no local_costmap: give all files that the launch file loads")
     if len(controllers) > 1:
-        found.notes.append("the files hold several controllers of a base, of which none is taken")
+        parameters.notes.append(
+            "the files have several base controllers, so none is used: fill in the limits of the base"
+        )
     elif controllers:
-        found.limits, found.driven = _limits(controllers[0]), _driven(controllers[0])
-    held = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in found.tree]
-    if "base_local_planner" not in found.tree and held == [LOCAL_PLANNERS[1]]:  # The launch file names it.
-        found.added["base_local_planner"] = held[0]
-    found.tree = merged(found.tree, found.added)
-    found.full = complete(found.tree)
-    return found
+        parameters.limits, parameters.driven = _limits(controllers[0]), _driven(controllers[0])
+    present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
+    # If the files do not name the planner, the launch file does.
+    if "base_local_planner" not in parameters.tree and present == [LOCAL_PLANNERS[1]]:
+        parameters.added["base_local_planner"] = present[0]
+    parameters.tree = merged(parameters.tree, parameters.added)
+    parameters.full = complete(parameters.tree)
+    return parameters
 
 
 def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
-    """Raise ApplrError for a file of a costmap or local planner that is given without its namespace."""
+    """Raise ApplrError if a file of a costmap or local planner is given without its namespace."""
     for name in values if not place else ():
         places = [place for place in _PLACES if name in _NAMES[place]]
         if places and "" not in places:
             choices = " and ".join(f"{path}:{place}" for place in places)
             raise ApplrError(
-                f"{path}: {name} is no parameter of move_base itself: give the namespace in which your launch file "
-                f"loads the file ({choices}), or leave out the file of another node"
+                f"{path}: {name} is no parameter of move_base itself: give the namespace of the file in your launch "
+                f"file ({choices}), or omit a file of another node"
             )
 
 
 def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
-    """Yield the sections in nested parameters that are those of a diff_drive_controller, or have limits as one has."""
+    """Yield the sections of nested parameters that belong to a diff_drive_controller or have its limits."""
     for value in filter(lambda value: isinstance(value, dict), tree.values()):
         if "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z"):
             yield value
@@ -197,14 +200,14 @@ def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
 
 
 def _driven(controller: Dict[str, Any]) -> List[str]:
-    """Return the joints that a controller drives."""
+    """Return the joints driven by a controller."""
     given = (controller.get(name, []) for name in ("left_wheel", "right_wheel"))
     return [str(name) for side in given for name in (side if isinstance(side, list) else [side])]
 
 
 def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
-    """Return the limits that a controller sets, by field of robot.yaml's section base."""
-    found: Dict[str, float] = {}
+    """Return the limits of a controller, by field of robot.yaml's section base."""
+    limits: Dict[str, float] = {}
     for axis, speed, change in (
         ("linear/x", "max_speed", "max_acceleration"),
         ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
@@ -212,7 +215,7 @@ def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
         for kind, ours in (("velocity", speed), ("acceleration", change)):
             limit = number_at(controller, axis, (f"max_{kind}",))
             if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
-                found[ours] = limit
+                limits[ours] = limit
     known = "diff_drive_controller" in str(controller.get("type"))
     timeout = controller.get("cmd_vel_timeout", CONTROLLER_TIMEOUT_S if known else None)
-    return {**found, "command_timeout": timeout} if timeout is not None else found
+    return {**limits, "command_timeout": timeout} if timeout is not None else limits

@@ -1,6 +1,6 @@
-"""Reader of a URDF or xacro file: tree of joints, poses, and the corners of collision shapes.
+"""Reader of a URDF or xacro file: tree of joints, poses, and corners of collision shapes.
 
-description.py takes a robot's wheels, outline and laser from it.
+description.py derives a robot's wheels, outline and laser from the file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BASES = ("base_link", "base_footprint")  # usual names of a base frame
 
 
 def _find_packages(path: str) -> None:
-    """Let xacrodoc find the ROS packages that lie around a file, in addition to those in ROS_PACKAGE_PATH."""
+    """Make the ROS packages around a file known to xacrodoc, in addition to those in ROS_PACKAGE_PATH."""
     import xacrodoc
 
     own = next((folder for folder in Path(path).resolve().parents if (folder / "package.xml").is_file()), None)
@@ -32,16 +32,16 @@ def _find_packages(path: str) -> None:
 
 
 def _expanded(path: str, arguments: Mapping[str, str]) -> str:
-    """Return the URDF that a xacro file makes. The file is a program: its expressions are evaluated as Python."""
+    """Return the URDF of a xacro file, whose expressions are evaluated as Python."""
     import xacro
-    import xacrodoc  # noqa: F401  (xacro asks it for packages)
+    import xacrodoc  # noqa: F401  (xacro uses it to find packages)
 
     try:
         return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
-    except Exception as error:  # an expression may raise anything
+    except Exception as error:  # An expression may raise any exception.
         raise ApplrError(
-            f"{path}: xacro refuses it: {' '.join(str(error).split())}; give its arguments as NAME:=VALUE and put "
-            "packages beside its own, or give what the robot has: rosparam get -p /robot_description > robot.urdf"
+            f"{path}: xacro fails: {' '.join(str(error).split())}; give arguments as NAME:=VALUE and put packages "
+            "beside its own, or give the robot's URDF: rosparam get -p /robot_description > robot.urdf"
         ) from error
 
 
@@ -49,25 +49,25 @@ class UrdfFile:
     """One URDF with the poses of its links in the base frame.
 
     Attributes:
-        path: The file.
-        xml: Its root element.
-        base: The link in which positions are given.
-        links: Links of yourdfpy by name.
-        joints: Joints of yourdfpy by name.
-        moving: By link, the joints that move it relative to the base frame, the nearest first.
-        lost: Collision meshes that are not there.
+        path: Path of the file.
+        xml: Root element of the file.
+        base: Link of the base frame.
+        links: yourdfpy's links by name.
+        joints: yourdfpy's joints by name.
+        moving: Joints that move a link relative to the base frame, by link, nearest first.
+        lost: Missing collision meshes.
     """
 
-    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str):
+    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str) -> None:
         """Read a file.
 
         Args:
-            path: URDF, or xacro file, whose name ends in .xacro.
+            path: URDF, or xacro file with a name that ends in .xacro.
             arguments: Arguments of the xacro file by name.
             base_frame: Base frame of the robot.
 
         Raises:
-            ApplrError: The file is no URDF, xacro refuses it, or it has no link base_frame.
+            ApplrError: The file is no URDF, xacro fails, or there is no link base_frame.
         """
         import yourdfpy
 
@@ -77,27 +77,27 @@ class UrdfFile:
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
         if "<xacro:" in text or "${" in text:
-            raise ApplrError(f"{path} has tags of xacro: give it a name that ends in .xacro")
+            raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
         try:
             self.xml = ElementTree.fromstring(text)
         except ElementTree.ParseError as error:
             raise ApplrError(f"{path} is no XML ({error}): give a URDF or xacro file") from None
         if self.xml.tag != "robot":
-            raise ApplrError(f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF, whose is <robot>")
+            raise ApplrError(f"{path}: the root element is <{self.xml.tag}>: give a URDF, whose root is <robot>")
         if self.xml.find("link") is None:
-            raise ApplrError(f"{path} has no links, as files of macros alone: give the file that uses them")
-        logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # It warns of joints that mimic others.
+            raise ApplrError(f"{path} has no links: if it only defines macros, give the file that uses them")
+        logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # yourdfpy warns about joints that mimic others.
         try:
             self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
-        except Exception as error:  # of any kind, for what it does not expect
-            raise ApplrError(f"{path}: yourdfpy refuses it: {error!r}; check_urdf names the place") from error
+        except Exception as error:  # yourdfpy raises various exceptions for invalid files.
+            raise ApplrError(f"{path}: yourdfpy fails: {error!r}; run check_urdf to find the error") from error
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
             usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
             raise ApplrError(
                 f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: add it to the URDF "
-                f"with a fixed joint, or write robot_base_frame: {usual} into a copy of the parameter file"
+                f"with a fixed joint, or set robot_base_frame: {usual} in a copy of the parameter file"
             )
         own = {joint.name for joint in self._above(base_frame)}
         self.moving = {
@@ -125,17 +125,17 @@ class UrdfFile:
         return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
 
     def shapes(self, link: str) -> List[np.ndarray]:
-        """Return the corners (n, 3) [m] of each collision shape of a link in the base frame, without lost meshes."""
-        found = []
+        """Return the corners (n, 3) [m] of each collision shape of a link in the base frame, without missing meshes."""
+        shapes = []
         for collision in self.links[link].collisions:
             corners = self._corners(collision.geometry)
             pose = self.pose(link) @ (np.eye(4) if collision.origin is None else collision.origin)
             if len(corners):
-                found.append(corners @ pose[:3, :3].T + pose[:3, 3])
-        return found
+                shapes.append(corners @ pose[:3, :3].T + pose[:3, 3])
+        return shapes
 
     def _corners(self, shape: Any) -> np.ndarray:
-        """Return the corners (n, 3) [m] of a shape in its own frame; none, and noted, for a mesh that is not there."""
+        """Return the corners (n, 3) [m] of a shape in its own frame. Add a missing mesh to `lost`, and return none."""
         import trimesh
 
         if shape.box is not None:
@@ -154,7 +154,7 @@ class UrdfFile:
         return mesh.vertices * unit * (1.0 if shape.mesh.scale is None else shape.mesh.scale)
 
     def _mesh_file(self, name: str) -> str:
-        """Return the path of a mesh, "" if its package is not there."""
+        """Return the path of a mesh, or "" if its package is missing."""
         import xacrodoc
 
         package, _, inside = name.partition("package://")[2].partition("/")

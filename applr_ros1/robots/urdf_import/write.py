@@ -1,4 +1,4 @@
-"""Writes a new robot.yaml: what other files say, and a line to fill in for each value that they leave out."""
+"""Writer of a new robot.yaml, with the values of other files and a line to fill in for each unknown value."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from applr_ros1.robots.robot import Base, Body, Frames, Laser, Monitoring, Secti
 from applr_ros1.robots.urdf_import.description import Description
 from applr_ros1.robots.urdf_import.parameters import Parameters
 
-BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}  # base's field: monitor's
-GRIP = 2.0  # lateral acceleration [m/s^2] at which tyres slide, until somebody measures it
+BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}  # fields of base: of monitor
+GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
 _MODELS: Dict[str, Type[Section]] = {
     "base": Base,
@@ -24,25 +24,25 @@ _MODELS: Dict[str, Type[Section]] = {
     "monitor": Monitoring,
     "simulation": Simulation,
 }
-_ALSO_ASKED = {  # although they have a default
+_ALSO_ASKED = {  # fields to fill in although they have a default
     "base": ("wheel_mass", "casters"),
     "body": ("bottom",),
     "monitor": ("deceleration", "yaw_deceleration"),
 }
-_WHERE = {  # to look for what is asked for, by section or field
-    "wheel_mass": "in the URDF, on a scale, or in the maker's data",
-    "casters": "measured from the middle between the driven wheels",
-    "mass": "the sum of those in the URDF if they are true, on a scale, or in the maker's data",
+_WHERE = {  # sources of the values to fill in, by section or field
+    "wheel_mass": "from the URDF, a scale, or the maker's data",
+    "casters": "relative to the centre of the driven wheels",
+    "mass": "from a scale, the maker's data, or the sum of the masses in the URDF if these are real",
     "body": "measured, or from the maker's drawing",
-    "max_speed": "in the base's manual or its driver's parameters",
-    "max_yaw_rate": "in the base's manual or its driver's parameters",
-    "max_acceleration": "in the base's manual or its driver's parameters",
-    "max_yaw_acceleration": "in the base's manual or its driver's parameters",
-    "laser": "rostopic echo -n 1 --noarr on the topic of the scans",
-    "pose": "rosrun tf tf_echo BASE_FRAME LASER_FRAME",
-    "height": "rosrun tf tf_echo BASE_FRAME LASER_FRAME",
-    "rate": "rostopic hz on the topic of the scans",
-    "monitor": "measure_braking.py measures it",
+    "max_speed": "from the base's manual or its driver's parameters",
+    "max_yaw_rate": "from the base's manual or its driver's parameters",
+    "max_acceleration": "from the base's manual or its driver's parameters",
+    "max_yaw_acceleration": "from the base's manual or its driver's parameters",
+    "laser": "from rostopic echo -n 1 --noarr on the topic of the scans",
+    "pose": "from rosrun tf tf_echo BASE_FRAME LASER_FRAME",
+    "height": "from rosrun tf tf_echo BASE_FRAME LASER_FRAME",
+    "rate": "from rostopic hz on the topic of the scans",
+    "monitor": "measured by measure_braking.py",
     "base": "measured on the robot",
 }
 
@@ -54,18 +54,18 @@ def robot_yaml(
     move_base: Mapping[str, Any],
     hints: Mapping[Tuple[str, str], Tuple[Any, str]],
 ) -> Tuple[str, List[str]]:
-    """Return the text of robot.yaml, and a line for each value that it asks for.
+    """Return the text of robot.yaml, and a line for each value to fill in.
 
     Args:
-        source: Name of the file that it was made from, for its first line.
-        values: What is known, by section and field.
-        world_scale: Value of that key.
-        move_base: The section of that name.
-        hints: (value, origin) by (section, field), proposals for what is not known.
+        source: Name of the source file, for the first line.
+        values: Known values by section and field.
+        world_scale: Value of the key world_scale.
+        move_base: Content of the section move_base.
+        hints: Proposals (value, origin) for unknown values, by (section, field).
     """
     frame = values["frames"]["base"]
     lines = [
-        f"# Made from {source}. Lengths in metres, masses in kg, angles in rad, times in s; places in {frame}, x ahead."
+        f"# Made from {source}. Lengths in m, masses in kg, angles in rad, times in s; positions in {frame}, x ahead."
     ]
     missing = []
     for section, model in _MODELS.items():
@@ -83,7 +83,7 @@ def robot_yaml(
             value, origin = hints.get((section, name), (None, ""))
             proposed, unit = "" if value is None else flow(value), field.json_schema_extra["unit"]
             about = f"[{unit}] {field.description}" if unit else field.description
-            where = f"here {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
+            where = f"proposal: {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
             lines.append(f"  # {name}: {proposed}".ljust(34) + f"  # {about}" + (f"; {where}" if where else ""))
             missing.append(f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else ""))
     lines.append(f"world_scale: {flow(world_scale)}")
@@ -94,12 +94,12 @@ def robot_yaml(
 
 
 def flow(value: Any) -> str:
-    """Return a value as it stands behind its name in YAML."""
+    """Return a value as YAML on one line."""
     return yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000).split("\n...")[0].strip()
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML without anchors, whose real numbers are cut to five digits, and those next to zero to 0."""
+    """YAML without anchors, with five significant digits, and with tiny numbers rounded to 0."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -108,9 +108,9 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(float, lambda dump, x: dump.represent_float(float(f"{x:.5g}") if abs(x) > 1e-8 else 0.0))
 
 
-def add_parameters(found: Description, parameters: Parameters) -> None:
-    """Add what the parameter files say of the robot: limits, frames, topics, and how hard the monitor brakes."""
-    values = found.values
+def add_parameters(description: Description, parameters: Parameters) -> None:
+    """Add limits, frames, topics and the monitor's decelerations from the parameter files to a description."""
+    values = description.values
     values["base"].update(parameters.limits)
     values["frames"] = parameters.frames()
     topics = (source["topic"].rstrip("/") for source in parameters.scans())
@@ -127,9 +127,9 @@ def move_base_section(parameters: Parameters, values: Dict[str, Any], size: int)
     """Return the section move_base of robot.yaml, and notes about driving without a map.
 
     Args:
-        parameters: Of the files.
-        values: What is known of the robot, by section and field.
-        size: Width of a global costmap [m] that holds the robot's courses.
+        parameters: Content of the parameter files.
+        values: Known values of the robot, by section and field.
+        size: Width of a global costmap [m] that covers the robot's courses.
     """
     copies, notes = copies_of(parameters), []
     section: Dict[str, Any] = {
@@ -143,16 +143,16 @@ def move_base_section(parameters: Parameters, values: Dict[str, Any], size: int)
         section["with_map"] = {}
     if changes or others:
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
-        kept = f", and none of {', '.join(sorted(others))}" if others else ""
+        dropped = f", without {', '.join(sorted(others))}" if others else ""
         notes.append(
-            "without a map, as on courses, move_base.without_map counts, with a global costmap that stands still and "
-            f"the laser alone{kept}: correct it before your robot drives without a map"
+            "move_base.without_map, which applies on courses without a map, has a fixed global costmap and only the "
+            f"laser scan{dropped}: correct it before your robot drives without a map"
         )
     return section, notes
 
 
 def copies_of(parameters: Parameters) -> Dict[str, str]:
-    """Return the name in the robot's folder of each parameter file, with its folder if two have the same name."""
+    """Return the path in the robot's folder of each parameter file, with a subfolder if two files share a name."""
     paths = list(dict.fromkeys(path for path, _ in parameters.files))
     names = [Path(path).name for path in paths]
     folders = [Path(path).resolve().parent.name for path in paths]
@@ -160,8 +160,8 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
 
 
 def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
-    """Return the limits of the local planner as hints for those of the base, which can at least do that."""
-    found: Dict[Tuple[str, str], Tuple[Any, str]] = {}
+    """Return the limits of the local planner as hints for the limits of the base, which cannot be lower."""
+    hints: Dict[Tuple[str, str], Tuple[Any, str]] = {}
     for field, names in (
         ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
         ("max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
@@ -169,8 +169,8 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         ("max_yaw_acceleration", ("acc_lim_theta",)),
     ):
         known = [(x, f"the planner's {name}") for name in names if (x := number_at(planner, "", (name,))) is not None]
-        found.update({("base", field): max(known)} if known else {})
+        hints.update({("base", field): max(known)} if known else {})
         if known and field in BRAKES:
             usual = getattr(Monitoring(), BRAKES[field]), "the default, less than the planner's limit"
-            found["monitor", BRAKES[field]] = min(max(known), usual)
-    return found
+            hints["monitor", BRAKES[field]] = min(max(known), usual)
+    return hints
