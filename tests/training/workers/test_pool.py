@@ -204,4 +204,3 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     assert status == 0
     assert seen[0] < 300
     assert run.learner.transitions >= 400
-    assert run.pool.replaced >= 1
