@@ -7,7 +7,7 @@ so that no joint states are needed. A real robot already has a robot_description
 from __future__ import annotations
 
 import sys
-from typing import List, Sequence
+from typing import List, Sequence, Tuple
 from xml.sax.saxutils import quoteattr
 
 from applr_ros1.robots import geometry, load
@@ -49,7 +49,7 @@ def _link(name: str, visuals: List[str]) -> List[str]:
     return [f"  <link name={quoteattr(name)}>"] + visuals + ["  </link>"]
 
 
-def _visual(place: Sequence[float], shape: str, colour: str, turn: str = "0 0 0") -> str:
+def _visual(place: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0") -> str:
     origin = '<origin xyz="%g %g %g" rpy="%s"/>' % (*place, turn)
     return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
 
