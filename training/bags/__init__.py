@@ -1,4 +1,4 @@
-"""Rosbag files: reading recorded drives, turning them into episodes and courses, and writing simulated drives."""
+"""Rosbag files: readers of recorded drives, conversion to episodes, and a writer for simulated drives."""
 # Imports env, replay and common.
 
-SECOND = 1_000_000_000  # ns
+SECOND = 1_000_000_000  # one second [ns]

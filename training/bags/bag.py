@@ -1,7 +1,7 @@
-"""The content of a bag, ROS 1 or ROS 2, as arrays: what a robot with move_base recorded of its drives.
+"""Content of a ROS 1 or ROS 2 bag as arrays: drives recorded by a robot with move_base.
 
-rosbags reads the messages. Nothing of a bag is executed: from the definitions of messages rosbags takes only names,
-types and numbers. episodes.py makes transitions of the content, APPLD its demonstrations.
+rosbags reads the messages. Nothing in a bag is executed: rosbags takes only names, types and numbers from message
+definitions. episodes.py converts the content to transitions, APPLD to demonstrations.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from training.bags.topics import TopicNames
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
-METADATA = "metadata.yaml"  # file in the folder of a ROS 2 bag
-RUNNING = 1, 6  # actionlib: active, preempting
+METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
+RUNNING = 1, 6  # status codes of a running goal in actionlib: active, preempting
 
 
 class BagError(ApplrError):
-    """A bag that cannot be used as a whole; one line with which and why."""
+    """Error of a bag that cannot be used at all; one line with the bag and the reason."""
 
 
 class BagOptions(Options):
-    """The robot that bags are of, and the topics on which they hold what it recorded."""
+    """Robot that recorded the bags, and topics of its recordings."""
 
     robot: AnyRobot
     scan: str = option("", "Topic of the laser scans in the bags. Default: the robot's.")
@@ -42,13 +42,13 @@ class BagOptions(Options):
     command: str = option("", "Topic of the velocity commands in the bags. Default: the robot's.")
 
     def topics(self) -> TopicNames:
-        """Return the robot's topics, and what is given instead."""
+        """Return the robot's topics, replaced by those that are given as options."""
         given = {name: value for name, value in self if value and hasattr(TopicNames, name)}
         return replace(TopicNames.of(self.robot), **given)
 
 
 class Poses(NamedTuple):
-    """Odometry: stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+    """Odometry: stamp (n,) [ns], pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], and frame."""
 
     stamp: np.ndarray
     pose: np.ndarray
@@ -57,10 +57,14 @@ class Poses(NamedTuple):
 
 
 class Scans(NamedTuple):
-    """Scans: at (n,), stamp (n,), nearest (n,) smallest range [m], NaN for none; geometry, ranges.
+    """Laser scans.
 
-    geometry (n, 4): angle of the first range and between ranges [rad], smallest and largest range [m]. ranges: float32
-    (m,) [m] of each scan as the laser gave them; empty arrays if they were not asked for.
+    Attributes:
+        at: (n,) times of recording [ns].
+        stamp: (n,) times in the headers [ns].
+        nearest: (n,) smallest range [m], NaN without a return.
+        geometry: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum range [m].
+        ranges: Unprocessed ranges (m,) float32 [m] of each scan; empty arrays if not requested.
     """
 
     at: np.ndarray
@@ -71,7 +75,7 @@ class Scans(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """A decision of the applr node, as msg/Decision.msg has it; times in ns, parameters {name: value}."""
+    """Decision of the applr node (msg/Decision.msg), with times [ns] and parameters {name: value}."""
 
     goal: str
     stamp: int
@@ -83,18 +87,18 @@ class Decision(NamedTuple):
 
 @dataclass
 class Bag:
-    """The content of a bag in order of recording.
+    """Content of a bag in order of recording.
 
-    Times are int64 nanoseconds. `at` is when a message was recorded, `stamp` is the time in its header.
+    Times are int64 nanoseconds. `at` is the time of recording of a message, `stamp` the time in its header.
 
     Attributes:
+        commands: (n,) times and (n, 2) v [m/s], w [rad/s].
         goals: (frame, x, y, yaw) of each goal that move_base accepted.
         status: (at, id of the running goal or "").
-        results: By id of a goal when it ended, and its actionlib status.
-        commands: (n,) times and (n, 2) v [m/s], w [rad/s].
-        ends: What the applr node saw where courses ended, with what the planner had before.
-        source: Who demonstrated, and where.
-        collisions: When a contact was reported.
+        results: {id of a goal: (time of its end, its actionlib status)}.
+        ends: Observations of the applr node at the ends of courses, with the parameters then in force.
+        collisions: Times of reported contacts.
+        source: Demonstrator and place of a demonstration.
     """
 
     path: Path
@@ -115,9 +119,9 @@ def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
     """Read a bag.
 
     Args:
-        path: A .bag file, a ROS 2 folder with metadata.yaml, or a lone .mcap or .db3 file.
-        topics: Names of what was recorded.
-        ranges: Whether the ranges of scans are wanted.
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
+        topics: Names of the recorded topics.
+        ranges: Whether to keep the ranges of scans.
     """
     base = topics.move_base
     unpackers: Dict[str, Callable[[Any], Sequence[Any]]] = {
@@ -159,36 +163,36 @@ def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
 
 @contextmanager
 def refused(path) -> Iterator[None]:
-    """Turn the errors of rosbags, and of what makes sense of a bag, into a BagError that names the bag."""
+    """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
     try:
         yield
     except (ApplrError, AnyReaderError, *ReaderErrors) as error:
-        remedy = "; if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
+        remedy = ": if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
         raise BagError(f"{path}: {reason(error)}{remedy}") from None
 
 
 def bags_in(paths) -> List[Path]:
-    """Return the bags among files and folders: .bag files, ROS 2 folders, and lone .mcap or .db3 files, sorted.
+    """Return the bags among files and folders, sorted: .bag files, ROS 2 folders, and single .mcap or .db3 files.
 
     Raises:
-        BagError: A path does not exist, or there are no bags.
+        BagError: A path does not exist, or there is no bag.
     """
     kinds = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
-    found = []
+    bags: List[Path] = []
     for path in map(Path, paths):
         if not path.exists():
-            raise BagError(f"{path}: there is no such file or folder; {kinds}")
+            raise BagError(f"{path}: there is no such file or folder: {kinds}")
         is_bag = path.is_file() or (path / METADATA).exists()
         inside = [] if is_bag else sorted(path.rglob("*"))
-        found += [path] if is_bag else [one for one in inside if one.suffix == ".bag" or (one / METADATA).exists()]
-    if not found:
-        raise BagError(f"{', '.join(map(str, paths))}: no bags there; {kinds}")
-    return found
+        bags += [path] if is_bag else [one for one in inside if one.suffix == ".bag" or (one / METADATA).exists()]
+    if not bags:
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there: {kinds}")
+    return bags
 
 
 # -- messages ----------------------------------------------------------------------------------------------------------
 def _scan(m: Any, keep: bool) -> Sequence[Any]:
-    """Return stamp, nearest range, geometry and ranges. Some lasers say NaN or 0 where nothing returned."""
+    """Return stamp, nearest range, geometry and ranges. Some lasers report NaN or 0 for beams without a return."""
     ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
     nearest = np.fmin.reduce(ranges) if len(ranges) else np.inf
     geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max
@@ -201,7 +205,7 @@ def _odometry(m: Any) -> Sequence[Any]:
 
 
 def _command(m: Any) -> Sequence[Any]:
-    m = getattr(m, "twist", m)  # TwistStamped too
+    m = getattr(m, "twist", m)  # The message may be a TwistStamped.
     return m.linear.x, m.angular.z
 
 

@@ -1,8 +1,8 @@
-"""Transitions (s, theta, r, s', terminated, truncated) from the decisions in a Bag, goal by goal.
+"""Conversion of the decisions in a Bag to transitions (s, theta, r, s', terminated, truncated), goal by goal.
 
-bags_to_dataset.py calls it. A decision of the applr node holds its inputs, which any encoding observes as the node and
-the learning environment do, and the parameters that were chosen. The outcome follows from the status of the action, the
-odometry and the scans.
+bags_to_dataset.py calls transitions(). A recorded decision contains the chosen parameters and the inputs, from which
+any encoding makes the same observation as in the node and in the learning environment. The outcome follows from the
+action's status, the odometry and the scans.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
 
-SUCCEEDED, ABORTED = 3, (4, 5)  # actionlib
-MAX_AGE_S = 1.0  # age above which a scan or pose says nothing about a decision [s]
-JUMP_M = 0.3  # way beyond what 5 m/s covers that means that the robot was moved, or that the clock jumped [m]
+SUCCEEDED, ABORTED = 3, (4, 5)  # status codes of actionlib
+MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
+JUMP_M = 0.3  # distance beyond that at 5 m/s above which the robot was moved or the clock jumped [m]
 
 
 class Skipped(ApplrError):
-    """An episode that cannot be used; the text is the reason, without numbers, to be counted."""
+    """Error of an unusable episode. The message is the reason without numbers, so that reasons can be counted."""
 
 
 class Goal(NamedTuple):
-    """One course as driven: when it began and ended, and how (actionlib status; None: the bag ended first)."""
+    """Course as driven: id, times of start and end [ns], actionlib status (None if the bag ended first)."""
 
     id: str
     start: int
@@ -45,21 +45,21 @@ class Goal(NamedTuple):
 
     @property
     def ended(self) -> bool:
-        """Return whether it was reached or given up: a terminal state, unlike a goal that was cancelled or replaced."""
+        """Return whether the goal was reached or aborted, a terminal state, rather than cancelled or replaced."""
         return self.status == SUCCEEDED or self.status in ABORTED
 
 
 @dataclass
 class Sample:
-    """A decision, or the end of a course.
+    """Decision, or end of a course.
 
     Attributes:
-        decision: The decision; at an end what was seen there.
+        decision: The decision; at an end, the observation there.
         place: (x, y) [m] of the robot in the decision's frame.
-        is_end: Whether the course ended or was broken off here.
-        theta: (k,) what the planner had after the decision.
-        observation: What the decision was made from.
-        outcome: What came of the decision before.
+        is_end: Whether the course ended or was interrupted here.
+        theta: (k,) parameters in force after the decision.
+        observation: Observation for the decision.
+        outcome: Outcome of the previous decision.
     """
 
     decision: Decision
@@ -71,25 +71,25 @@ class Sample:
 
     @property
     def at(self) -> int:
-        """Return its ROS time [ns]."""
+        """ROS time of the decision [ns]."""
         return self.decision.stamp
 
 
 def transitions(
     bag: Bag, robot: Robot = JACKAL, observation: str = PAPER, reward: Reward = Reward(), finish: Optional[float] = None
 ) -> Tuple[List[Trajectory], Counter[str]]:
-    """Return a Trajectory per usable stretch of each goal, and how often something was unusable, by the reason.
+    """Return a Trajectory per usable part of each goal's course, and the number of unusable parts by reason.
 
     Args:
-        bag: What was recorded.
-        robot: Who drove.
-        observation: Name of the encoding in which the transitions are.
-        reward: Of each transition.
-        finish: Metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
-            goal lies beyond the finish line); None: only move_base's own result counts.
+        bag: Content of the bag.
+        robot: Robot that drove.
+        observation: Name of the encoding of the transitions.
+        reward: Reward of a transition.
+        finish: Distance towards the goal [m] after which a course counts as finished although move_base drives on (the
+            paper's goal lies beyond the finish line). None: only the result of move_base counts.
 
     Raises:
-        BagError: The bag lacks what is needed.
+        BagError: The bag lacks required data.
     """
     encoding = ENCODINGS[observation](robot, decision_period(bag))
     _check(bag, encoding)
@@ -107,46 +107,46 @@ def transitions(
 
 
 def _check(bag: Bag, encoding: Encoding) -> None:
-    """Raise BagError where a bag lacks what transitions are made of."""
+    """Raise BagError if a bag lacks data for transitions of this encoding."""
     topics = bag.topics
     if not bag.decisions:
         raise BagError(f"no decisions on {topics.decision}: record a drive of the applr node with record:=FILE")
-    for what, topic, found in (
+    for what, topic, rows in (
         ("scans", topics.scan, bag.scans.at),
         ("odometry", topics.odometry, bag.odometry.stamp),
         ("goals", topics.move_base + "/status", goals(bag)),
     ):
-        if not len(found):
+        if not len(rows):
             raise BagError(f"no {what} on {topic}")
     if abs(np.median(bag.scans.at - bag.scans.stamp)) > SECOND:
-        raise BagError("recorded on another clock than its messages'; set use_sim_time where you record")
+        raise BagError("recorded with another clock than that of its messages: set use_sim_time in the recorder")
     theirs = list(bag.decisions[0].before)
     if set(theirs) != set(encoding.space.names):
-        raise BagError(f"its decisions set {', '.join(theirs)}; give the --robot that has these parameters")
+        raise BagError(f"its decisions set {', '.join(theirs)}: give the --robot with these parameters")
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
 def goals(bag: Bag) -> List[Goal]:
-    """Return the goals that were pursued, by the action's status."""
+    """Return the goals that move_base pursued, according to the status of its action."""
     spans: List[List] = []  # [id, start, end]
     before = ""
     for at, running in bag.status:
-        if before:  # it was pursued until now
+        if before:  # The goal was pursued until now.
             spans[-1][2] = at
         if running and running != before:
             spans.append([running, at, at])
         before = running
-    found = []
+    pursued = []
     for goal, start, end in spans:
         at, status = bag.results.get(goal, (end, None))
-        found.append(Goal(goal, start, end if status is None else min(end, at), status))
-    return found
+        pursued.append(Goal(goal, start, end if status is None else min(end, at), status))
+    return pursued
 
 
 def decision_period(bag: Bag) -> float:
-    """Return the decision period [s]: the median interval of a goal's decisions, in whole control cycles.
+    """Return the decision period [s]: the median interval between a goal's decisions, in whole control cycles.
 
-    Where no goal has two of them it is the paper's.
+    If no goal has two decisions, it is the period of the paper.
     """
     stamps: Dict[str, List[int]] = {}
     for decision in bag.decisions:
@@ -158,7 +158,7 @@ def decision_period(bag: Bag) -> float:
 
 
 def _check_motion(bag: Bag, goal: Goal) -> None:
-    """Raise Skipped where the odometry jumped while the goal was pursued, as it does when the clock jumps."""
+    """Raise Skipped if the odometry jumped while the goal was pursued, as after a jump of the clock."""
     during = (bag.odometry.stamp >= goal.start) & (bag.odometry.stamp <= goal.end)
     stamps, pose = bag.odometry.stamp[during], bag.odometry.pose[during]
     if len(stamps) < 2:
@@ -170,23 +170,23 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
 
 # -- samples -----------------------------------------------------------------------------------------------------------
 def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[Sample]:
-    """Return the decisions, and where the course ended or was broken off.
+    """Return samples of a goal's decisions, and of the points at which its course ended or was interrupted.
 
-    The node tells what it saw there, a moment later. Where it does not, the end of a course that was reached or given
-    up is seen as its last decision was: what follows on that counts for nothing.
+    The node publishes its observation at an end a moment later. Without this message, a goal that was reached or
+    aborted ends with the observation of the last decision, because the value after a terminal state is not used.
     """
     made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
     if not made:
         raise Skipped("no decision was recorded for the goal")
-    told = [d for d in bag.ends if d.goal == goal.id and d.stamp <= goal.end + MAX_AGE_S * SECOND]
+    ends = [d for d in bag.ends if d.goal == goal.id and d.stamp <= goal.end + MAX_AGE_S * SECOND]
     if finish is not None:
         goal = _finished(bag, goal, made, finish)
-        made, told = ([d for d in some if d.stamp <= goal.end] for some in (made, told))
+        made, ends = ([d for d in some if d.stamp <= goal.end] for some in (made, ends))
     moments = [(d, d.seen.pose[:2], False) for d in made]
-    moments += [(d._replace(stamp=min(d.stamp, goal.end)), d.seen.pose[:2], True) for d in told]
+    moments += [(d._replace(stamp=min(d.stamp, goal.end)), d.seen.pose[:2], True) for d in ends]
     moments.sort(key=lambda moment: moment[0].stamp)
-    last, _, is_told = moments[-1]
-    if goal.ended and made[-1].stamp < goal.end and not (is_told and last.stamp > goal.end - MAX_AGE_S * SECOND):
+    last, _, is_recorded = moments[-1]
+    if goal.ended and made[-1].stamp < goal.end and not (is_recorded and last.stamp > goal.end - MAX_AGE_S * SECOND):
         end = made[-1]._replace(stamp=goal.end, before=made[-1].after or made[-1].before)
         moments.append((end, tuple(_driven(bag, made[-1], goal.end)[1][-1]), True))
     if len(moments) < 2:
@@ -208,7 +208,7 @@ def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) 
 
 
 def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal:
-    """Return the goal, which ends where the robot has got `finish` metres towards it."""
+    """Return the goal, which ends as reached as soon as the robot has driven `finish` [m] towards it."""
     begin = np.array(made[0].seen.pose[:2])
     for decision, until in zip(made, [*(d.stamp for d in made[1:]), goal.end]):
         stamps, places = _driven(bag, decision, until)
@@ -222,7 +222,7 @@ def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal
 def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [ns] and places (n, 2) [m] of the robot from a decision on, in the decision's frame.
 
-    The decision says where the robot was in its frame at its scan, the odometry how it drove on.
+    The decision contains the robot's pose at the time of its scan, from which the odometry continues.
     """
     stamps = bag.odometry.stamp
     first = int(np.argmin(np.abs(stamps - decision.scan)))
@@ -232,12 +232,12 @@ def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.nd
 
 
 def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
-    """Return theta (k,) of the {name: value} of a decision."""
+    """Return theta (k,) from a decision's parameters {name: value}."""
     return np.array([values[name] for name in encoding.space.names])
 
 
 def _label(bag: Bag, robot: Robot, before: Sample, after: Sample) -> None:
-    """Set the parts of an Outcome that a transition has: progress, clearance, contact, time."""
+    """Set progress, clearance, contact and time in the outcome of a transition."""
     outcome = after.outcome
     outcome.progress, outcome.progress_y = progress(before.decision.seen.goal, before.place, after.place)
     outcome.seconds = (after.at - before.at) / SECOND
@@ -249,13 +249,13 @@ def _label(bag: Bag, robot: Robot, before: Sample, after: Sample) -> None:
 
 
 def _unusable(bag: Bag, encoding: Encoding, before: Sample, after: Sample) -> str:
-    """Return why a transition cannot be used; "" when it can."""
+    """Return why a transition cannot be used, or "" if it can."""
     seconds, stamps = (after.at - before.at) / SECOND, bag.scans.stamp
     early = seconds < 0.5 * encoding.period and not after.outcome.over
     if early and after.is_end:
-        return "a course was broken off soon after a decision"
+        return "a course was interrupted soon after a decision"
     if early or seconds > 1.5 * encoding.period:
-        return "a decision's period is not that of the others"
+        return "a decision's period differs from the others"
     stamps = stamps[(stamps >= before.at - MAX_AGE_S * SECOND) & (stamps <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S * SECOND:
         return "scans are missing"
@@ -266,13 +266,13 @@ def _unusable(bag: Bag, encoding: Encoding, before: Sample, after: Sample) -> st
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
 def _usable(bag: Bag, encoding: Encoding, samples: List[Sample], skipped: Counter[str]) -> Iterator[List[Sample]]:
-    """Yield runs of samples with usable transitions between them; the others are counted in `skipped`."""
+    """Yield runs of samples with usable transitions between them. Count the other transitions in `skipped`."""
     run = samples[:1]
     for before, after in zip(samples, samples[1:]):
-        trouble = "" if before.is_end else _unusable(bag, encoding, before, after)
-        if trouble:
-            skipped[trouble] += 1
-        if trouble or before.is_end:
+        reason = "" if before.is_end else _unusable(bag, encoding, before, after)
+        if reason:
+            skipped[reason] += 1
+        if reason or before.is_end:
             if len(run) > 1:
                 yield run
             run = []

@@ -1,4 +1,4 @@
-"""Names of the topics of a recorded drive."""
+"""Topic names of a recorded drive."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class TopicNames:
-    """Names of the topics of a drive."""
+    """Names of the topics of a recorded drive."""
 
     scan: str = "/front/scan"
     odometry: str = "/odometry/filtered"
@@ -16,7 +16,7 @@ class TopicNames:
     collision: str = "/sim_bridge/collision"
     applr: str = "/applr"
     command: str = "/cmd_vel"
-    demonstration: str = "/demonstration"  # String: JSON of who demonstrated (demonstrate.py)
+    demonstration: str = "/demonstration"  # std_msgs/String with JSON about the demonstrator (demonstrate.py)
 
     @property
     def decision(self) -> str:
@@ -25,12 +25,12 @@ class TopicNames:
 
     @property
     def course_end(self) -> str:
-        """Topic of what the applr node sees where a course ends."""
+        """Topic of the observation at the end of a course."""
         return self.applr + "/course_end"
 
     @classmethod
     def of(cls, robot: Any) -> TopicNames:
-        """Return those of a robots.Robot without a namespace."""
+        """Return the topics of a robots.Robot without a namespace."""
         given = robot.topics
         scan, odometry, command = ("/" + name.lstrip("/") for name in (given.scan, given.odometry, given.cmd_vel))
         return cls(scan=scan, odometry=odometry, command=command)

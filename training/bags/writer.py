@@ -1,4 +1,4 @@
-"""Writes ROS 1 bags with the topics of a robot, without ROS: demonstrate.py's, and those of tests."""
+"""Writer of ROS 1 bags with the topics of a robot, without ROS, for demonstrate.py and tests."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from training.bags.topics import TopicNames
 
 
 class BagWriter:
-    """A ROS 1 bag with the topics of a robot's stack; times in seconds from 0; a context manager.
+    """Context manager that writes a ROS 1 bag with the topics of a robot's stack.
 
-    The file gets its name when it is whole.
+    Times are in seconds from 0. The file gets its name when it is complete.
 
     Args:
-        path: Of the bag, which must not exist.
+        path: Path of the bag, which must not exist.
         topics: Names of the topics.
-        robot: Whose laser and frames they are.
+        robot: Robot with the laser and the frames.
 
     Raises:
-        StorageError: The bag is there already.
+        StorageError: The bag already exists.
     """
 
     def __init__(self, path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL):
@@ -37,7 +37,7 @@ class BagWriter:
         self.store = get_typestore(Stores.ROS1_NOETIC)
         self._connections: Dict[str, Any] = {}
         if self.path.exists():
-            raise StorageError(f"{path}: is there already; give another name")
+            raise StorageError(f"{path} already exists: give another name")
         self._partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
         self._writer = Writer(self._partial)
         self._writer.open()
@@ -76,16 +76,16 @@ class BagWriter:
         self._put(self.topics.command, "geometry_msgs/msg/Twist", time, self._vector(v), self._vector(0.0, 0.0, w))
 
     def demonstrator(self, time: float, **what) -> None:
-        """Write who demonstrates and where, as JSON."""
+        """Write demonstrator and place as JSON."""
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
     def goal(self, time: float, goal, frame: str = "") -> None:
-        """Write a goal that move_base has accepted: (x, y, yaw) in a frame, else in the robot's odometry frame."""
+        """Write a goal accepted by move_base: (x, y, yaw) in `frame`, by default the robot's odometry frame."""
         header = self._header(time, frame or self.robot.frames.odom)
         topic = self.topics.move_base + "/current_goal"
         self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
 
-    # -- how they are written ----------------------------------------------------------------------
+    # -- messages ----------------------------------------------------------------------------------
     def _put(self, topic, kind, time, *fields) -> None:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self.store)
@@ -111,5 +111,5 @@ class BagWriter:
 
 
 def nanoseconds(time: float) -> int:
-    """Return seconds in whole nanoseconds."""
+    """Return a time [s] in whole nanoseconds."""
     return int(round(time * SECOND))

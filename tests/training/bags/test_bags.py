@@ -1,4 +1,4 @@
-"""Bags to transitions: what the node saw and chose, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
+"""Tests of the conversion of ROS 1 and ROS 2 bags to transitions: inputs and decisions of the node, damaged data."""
 
 import shutil
 import subprocess
@@ -37,10 +37,13 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 
 class Drive:
-    """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen.
+    """Synthetic drive along x at 50 Hz: messages written to a bag, and the observations of a node.
 
-    without: topics that are left out; scan(ranges, k): what the laser says instead in step k, None for nothing;
-    after(drive, t, k): is called after each step; told(number, seen): what a decision says the node saw.
+    Args:
+        without: Topics that are not written.
+        scan: scan(ranges, k) returns the scan to write in step k, or None for no scan.
+        after: after(drive, t, k) is called after each step.
+        recorded: recorded(number, seen) returns the inputs to write in a decision.
     """
 
     def __init__(
@@ -56,10 +59,10 @@ class Drive:
         every=100,
         scan=lambda ranges, k: ranges,
         after=lambda drive, t, k: None,
-        told=lambda number, seen: seen,
+        recorded=lambda number, seen: seen,
     ):
         self.writer, self.goal, self.without = writer, goal, without
-        self.every, self.heard, self.told = every, scan, told
+        self.every, self.scan, self.recorded = every, scan, recorded
         self.rng = np.random.default_rng(seed)
         self.observations, self.thetas, self.number = [], [], 0
         self.theta = THETA_0
@@ -82,11 +85,11 @@ class Drive:
         if "odometry" not in self.without:
             w.odometry(t, self.pose, (0.5, 0.0))
         self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
-        heard = self.heard(self.ranges, k)
-        if heard is not None:
-            self.newest = self.ranges
+        scan = self.scan(self.ranges, k)
+        if scan is not None:
+            self.latest = self.ranges
             if "scan" not in self.without:
-                w.scan(t, heard)
+                w.scan(t, scan)
         if k % self.every == 0:
             self.decide(t)
 
@@ -94,10 +97,10 @@ class Drive:
         pass
 
     def seen(self):
-        """A plan goes .01 rad farther to the left at each decision."""
+        """Return the inputs of a decision. The plan turns left by .01 rad at each decision."""
         laser, bearing = robots.JACKAL.laser, self.pose[2] + 0.01 * self.number
         way = np.linspace(0.0, 5.0, 100)[:, None] * [np.cos(bearing), np.sin(bearing)] + self.pose[:2]
-        scan = self.newest, laser.first_angle, laser.increment
+        scan = self.latest, laser.first_angle, laser.increment
         return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), way, np.zeros((0, 4)))
 
     def decide(self, t):
@@ -107,7 +110,7 @@ class Drive:
         self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         if "decision" not in self.without:
             sets = map(SPACE.as_dict, (before, self.theta))
-            self.writer.decision(t, self.number, self.goal, self.told(self.number, seen), *sets)
+            self.writer.decision(t, self.number, self.goal, self.recorded(self.number, seen), *sets)
         self.thetas.append(self.theta)
 
 
@@ -121,7 +124,7 @@ def rebuild(path, robot=robots.JACKAL, **options):
 
 
 def assert_equal(trajectory, drive, count=None, ends=True):
-    """The trajectory is what the node saw and did; `ends`: it has the course's end, seen as its last decision was."""
+    """Compare a trajectory with a drive; with `ends`, the course ends with the observation of the last decision."""
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
     expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
@@ -133,26 +136,26 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
 
 
-def test_transitions_are_what_the_node_saw(tmp_path):
+def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     drive = record(tmp_path / "a.bag")
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, drive)
     assert trajectory.terminated
     assert skipped == {}
-    # R_f = -1 until the goal; R_p the metres towards it; R_c = -.05 / nearest range, at the end of the last scan
-    nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.newest.min()]
+    # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of the last scan.
+    nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.latest.min()]
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
 
 
-def test_a_decision_was_made_at_the_pose_that_it_states(tmp_path):
-    """At .5 m/s; all decisions but the first had odometry of .1 s before."""
+def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
+    """At .5 m/s, the odometry of all decisions but the first is .1 s old."""
 
     def behind(number, seen):
         x, y, yaw = seen.pose
         return seen._replace(pose=(x - 0.05 * (number > 1), y, yaw))
 
-    record(tmp_path / "a.bag", told=behind)
+    record(tmp_path / "a.bag", recorded=behind)
     (trajectory,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_c=0.0))
     assert trajectory.reward[:2].tolist() == pytest.approx([0.95, 1.0], abs=1e-3)
 
@@ -163,7 +166,7 @@ def test_the_period_is_the_median_interval_in_whole_cycles():
     assert decision_period(SimpleNamespace(decisions=decisions, end=9 * SECOND)) == 2.0
 
 
-def test_a_bag_of_fewer_scans_than_the_node_got_has_what_it_saw(tmp_path):
+def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp_path):
     drive = record(tmp_path / "a.bag", scan=lambda ranges, k: ranges if k % 2 or not k else None)
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, drive)
@@ -172,7 +175,7 @@ def test_a_bag_of_fewer_scans_than_the_node_got_has_what_it_saw(tmp_path):
 
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
-    """Rewards count time in it, as in training; a course of two decisions takes it from the bag's other course."""
+    """Rewards scale with the period, as in training. A course of two decisions takes it from the other course."""
     with StackWriter(tmp_path / "a.bag") as writer:
         drives = [
             Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
@@ -185,8 +188,8 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
         np.testing.assert_allclose(trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6)
 
 
-class Tells(Drive):
-    """Its node tells what it saw at the end."""
+class PublishesEnd(Drive):
+    """Its node publishes its observation at the end of the course."""
 
     def end(self, t):
         self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
@@ -200,25 +203,27 @@ class Tells(Drive):
         (Drive, PREEMPTED, 9.0, None, 4, False, {}),
         (Drive, PREEMPTED, 9.98, None, 4, False, {}),
         (Drive, None, 9.0, None, 4, False, {}),
-        (Drive, PREEMPTED, 9.0, 3.5, 4, True, {}),  # a finish line before the goal, at 0.5 m/s after 7 s
-        (Tells, SUCCEEDED, 9.0, None, 5, True, {}),
-        (Tells, SUCCEEDED, 8.4, None, 5, True, {}),
-        (Tells, PREEMPTED, 9.8, None, 5, False, {}),
-        (Tells, PREEMPTED, 8.4, None, 4, False, {"a course was broken off soon after a decision": 1}),
-        (Tells, None, 9.8, None, 5, False, {}),  # the node was switched off
+        (Drive, PREEMPTED, 9.0, 3.5, 4, True, {}),  # The finish line is reached before the goal, at 0.5 m/s after 7 s.
+        (PublishesEnd, SUCCEEDED, 9.0, None, 5, True, {}),
+        (PublishesEnd, SUCCEEDED, 8.4, None, 5, True, {}),
+        (PublishesEnd, PREEMPTED, 9.8, None, 5, False, {}),
+        (PublishesEnd, PREEMPTED, 8.4, None, 4, False, {"a course was interrupted soon after a decision": 1}),
+        (PublishesEnd, None, 9.8, None, 5, False, {}),  # The node was switched off.
     ],
 )
 def test_how_a_course_ends(tmp_path, kind, status, seconds, finish, count, terminated, skipped):
-    """If the node does not tell what it saw there, the end is seen as its last decision was."""
+    """If the node does not publish its observation at the end, that of the last decision is used."""
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
-    assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # there its time costs nothing
+    assert (trajectory.reward[-1] > 0.0) == (
+        status == SUCCEEDED or finish is not None
+    )  # Time costs nothing in the last decision before the goal.
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
-    """It stops after 3.8 s, and decides again from 6 s on."""
+    """The node stops after 3.8 s and decides again from 6 s on."""
 
     class Switched(Drive):
         def decide(self, t):
@@ -228,19 +233,21 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
                 super().decide(t)
 
     record(tmp_path / "a.bag", Switched)
-    found, skipped = rebuild(tmp_path / "a.bag")
-    assert [len(t) for t in found] == [2, 2]
-    assert [t.terminated for t in found] == [False, True]
+    rebuilt, skipped = rebuild(tmp_path / "a.bag")
+    assert [len(t) for t in rebuilt] == [2, 2]
+    assert [t.terminated for t in rebuilt] == [False, True]
     assert skipped == {}
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_what_rosbags_convert_makes_of_a_bag_gives_the_same_transitions(tmp_path, storage):
+def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path, storage):
     drive, command = record(tmp_path / "a.bag"), Path(sys.executable).with_name("rosbags-convert")
     for source, destination in (("a.bag", "ros2"), ("ros2", "back.bag")):
         words = ["--src", tmp_path / source, "--dst", tmp_path / destination, "--dst-storage", storage]
         subprocess.run([command, *words], check=True)
-    assert bags_in([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, whatever files it consists of
+    assert bags_in([tmp_path / "ros2"]) == [
+        tmp_path / "ros2"
+    ]  # A ROS 2 folder is one bag, independent of its number of files.
     assert bags_in([tmp_path]) == [tmp_path / name for name in ("a.bag", "back.bag", "ros2")]
     (lone,) = (file for file in (tmp_path / "ros2").iterdir() if file.name != "metadata.yaml")
     shutil.copy(lone, tmp_path)
@@ -255,7 +262,7 @@ def test_what_rosbags_convert_makes_of_a_bag_gives_the_same_transitions(tmp_path
 
 
 def test_code_in_a_message_definition_is_not_run(tmp_path):
-    """ROS's own rosbag makes Python of such a constant's name."""
+    """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
     for number, definition in enumerate((code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")):
         with Writer(tmp_path / f"{number}.bag") as writer:
@@ -304,23 +311,23 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     assert "already" in capsys.readouterr().err
 
 
-def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
+def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
     with StackWriter(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
-        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # the clock fell back to 43 s
-    (found,), skipped = rebuild(tmp_path / "a.bag")
-    assert_equal(found, first)
+        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # The clock jumped back to 43 s.
+    (trajectory,), skipped = rebuild(tmp_path / "a.bag")
+    assert_equal(trajectory, first)
     assert "the odometry jumped" in skipped
 
 
 def person(drive, t, k):
-    if k == 275:  # turns a knob in the middle of the third decision
+    if k == 275:  # A person changes a parameter in the middle of the third decision.
         drive.theta = SPACE.from_dict({"max_vel_x": 1.23})
 
 
 class Misses(Drive):
-    """Its node leaves the third decision out."""
+    """Its node misses the third decision."""
 
     def decide(self, t):
         if t != 14.0:
@@ -329,7 +336,7 @@ class Misses(Drive):
 
 @pytest.mark.parametrize(
     ("changes", "lengths", "reason"),
-    [  # what happens within the third decision
+    [  # Each change happens during the third decision.
         ({"scan": lambda ranges, k: None if 230 < k < 290 else ranges}, [2, 2], "scans are missing"),
         (
             {"after": lambda d, t, k: k == 250 and d.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))},
@@ -337,22 +344,22 @@ class Misses(Drive):
             "the odometry jumped",
         ),
         ({"after": person}, [2, 2], "parameters were changed"),
-        ({"kind": Misses}, [1, 2], "a decision's period is not that of the others"),
+        ({"kind": Misses}, [1, 2], "a decision's period differs from the others"),
     ],
     ids=["gap", "moved", "person", "missed"],
 )
 def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reason):
     record(tmp_path / "a.bag", **changes)
-    found, skipped = rebuild(tmp_path / "a.bag")
-    assert [len(t) for t in found] == lengths, skipped
+    rebuilt, skipped = rebuild(tmp_path / "a.bag")
+    assert [len(t) for t in rebuilt] == lengths, skipped
     assert any(reason in text for text in skipped), skipped
-    assert [t.terminated for t in found] == [False, True][: len(found)]
+    assert [t.terminated for t in rebuilt] == [False, True][: len(rebuilt)]
 
 
 @pytest.mark.parametrize(
     ("seconds", "moved", "jumps"), [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)]
 )
-def test_odometry_jumps_where_it_goes_farther_than_thirty_centimetres_and_five_metres_a_second(seconds, moved, jumps):
+def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_metres_a_second(seconds, moved, jumps):
     stamps = np.array([0, int(seconds * SECOND)])
     odometry = SimpleNamespace(stamp=stamps, pose=np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]]))
     bag = SimpleNamespace(odometry=odometry, scans=SimpleNamespace(at=stamps, stamp=stamps))
@@ -361,15 +368,15 @@ def test_odometry_jumps_where_it_goes_farther_than_thirty_centimetres_and_five_m
         _check_motion(bag, goal)
 
 
-def test_a_contact_costs_in_the_decision_in_which_it_is(tmp_path):
+def test_a_contact_is_charged_in_its_decision(tmp_path):
     record(tmp_path / "a.bag", after=lambda drive, t, k: k in (250, 260) and drive.writer.contact(t))
     (plain,), _ = rebuild(tmp_path / "a.bag")
-    (found,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
-    np.testing.assert_allclose(found.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
+    (charged,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
+    np.testing.assert_allclose(charged.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
 
 
-def test_rewards_are_in_the_scale_and_pace_of_the_form(tmp_path):
-    """A base of half the Jackal's speed pays half for its time."""
+def test_rewards_have_the_scale_and_pace_of_the_encoding(tmp_path):
+    """For a base of half the Jackal's speed, time costs half as much."""
     record(tmp_path / "a.bag")
     slow = replace(robots.JACKAL, base=robots.JACKAL.base.model_copy(update={"max_speed": 1.0}))
     for robot, cost in ((robots.JACKAL, -1.0), (slow, -0.5)):
@@ -378,7 +385,7 @@ def test_rewards_are_in_the_scale_and_pace_of_the_form(tmp_path):
         assert trajectory.reward.tolist() == pytest.approx([cost] * 4 + [0.0])
 
 
-def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, capsys):
+def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path, capsys):
     record(tmp_path / "a.bag")
     data = str(tmp_path / "data")
     recipe = tmp_path / "own.yaml"
@@ -401,7 +408,7 @@ def test_a_recipe_gives_form_and_reward_and_training_refuses_others(tmp_path, ca
 
 
 def zeros(ranges, k):
-    """0 where nothing returns, as some lasers write; nowhere between the third and the fourth decision."""
+    """Return 0 for beams without a return, as some lasers do, and only 0 between the third and fourth decision."""
     ranges = np.where(np.arange(720) % 7, 1.6, 0.0)
     return np.zeros(720) if 210 < k < 390 and k % 100 else ranges
 
@@ -410,8 +417,8 @@ def zeros(ranges, k):
     ("scan", "lowest", "nearest"),
     [(zeros, False, 1.6), (zeros, True, 1.6), (lambda ranges, k: np.full(720, -np.inf), False, 0.4)],
 )
-def test_the_price_of_nearness_is_that_of_the_smallest_range(tmp_path, scan, lowest, nearest):
-    """-inf is too near to tell: the robot's smallest range."""
+def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, nearest):
+    """A range of -inf is too near to measure and counts as the laser's minimum range."""
     record(tmp_path / "a.bag", scan=scan)
     robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
     (trajectory,), skipped = rebuild(tmp_path / "a.bag", robot, reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
@@ -420,10 +427,9 @@ def test_the_price_of_nearness_is_that_of_the_smallest_range(tmp_path, scan, low
 
 
 class Truthful(RecordingEpisode):
-    """Its odometry does not slip, and its goal lies on the map.
+    """Episode without odometry drift, and with the goal of the course at the goal that is sent.
 
-    The environment's rewards are of the true way to the goal of the course, those of a bag of the odometry's to the
-    goal that was sent.
+    The environment rewards the true progress to the goal of the course, a bag the odometry's progress to the sent goal.
     """
 
     def reset(self, world, *args, **more):
@@ -437,7 +443,7 @@ class Truthful(RecordingEpisode):
 
 
 def driven(path, observation, world, limit=None, **settings):
-    """The environment's transitions of two courses in a world, whose last one ended as it says, and a bag of them."""
+    """Drive two courses in a world, record them in a bag, and return the environment's transitions."""
     env = ApplrEnv(
         world, observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0}, **settings
     )
@@ -445,7 +451,7 @@ def driven(path, observation, world, limit=None, **settings):
         same = env.episode.simulator, env.episode.move_base
         env.episode = Truthful(*same, writer, period=1.0, limit=limit)
         env.episode.layout = env.encoding.layout
-        rng, found, moving = np.random.default_rng(3), [], 0
+        rng, trajectories, moving = np.random.default_rng(3), [], 0
         for course in range(2):
             seen, over = [env.reset(seed=course)[0]], False
             actions, rewards = [], []
@@ -457,24 +463,24 @@ def driven(path, observation, world, limit=None, **settings):
                 moving += len(env.episode.movers())
             layout = TransitionLayout.of(env.encoding)
             assert layout == env.layout
-            found.append(Trajectory.of(layout, seen, actions, rewards, terminated))
+            trajectories.append(Trajectory.of(layout, seen, actions, rewards, terminated))
     assert moving or "dynamic" not in world
-    return found
+    return trajectories
 
 
-def assert_same(found, expected):
-    """Transitions are equal, field by field, but for beams that lie between two steps of the scan's resolution."""
-    assert (len(found), found.terminated) == (len(expected), expected.terminated)
-    assert np.abs(found.scan.astype(int) - expected.scan).max() <= 1
-    assert (found.scan != expected.scan).mean() < 1e-4
+def assert_same(rebuilt, expected):
+    """Compare transitions field by field. A beam between two steps of the scan's resolution may differ by one."""
+    assert (len(rebuilt), rebuilt.terminated) == (len(expected), expected.terminated)
+    assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
+    assert (rebuilt.scan != expected.scan).mean() < 1e-4
     for name, most in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name)
+        np.testing.assert_allclose(getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name)
 
 
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", None), ("dynamic:406", 9)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
-    """Through rosbags-convert and the command: both encodings, moving obstacles, to the goal and to the time limit."""
+    """Uses rosbags-convert and the command, with both encodings, moving obstacles, and ends at goal and time limit."""
     expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
     command = Path(sys.executable).with_name("rosbags-convert")
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)
@@ -485,8 +491,8 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     dataset = Dataset(tmp_path / "data")
     assert dataset.about["observation"] == observation
     assert dataset.about["skipped"] == {}
-    for found, whole in zip(dataset.trajectories(), expected, strict=True):
-        assert_same(found, whole)
+    for rebuilt, whole in zip(dataset.trajectories(), expected, strict=True):
+        assert_same(rebuilt, whole)
 
 
 @pytest.mark.fault("23a")

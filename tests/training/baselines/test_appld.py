@@ -1,5 +1,5 @@
-"""APPLD: a scripted demonstration becomes a bag, the bag contexts, each context parameters that command what was
-demonstrated, and all of it a file that drives, in-process and as a launch method.
+"""Tests of APPLD: from a scripted demonstration to a bag, contexts, a parameter set for each context, and a file that
+drives, in-process and as a launch method.
 """
 
 import copy
@@ -26,7 +26,7 @@ from training.demonstrate import main as demonstrate
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """A scripted demonstration of a generated world, about 9 s."""
+    """Scripted demonstration in a generated world, about 9 s long."""
     path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
     assert demonstrate([str(path), "--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]) == 0
     return path
@@ -45,7 +45,7 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     with AnyReader([path]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
-    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)  # not one in each cycle
+    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)  # The laser is slower than the control cycle.
 
 
 def test_bag_is_read_as_it_was_driven(bag):
@@ -56,7 +56,7 @@ def test_bag_is_read_as_it_was_driven(bag):
     assert d.ranges.shape[1] == 720
     assert np.allclose(np.diff(d.time), 0.05)
     assert d.driving.all()
-    # the base follows the commands of one cycle in the next ones
+    # The base follows a command in the cycles after it.
     assert np.abs(d.twist[5:, 0] - d.command[3:-2, 0]).mean() < 0.05
     world = worlds.load("generated:3")
     assert d.goal[:2] == pytest.approx(
@@ -65,7 +65,7 @@ def test_bag_is_read_as_it_was_driven(bag):
 
 
 @pytest.mark.parametrize("spec", ["generated:290", "physical_course"])
-def test_demonstrators_route_keeps_off_obstacles(spec):
+def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     world = worlds.load(spec)
     points = demonstrator.route(world)
     gaps = [gap for _, gap in demonstrator._offsets(world, points)]
@@ -74,8 +74,8 @@ def test_demonstrators_route_keeps_off_obstacles(spec):
     assert np.allclose(points[0], world.course.start[:2])
 
 
-def test_changepoints_are_found_where_they_are():
-    """Fast in the open, slow between walls, fast again: three segments, two contexts."""
+def test_changepoints_are_found_within_three_instants():
+    """The demonstration is fast in the open, slow between walls, and fast again: three segments, two contexts."""
     n = 400
     slow = (np.arange(n) >= 150) & (np.arange(n) < 260)
     rng = np.random.default_rng(0)
@@ -93,16 +93,16 @@ def test_changepoints_are_found_where_they_are():
         (0.0, 0.0, 0.0),
         {},
     )
-    found = contexts.find([d])
+    three = contexts.find([d])
     assert [
-        (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(found.segments, (0, 150, 260), (150, 260, 400))
+        (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(three.segments, (0, 150, 260), (150, 260, 400))
     ] == [(True, True)] * 3
     assert [s.context for s in contexts.find([d], most=2).segments] == [0, 1, 0]
     assert len(contexts.find([d], most=0).names) == 3
 
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
-    """What the planner itself commanded under other parameters is matched again, to the last bit at those."""
+    """Commands that the planner gave under other parameters are matched, exactly with these parameters."""
     d = demonstration.read_demonstration(bag)
     span = [contexts.Segment(0, 30, 60, 0)]
     (stretch,) = appld_fit.stretches(d, span)
@@ -111,18 +111,18 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     send(SPACE.requests(theta), replayed)
     d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
-    found = appld_fit.fit([stretch], 30, seed=0)
-    assert found.loss < 0.5 * found.loss_theta0
-    assert found.replays <= 41
-    assert found.theta[0] > 0.7
+    fitted = appld_fit.fit([stretch], 30, seed=0)
+    assert fitted.loss < 0.5 * fitted.loss_theta0
+    assert fitted.replays <= 41
+    assert fitted.theta[0] > 0.7
 
 
-def test_classifier_tells_scans_apart_in_the_mirror_too(tmp_path, monkeypatch):
+def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeypatch):
     monkeypatch.setattr(appld_classifier, "STEPS", 60)
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
-    ranges[:, 500:] = 0.4  # a wall on one side, always the same
+    ranges[:, 500:] = 0.4  # A wall on one side is the same in both contexts.
     scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
     weights, result = appld_classifier.train(scans, labels, 2)
     assert result["accuracy"] > 0.98
@@ -151,11 +151,11 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     assert method.describe()["file"] == "mine.safetensors"
 
 
-def test_shipped_file_drives():
-    """The included file is one of these, and its card says that a script demonstrated."""
+def test_the_shipped_file_drives():
+    """Its metadata names the scripted demonstrator."""
     path = methods.shipped("appld.safetensors", JACKAL)
-    found = actor.load(path)
-    assert 2 <= len(found.names) <= 8
-    assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
+    loaded = actor.load(path)
+    assert 2 <= len(loaded.names) <= 8
+    assert "scripted" in loaded.metadata["training"]["demonstrations"][0]["demonstrator"]
     refused(lambda: methods.make(path, load("husky")), "for the robot jackal: here husky runs")
-    assert np.array_equal(methods.make("appld").sets, found.sets)
+    assert np.array_equal(methods.make("appld").sets, loaded.sets)

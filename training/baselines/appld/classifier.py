@@ -1,7 +1,6 @@
-"""APPLD's context classifier: a small network from the scan, as the observation has it, to the context.
+"""APPLD's context classifier: a small network from the scan of an observation to the context.
 
-It is trained here with torch and run by ContextPolicy (applr_ros1/policy/actor.py) with numpy. training/appld.py calls
-it.
+training/appld.py trains the network with torch. ContextPolicy (applr_ros1/policy/actor.py) runs it with numpy.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ import numpy as np
 from applr_ros1.policy.actor import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT, Layout
 
-HIDDEN = 64
+HIDDEN = 64  # number of hidden units
 STEPS = 500  # number of gradient steps
-SHIFT = 0.157  # rad by which a scan is turned at most: 9 degrees
-NOISE = 0.02  # m
-BLOCK = 40  # instants that are held out together: neighbours in time are nearly the same scan
+SHIFT = 0.157  # largest random rotation of a scan [rad]: 9 degrees
+NOISE = 0.02  # standard deviation of the noise on ranges [m]
+BLOCK = 40  # number of consecutive instants held out together, because consecutive scans are nearly equal
 
 
 def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
-    """(n, beams) m → (n, beams) float32 in [-1, 1], as policy/observation.py scales them."""
+    """Return ranges (n, beams) [m] scaled to [-1, 1] as float32, as in policy/observation.py."""
     cap = layout.range_cap
     known = np.nan_to_num(np.asarray(ranges, np.float32), nan=cap, posinf=cap, neginf=0.0)
     return np.clip(known, 0.0, cap) * (2.0 / cap) - 1.0
@@ -30,10 +29,18 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
 ) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
-    """Return weights for policy/actor.py, and how well they tell contexts. scans: (n, beams); labels: (n,) int.
+    """Return weights for policy/actor.py, and their accuracy. Scans are augmented by mirroring, rotation and noise.
 
-    Result: accuracy over all instants; "held_out": of a network trained without every fifth block of two seconds, on
-    those blocks. What is seen is also seen in the mirror, turned a little and with noise.
+    Args:
+        scans: (n, beams) scans as returned by inputs().
+        labels: (n,) context of each scan.
+        contexts: number of contexts.
+        seed: seed of weights, batches and augmentation.
+        layout: beams of the scans.
+
+    Returns:
+        The weights, and {"accuracy": over all instants, "held_out": on every fifth block of two seconds, for a network
+        trained without these blocks (None if not measurable), "instants": number of instants}.
     """
     blocks = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = None
@@ -48,11 +55,11 @@ def train(
     }
 
 
-def _fit(scans, labels, contexts, seed, layout):
+def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout) -> Dict[str, np.ndarray]:
     import torch
 
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # nets so small only wait for each other
+    torch.set_num_threads(1)  # The threads of such a small network only wait for each other.
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     net = torch.nn.Sequential(torch.nn.Linear(layout.beams, HIDDEN), torch.nn.ReLU(), torch.nn.Linear(HIDDEN, contexts))
@@ -75,8 +82,8 @@ def _fit(scans, labels, contexts, seed, layout):
     }
 
 
-def _varied(scans, rng, layout) -> np.ndarray:
-    """Half of them mirrored, each turned by up to SHIFT, with noise."""
+def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.ndarray:
+    """Return scans (n, beams), half of them mirrored, each rotated by up to SHIFT, with noise."""
     count, shift = layout.beams, round(SHIFT / layout.step)
     beams = np.arange(count)[None, :] + rng.integers(-shift, shift + 1, (len(scans), 1))
     beams = np.clip(beams, 0, count - 1)
@@ -86,5 +93,5 @@ def _varied(scans, rng, layout) -> np.ndarray:
     return np.clip(varied + noise, -1.0, 1.0).astype(np.float32)
 
 
-def _accuracy(weights, scans, labels) -> float:
+def _accuracy(weights: Dict[str, np.ndarray], scans: np.ndarray, labels: np.ndarray) -> float:
     return round(float((np.argmax(forward(layers_of(weights), scans), axis=1) == labels).mean()), 4)

@@ -1,11 +1,12 @@
-"""A demonstration: the commands that somebody gave, with the poses and scans that went with them.
+"""Demonstration: commands of a demonstrator with the poses and scans recorded at the same time.
 
-APPLD (appld.py) reads it from a bag, recorded while a person drove the robot or by the scripted demonstrator
-(demonstrate.py) wrote.
+APPLD (appld.py) reads a demonstration from a bag, recorded while a person drove the robot or by demonstrate.py with the
+scripted demonstrator.
 """
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any, Dict, Tuple
 
@@ -18,29 +19,30 @@ from training.bags.bag import Bag, BagError, read, refused
 from training.bags.topics import TopicNames
 from training.env.episode import CONTROL_PERIOD
 
-DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
-HELD = 0.5  # s for which a command counts after it was given
-SHORTEST = 5.0  # s of driving that a demonstration must have
+DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
+HELD = 0.5  # duration for which a command remains valid [s]
+SHORTEST = 5.0  # minimum driving time of a demonstration [s]
 
 
 @dataclass
 class Demonstration:
-    """The instants of a demonstration, one for each control cycle of the planner, from the first command to the last.
+    """Instants of a demonstration from the first to the last command, one for each control cycle of the planner.
 
     Instants follow the scans and are about 50 ms apart.
 
     Attributes:
-        time: (n,) [s].
-        scan: the geometry of the scans: angle of the first range and between ranges [rad], smallest and largest range
+        name: file name of the bag.
+        time: (n,) time [s].
+        scan: geometry of the scans: angle of the first range, angle between ranges [rad], minimum and maximum range
             [m].
-        ranges: (n, m) float32 [m], as the laser gave them.
-        seen: (n, 720) float32 [m], as a policy sees them; other numbers of beams for other robots.
-        pose: (n, 3) x, y [m], yaw [rad] of the odometry.
-        twist: (n, 2) v [m/s], w [rad/s] of the odometry.
+        ranges: (n, m) float32 [m], unprocessed ranges of the laser.
+        seen: (n, 720) float32 [m], ranges resampled for a policy; other robots have other numbers of beams.
+        pose: (n, 3) x, y [m], yaw [rad] by odometry.
+        twist: (n, 2) v [m/s], w [rad/s] by odometry.
         command: (n, 2) v [m/s], w [rad/s].
         goal: (x, y, yaw) in the frame of the odometry.
-        source: who demonstrated, and where.
-        robot: which robot drove.
+        source: demonstrator and place.
+        robot: robot that drove.
     """
 
     name: str
@@ -57,23 +59,28 @@ class Demonstration:
 
     @property
     def driving(self) -> np.ndarray:
-        """(n,) bool: where the demonstrator does not stand."""
+        """Mask (n,) of the instants at which the demonstrator drives."""
         return np.abs(self.command).max(axis=1) > DRIVING_SPEED
 
 
-def read_demonstration(path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL) -> Demonstration:
-    """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
+def read_demonstration(
+    path: os.PathLike | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL
+) -> Demonstration:
+    """Read a demonstration from a ROS 1 or ROS 2 bag with scans, odometry and commands.
 
-    The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.
+    The goal is the last goal sent to move_base in the odometry's frame. Without a goal, it is the last pose.
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic or has too little driving.
     """
     with refused(path):
         bag = read(path, topics)
-        for what, topic, found in (
+        for what, topic, rows in (
             ("scan", topics.scan, bag.scans.stamp),
             ("odometry", topics.odometry, bag.odometry.stamp),
             ("commands", topics.command, bag.commands[0]),
         ):
-            if len(found) < 2:
+            if len(rows) < 2:
                 raise BagError(f"no {what} on {topic}")
         return _instants(bag, robot)
 
@@ -89,7 +96,7 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
     moving = np.flatnonzero((np.abs(command).max(axis=1) > DRIVING_SPEED) & used)
     if len(moving) * CONTROL_PERIOD < SHORTEST:
         driven = len(moving) * CONTROL_PERIOD
-        raise BagError(f"{driven:.1f} s of driving; a demonstration needs {SHORTEST:g} s and more")
+        raise BagError(f"{driven:.1f} s of driving are too little: record {SHORTEST:g} s or more")
     span = np.arange(moving[0], moving[-1] + 1)
     span = span[used[span]]
     pose = odometry.pose[nearest[span]]
@@ -112,8 +119,8 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
     )
 
 
-def _beats(stamps) -> np.ndarray:
-    """The scans that are used: one for each planner cycle, the nearest to its beat, as the laser has another one."""
+def _beats(stamps: np.ndarray) -> np.ndarray:
+    """Return the indices of the scans to use: the nearest one to each planner cycle, if the laser's rate differs."""
     period, due, chosen = int(CONTROL_PERIOD * SECOND), int(stamps[0]), []
     for i, when in enumerate(stamps.tolist()):
         if when >= due - period // 5:
@@ -122,8 +129,8 @@ def _beats(stamps) -> np.ndarray:
     return np.array(chosen)
 
 
-def _commands(at, values, when) -> np.ndarray:
-    """(n, 2): the newest command given by the end of each instant; 0 where it is older than HELD."""
+def _commands(at: np.ndarray, values: np.ndarray, when: np.ndarray) -> np.ndarray:
+    """Return the latest command (n, 2) by the end of each instant, or 0 if the command is older than HELD."""
     last = np.searchsorted(at, when + int(0.9 * CONTROL_PERIOD * SECOND), side="right") - 1
     fresh = (last >= 0) & (when - at[last] < HELD * SECOND)
     return np.where(fresh[:, None] & np.isfinite(values[last]), values[last], 0.0)

@@ -1,14 +1,14 @@
-"""The parameters of an APPLD context, found with CMA-ES.
+"""Fit of the parameters of an APPLD context with CMA-ES, called by appld.py.
 
-The search looks for the parameters with which the planner, put in the place of the demonstrator at each instant,
-commands what the demonstrator commanded. appld.py calls it.
+The search minimises the difference between the demonstrator's commands and those of the planner, given the same pose
+and scan at each instant.
 """
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import List, Sequence
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -20,15 +20,15 @@ from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
 
-TURN_WEIGHT = 0.25  # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
-PULL = 1e-3  # towards theta_0, in the action's unit squared: decides where nothing else does
-LONGEST = 100  # instants of a segment that are replayed at most
-SETTLE = 5  # instants after a change of parameters that do not count
+TURN_WEIGHT = 0.25  # weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
+PULL = 1e-3  # weight of the squared distance of actions from theta_0, which decides between equally good sets
+LONGEST = 100  # largest number of replayed instants of a segment
+SETTLE = 5  # number of ignored instants after a change of parameters
 
 
 @dataclass
 class Stretch:
-    """A part of a demonstration to be replayed, and the planner as it stood there."""
+    """Part of a demonstration to be replayed, and a copy of the planner at its start."""
 
     demonstration: Demonstration
     first: int
@@ -38,16 +38,16 @@ class Stretch:
 
 @dataclass
 class Fit:
-    """A context's result, under the names of the log.
+    """Result for a context, with the field names of the log.
 
     Attributes:
-        theta: (n,) the best parameters.
-        loss: Their mean weighted squared error.
-        loss_theta0: That of the default parameters.
-        rms_v_w: Root mean square of the planner's (v, w) about the demonstrated [m/s, rad/s].
-        rms_v_w_theta0: That of the default parameters.
-        replays: Number of parameter sets that were tried.
-        instants: Number of instants that each of them was replayed in.
+        theta: (n,) best parameters.
+        loss: Mean weighted squared error of the best parameters.
+        loss_theta0: Mean weighted squared error of the default parameters.
+        rms_v_w: Root mean square error of the planner's (v, w) with the best parameters [m/s, rad/s].
+        rms_v_w_theta0: Root mean square error with the default parameters [m/s, rad/s].
+        replays: Number of evaluated parameter sets.
+        instants: Number of instants in which each parameter set was replayed.
     """
 
     theta: np.ndarray
@@ -59,10 +59,10 @@ class Fit:
     instants: int
 
 
-def step(planner: MoveBase, d: Demonstration, i: int):
-    """The planner's command (v [m/s], w [rad/s]) at instant i; (0, 0) if it has none.
+def step(planner: MoveBase, d: Demonstration, i: int) -> Tuple[float, float]:
+    """Return the planner's command (v [m/s], w [rad/s]) at instant i, or (0, 0) if the planner has none.
 
-    The planner gets the pose, twist and scan of the demonstration, and a clock of its own.
+    The planner gets the pose, twist and scan of the demonstration, and the time of clock().
     """
     now, pose = clock(i), tuple(d.pose[i].tolist())
     scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose, d.robot.laser), d.robot.laser.height)
@@ -71,16 +71,13 @@ def step(planner: MoveBase, d: Demonstration, i: int):
 
 
 def clock(i: int) -> float:
-    """The planner's time in instant i [s]: an instant is a cycle, whatever the laser's beat was."""
+    """Return the planner's time at instant i [s]. An instant lasts one cycle, independent of the laser's rate."""
     return 1.0 + i * CONTROL_PERIOD
 
 
 def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
-    """Copies of the planner as it is where each span begins.
-
-    The planner is led along the whole demonstration with theta_0.
-    """
-    planner, found, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
+    """Return a Stretch for each span, after leading the planner along the whole demonstration with theta_0."""
+    planner, parts, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
     send(space.requests(space.theta0), planner)
     step(planner, d, 0)
     planner.set_goal(d.goal, clock(0))
@@ -88,15 +85,15 @@ def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
     for i in range(len(d.time)):
         if i in first:
             last = min(first[i].last, i + LONGEST)
-            found.append(Stretch(d, i, last, copy.deepcopy(planner)))
+            parts.append(Stretch(d, i, last, copy.deepcopy(planner)))
         step(planner, d, i)
-        if planner.goal is None:  # it gave up, or arrived: the demonstration goes on
+        if planner.goal is None:  # The planner gave up or arrived, but the demonstration continues.
             planner.set_goal(d.goal, clock(i))
-    return found
+    return parts
 
 
-def replay(stretch: Stretch, theta) -> np.ndarray:
-    """(k, 2): the planner's (v, w) minus the demonstrator's, in the instants that count."""
+def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
+    """Return the planner's (v, w) minus the demonstrator's, (k, 2), at the k instants that count."""
     planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
     send(space_of(d.robot).requests(theta), planner)
     given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
@@ -105,8 +102,8 @@ def replay(stretch: Stretch, theta) -> np.ndarray:
     return (given - d.command[stretch.first : stretch.last])[counts]
 
 
-def loss(stretches_: Sequence[Stretch], theta):
-    """(mean weighted squared error, [rms v, rms w]) over all stretches of a context."""
+def loss(stretches_: Sequence[Stretch], theta: np.ndarray) -> Tuple[float, List[float]]:
+    """Return the mean weighted squared error and [rms v, rms w] over all stretches of a context."""
     errors = np.concatenate([replay(s, theta) for s in stretches_])
     if not len(errors):
         return 0.0, [0.0, 0.0]
@@ -115,8 +112,8 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
-    """CMA-ES from theta_0 over what the paper's encoding chooses. evaluations: replays of the context, about."""
-    import cma  # and with it scipy.stats and matplotlib
+    """Fit the parameters that the paper's encoding chooses with CMA-ES from theta_0, in about `evaluations` replays."""
+    import cma  # slow, because it imports scipy.stats and matplotlib
 
     encoding = PaperEncoding(stretches_[0].demonstration.robot)
     theta0 = encoding.space.theta0

@@ -1,46 +1,47 @@
-"""The scripted demonstrator: it stands in for the person of APPLD's demonstration, who cannot be shipped.
+"""Scripted demonstrator, which replaces the person of APPLD's demonstration in a simulator (demonstrate.py).
 
-demonstrate.py drives it in a simulator. Pure pursuit of the world's reference path, moved to the middle of its
-passages; fast where there is room, slow where there is none. It knows the true pose and the map, as no planner does.
+The demonstrator follows the world's reference path by pure pursuit. The path is moved to the middle of passages, and
+the speed depends on the clearance. Unlike a planner, the demonstrator knows the true pose and the map.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Iterator, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import normalize_angle, outside_box, transform_point
+from applr_ros1.common.angles import Pose, normalize_angle, outside_box, transform_point
 from applr_ros1.robots import Robot
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
-PERIOD = 0.05  # s between two commands
-SPACING = 0.05  # m between points of the route
-WANTED = 0.9  # m; obstacles nearer than this push the Jackal's route away
+PERIOD = 0.05  # interval between two commands [s]
+SPACING = 0.05  # distance between points of the route [m]
+WANTED = 0.9  # distance below which obstacles push the Jackal's route away [m]
 
 
 @dataclass(frozen=True)
 class Style:
-    """A way of driving a Jackal. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
+    """Driving style: speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]; defaults for a Jackal."""
 
-    slow: float = 0.30  # speed where the robot just fits
-    fast: float = 1.2  # where nothing is near
-    narrow: float = 0.70  # smallest room in the way at which it drives slowly
-    wide: float = 2.0  # and freely
-    turn: float = 1.5  # fastest turn
-    sideways: float = 0.8  # acceleration that curves may take
+    slow: float = 0.30  # speed in the narrowest passages
+    fast: float = 1.2  # speed without obstacles nearby
+    narrow: float = 0.70  # free distance up to which the speed is `slow`
+    wide: float = 2.0  # free distance from which on the speed is `fast`
+    turn: float = 1.5  # maximum yaw rate
+    sideways: float = 0.8  # maximum lateral acceleration
     gain: float = 0.8  # acceleration
-    brake: float = 1.6
-    turn_gain: float = 6.0
-    lookahead: float = 0.45  # and .35 s of speed more
-    band: float = 0.35  # half the width in which obstacles count as ahead
-    beside: float = 0.4  # length, to the front and to the back, in which they count as beside
+    brake: float = 1.6  # deceleration
+    turn_gain: float = 6.0  # yaw acceleration
+    lookahead: float = 0.45  # lookahead distance at standstill; grows by .35 s times the speed
+    band: float = 0.35  # half the width of the band in which obstacles count as ahead
+    beside: float = 0.4  # distance to the front and back within which obstacles count as beside the robot
 
     @classmethod
     def of(cls, robot: Robot) -> Style:
-        """The same for a robot: distances at the scale of its worlds, the rest within what its base can do."""
+        """Return the style for a robot: distances scaled like its worlds, the rest limited to what its base can do."""
         own, base, scale = cls(), robot.base, robot.world_scale
         return cls(
             slow=min(own.slow, 0.5 * base.max_speed),
@@ -58,23 +59,25 @@ class Style:
 
 
 class Demonstrator:
-    """command((x, y, yaw), ranges) every PERIOD. One course: make another for the next.
+    """Scripted demonstrator of one course; call command() every PERIOD.
 
     Args:
-        world: To drive in, at the robot's scale.
-        robot: That drives.
+        world: World with the course, at the robot's scale.
+        robot: Robot that drives.
     """
 
     def __init__(self, world: World, robot: Robot):
         self.style = Style.of(robot)
         laser = robot.laser
-        self._beams = np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]  # their headings
+        self._beams = (
+            np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]
+        )  # bearing of each beam [rad]
         self.route = route(world, WANTED * robot.world_scale)
         self._at = 0
         self._v = self._w = 0.0
 
-    def command(self, pose, ranges):
-        """(v, w) from the true pose (x, y, yaw) in the world's frame and the scan (beams,) [m]."""
+    def command(self, pose: Pose, ranges: np.ndarray) -> Tuple[float, float]:
+        """Return (v, w) for the true pose (x, y, yaw) in the world's frame and the scan (beams,) [m]."""
         x, y, yaw = pose
         s = self.style
         near = np.hypot(*(self.route[self._at : self._at + 40] - (x, y)).T)
@@ -92,11 +95,11 @@ class Demonstrator:
             v = min(v, math.sqrt(s.sideways / abs(curvature)), s.turn / abs(curvature))
         return self._smooth(v, max(-s.turn, min(s.turn, v * curvature)))
 
-    def _room(self, ranges, bearing: float) -> float:
-        """Free distance [m] in a scan (beams,).
+    def _room(self, ranges: np.ndarray, bearing: float) -> float:
+        """Return the free distance [m] in a scan (beams,): the smaller of two values.
 
-        It is measured ahead, in a band a little wider than the robot, and to the sides, where half of it counts; the
-        smaller value is returned.
+        One is the free distance ahead, in a band slightly wider than the robot. The other is twice the free distance to
+        the sides.
         """
         ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
         along, across = ranges * np.cos(self._beams - bearing), np.abs(ranges * np.sin(self._beams - bearing))
@@ -104,7 +107,7 @@ class Demonstrator:
         beside = across[(np.abs(along) < self.style.beside)]
         return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
 
-    def _smooth(self, v, w):
+    def _smooth(self, v: float, w: float) -> Tuple[float, float]:
         s, dt = self.style, PERIOD
         self._v += min(s.gain * dt, max(-s.brake * dt, v - self._v))
         self._w += min(s.turn_gain * dt, max(-s.turn_gain * dt, w - self._w))
@@ -112,10 +115,10 @@ class Demonstrator:
 
 
 def route(world: World, wanted: float = WANTED) -> np.ndarray:
-    """Points (k, 2) [m] every SPACING metres from start to goal.
+    """Return points (k, 2) [m] every SPACING metres from start to goal.
 
-    They are the reference path of the course as an elastic band: by turns pushed away from the obstacles and drawn
-    straight. Obstacles nearer than `wanted` [m] push.
+    The points form an elastic band along the reference path of the course, which is alternately straightened and pushed
+    away from obstacles nearer than `wanted` [m].
     """
     course = world.course
     finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]
@@ -129,14 +132,14 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
     return _resampled(points)
 
 
-def _resampled(points) -> np.ndarray:
+def _resampled(points: np.ndarray) -> np.ndarray:
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.linspace(0.0, length[-1], max(2, int(length[-1] / SPACING)))
     return np.column_stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])])
 
 
-def _away(world: World, points, wanted: float) -> np.ndarray:
-    """(k, 2): the direction from the nearest obstacle times how much of the wanted distance is missing."""
+def _away(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
+    """Return (k, 2) directions from the nearest obstacle, times the missing part of the wanted distance."""
     distance, direction = np.full(len(points), np.inf), np.zeros((len(points), 2))
     for offset, gap in _offsets(world, points):
         closer = gap < distance
@@ -146,8 +149,8 @@ def _away(world: World, points, wanted: float) -> np.ndarray:
     return direction * np.clip(wanted - distance, 0.0, wanted)[:, None]
 
 
-def _offsets(world: World, points):
-    """Yields ((k, 2) from the obstacle's nearest point, (k,) gap [m]) for the cylinders together and each box."""
+def _offsets(world: World, points: np.ndarray) -> Iterator[Tuple[np.ndarray, np.ndarray]]:
+    """Yield offsets (k, 2) from the nearest point and gaps (k,) [m], for all cylinders together and for each box."""
     if len(world.cylinders):
         offset = points[:, None, :] - world.cylinders[None, :, :2]
         gap = np.hypot(offset[..., 0], offset[..., 1]) - world.cylinders[:, 2]

@@ -1,7 +1,6 @@
-"""Cuts demonstrations into contexts for APPLD (appld.py).
+"""Segmentation of demonstrations into contexts for APPLD (appld.py).
 
-Changepoints delimit stretches in which the demonstrator drives in one way in one kind of surroundings; stretches that
-are alike make one context.
+Changepoints delimit segments of uniform driving in uniform surroundings. Similar segments form one context.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from training.baselines.appld.demonstration import Demonstration
 from training.env.episode import CONTROL_PERIOD
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
-SMOOTHED = 15  # instants that a feature is averaged over
-SHORTEST = 1.5  # s of a segment
+SMOOTHED = 15  # number of instants over which a feature is averaged
+SHORTEST = 1.5  # minimum duration of a segment [s]
 
 
 class Segment(NamedTuple):
-    """Instants [first, last) of a demonstration, and the context they belong to."""
+    """Instants [first, last) of a demonstration, and their context."""
 
     demonstration: int
     first: int
@@ -33,7 +32,13 @@ class Segment(NamedTuple):
 
 @dataclass
 class Contexts:
-    """segments in the order driven; names (k,); means (k, 5) of FEATURES in each context [m/s, rad/s, m, m, m]."""
+    """Contexts of demonstrations.
+
+    Attributes:
+        segments: Segments in the order of driving.
+        names: (k,) names of the contexts.
+        means: (k, 5) means of FEATURES in each context [m/s, rad/s, m, m, m].
+    """
 
     segments: List[Segment]
     names: List[str]
@@ -41,11 +46,11 @@ class Contexts:
 
 
 def features(demonstration: Demonstration) -> np.ndarray:
-    """(n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot (FEATURES)."""
-    import pandas  # takes longer than all else that --help loads
+    """Return FEATURES (n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot."""
+    import pandas  # slower to import than all modules that --help needs
 
     layout = layout_of(demonstration.robot)
-    cap = layout.range_cap  # what is farther away is open
+    cap = layout.range_cap  # range beyond which space counts as open [m]
     ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=cap, posinf=cap, neginf=0.0)
     ranges = np.minimum(ranges, cap)
     ahead, right, left = (
@@ -57,12 +62,12 @@ def features(demonstration: Demonstration) -> np.ndarray:
 
 
 def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.0) -> Contexts:
-    """Contexts of one or more demonstrations.
+    """Return the contexts of one or more demonstrations.
 
-    Changepoints: the cut that is best in squared error about each segment's mean feature, at a penalty per changepoint
-    (the likelihood of normal features with BIC's price: a maximum-likelihood stand-in for the Bayesian CHAMP of the
-    APPLD paper). Then Ward's clustering of the segments, to at most `most` contexts; 0 leaves every segment a context
-    of its own, as in the APPLD paper.
+    Changepoints minimise the squared error about each segment's mean features plus a penalty per changepoint. This is
+    the likelihood of normal features with the penalty of BIC, a maximum-likelihood replacement for the Bayesian CHAMP
+    of the APPLD paper. Ward's method then clusters the segments into at most `most` contexts. With 0, every segment is
+    a context of its own, as in the APPLD paper.
     """
     import pandas
 
@@ -76,14 +81,14 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     labels = np.arange(len(spans))
     if most and len(spans) > most:
         labels = scipy.cluster.hierarchy.fcluster(scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust")
-    labels = pandas.factorize(labels)[0]  # numbered as they come up first
+    labels = pandas.factorize(labels)[0]  # contexts numbered by first appearance
     own = pandas.DataFrame(every).groupby(np.repeat(labels, [b - a for _, a, b in spans])).mean().to_numpy()
     return Contexts([Segment(*span, int(label)) for span, label in zip(spans, labels)], _names(own), own)
 
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
-    """Ends of the segments; the last is len(scaled)."""
-    import ruptures  # and with it scipy.signal
+    """Return the ends of the segments; the last one is len(scaled)."""
+    import ruptures  # slow, because it imports scipy.signal
 
     shortest = int(SHORTEST / CONTROL_PERIOD)
     if len(scaled) < 2 * shortest:
@@ -92,8 +97,8 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
     return [int(end) for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)]
 
 
-def _names(means) -> List[str]:
-    """A number and the words that tell the context from the others: "1 open fast"."""
+def _names(means: np.ndarray) -> List[str]:
+    """Return a number and distinguishing words for each context, such as "1 open, wide, fast"."""
     middle = np.median(means, axis=0)
     names = []
     for number, (speed, turning, ahead, near, _) in enumerate(means):
