@@ -109,12 +109,12 @@ BEHAVIOUR = (
 
 CONSERVATIVE_RESET = (
     real("reset_distance", 3.0, 0.0, INF, "m",
-        "Side of the square that the conservative reset keeps. Always set to conservative_reset_dist."),
+        "Side of the square that the conservative reset keeps. Set from conservative_reset_dist."),
 ) + CLEARING
 
 AGGRESSIVE_RESET = (
     real("reset_distance", 1.84, 0.0, INF, "m",
-        "Side of the square that the aggressive reset keeps. Always set to 4 local_costmap/circumscribed_radius."),
+        "Side of the square that the aggressive reset keeps: 4 times local_costmap/circumscribed_radius."),
 ) + CLEARING
 
 STATIC_NAVFN = (

@@ -17,7 +17,7 @@ MOST_POINTS = 100_000  # largest number of points of one trajectory or turn; mor
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may also give as lists
 # Users that read a parameter only once, when they start: TrajectoryPlannerROS for all its cycles, both local planners,
 # the stop and turn of TrajectoryPlannerROS at its goal, and the recovery behaviours
-OUTLINE, PERIOD, GOAL, RECOVERY = "TrajectoryPlannerROS", "the local planner", "the turn to the goal", "recovery"
+OUTLINE, PERIOD, GOAL, RECOVERY = "TrajectoryPlannerROS", "the local planner", "the stop and turn at a goal", "recovery"
 _TYPES = {"bool": bool, "str": str, "list": list}
 _GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
 
