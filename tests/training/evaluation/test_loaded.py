@@ -1,4 +1,4 @@
-"""A set that move_base starts with, as a parameter file gives it, and the same set by reconfigure."""
+"""Tests of parameter sets that are loaded at the start of move_base, as from a file, and of sets by reconfigure."""
 
 import numpy as np
 import pytest
@@ -15,10 +15,10 @@ SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.
 
 
 @pytest.mark.parametrize(("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)])
-def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the_robots_own(
+def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robots_files(
     loaded, in_maps, slowest, monkeypatch
 ):
-    """A padding would be another one for the planner at its start: a YAML leaves it out."""
+    """The padding would act differently at the start of the planner, so a YAML leaves it out."""
     bases, called, reconfigure = [], [], MoveBase.reconfigure
 
     def made(*how, **more):
@@ -41,7 +41,7 @@ def test_what_the_planner_reads_once_is_the_sets_where_it_is_loaded_and_else_the
     assert base.local_planner._slowest_turn == slowest
 
 
-def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
+def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     jackal = loadable_space(robots.JACKAL)
     assert jackal.fixed == ("footprint_padding",)
     assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
@@ -52,4 +52,4 @@ def test_a_search_leaves_out_what_means_something_else_while_the_planner_runs():
     waffle = robots.load("turtlebot3_waffle_pi")
     assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")
-    assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS asks for it in every cycle"
+    assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS reads it in every cycle"

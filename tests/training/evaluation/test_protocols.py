@@ -1,5 +1,6 @@
-"""Whole evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules. The
-worlds are made here.
+"""Complete evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules.
+
+The worlds are synthetic.
 """
 
 import csv
@@ -22,14 +23,15 @@ WALL = (
 
 
 def drive(folder, *arguments):
-    """Rows of trials.csv of an evaluation, as [{column: value}, ...]."""
+    """Run an evaluation, and return the rows of its trials.csv as [{column: value}, ...]."""
     assert evaluate.main(["--out", str(folder), "--trials", "1", "--workers", "1", *arguments]) == 0
     return read_trials(folder / "trials.csv").to_dict("records")
 
 
 def dynabarn(folder, crossing):
-    """A DynaBARN-like file: walls, and cylinders of .5 m whose key frames stand in the table beside it. crossing: key
-    frames (t, x, y) of the first; the second stays far from the course.
+    """Write a DynaBARN-like file: walls, and two cylinders of .5 m whose key frames are in the table beside it.
+
+    crossing: key frames (t, x, y) of the first cylinder; the second stays far from the course.
     """
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
@@ -40,7 +42,7 @@ def dynabarn(folder, crossing):
 
 
 def test_dynabarn_is_driven(tmp_path):
-    """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
+    """The course of 20 m passes a cylinder that crosses it 7 m ahead of the start, back and forth."""
     path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
     (tmp_path / "fast.json").write_text('{"max_vel_x": 1.0, "vx_samples": 12}')
     given = "--worlds", path, "--methods", str(tmp_path / "fast.json"), "--simulator", "kinematic"
@@ -56,11 +58,11 @@ def test_dynabarn_is_driven(tmp_path):
     assert 0.1 < min(gap) < 3.0
     drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
-        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of that number
+        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of the same number
 
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
-    """Under the paper's rules the trial goes on, and the row says that it touched."""
+    """Under the paper's rules the trial goes on, and its row records the contact."""
     path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
     (row,) = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", "kinematic", "--no-report")
     assert row["collided"]
@@ -68,7 +70,7 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
 
 
 def test_barn_challenge(tmp_path):
-    """Its start, goal and limit; a collision ends the run; the metric is in the report."""
+    """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the metric."""
     base = worlds.load("generated:2")
     bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))

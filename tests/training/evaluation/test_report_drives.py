@@ -1,4 +1,4 @@
-"""The page of drives: what it draws is what was driven, it needs no other file, and names cannot break it."""
+"""Tests of the page of drives: it draws the driven paths, needs no other file, and no name can break it."""
 
 import json
 import re
@@ -32,7 +32,7 @@ METHODS = ("dwa", "mine", "quiet")
 
 @pytest.fixture
 def folder(tmp_path):
-    """Three methods in a built-in world and one in a world whose file has gone; the last method left no trace."""
+    """Return an evaluation of three methods in a built-in world and a deleted world; the last method has no traces."""
     worlds = ["generated:7", "gone"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
     settings = dict(SETTINGS, worlds=worlds, world_specs=["generated:7", "/gone.world"])
@@ -44,15 +44,15 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_the_page_holds_what_was_driven(folder):
+def test_the_page_has_the_driven_paths(folder):
     index = write(folder)
     text = (folder / "report" / drives_page.FILE).read_text(encoding="utf-8")
     assert 'href="drives.html"' in Path(index).read_text()
     assert not re.search(r"https?:|//[a-z]+\.|src=|@import|url\(", text)
-    assert 'href="index.html"' in text  # the way back
+    assert 'href="index.html"' in text  # link back to the report
     page = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL).group(1))
     assert [m["name"] for m in page["methods"]] == list(METHODS)
-    (world,) = page["worlds"]  # the other's file has gone
+    (world,) = page["worlds"]  # the file of the other world is gone
     assert world["name"] == "generated:7"
     assert [(d["m"], d["k"]) for d in world["drives"]] == [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert [(d["ok"], d["hit"], d["why"]) for d in world["drives"][1:3]] == [

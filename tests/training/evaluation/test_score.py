@@ -1,4 +1,4 @@
-"""The one score of trials, and the periodic evaluation, which drives the trials that evaluate.py drives."""
+"""Tests of the score of trials, and of the periodic evaluation, which drives trials as evaluate.py does."""
 
 import math
 import shutil
@@ -24,12 +24,12 @@ from training.workers.pool import Pool
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():
-    """The same score for every caller: periodic evaluation, search and the comparison of simulators."""
+    """Periodic evaluation, search and the comparison of simulators share this score."""
     won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
     assert score.seconds(won) == 25.0
     assert score.seconds(replace(lost, collided=True)) == 105.0
-    found = score.summary([won, lost])
-    assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.5, 20.0, 0.5, 0.5)
+    means = score.summary([won, lost])
+    assert (means["score"], means["time_s"], means["success"], means["collided"]) == (62.5, 20.0, 0.5, 0.5)
     assert score.summary([lost])["time_s"] is None
 
 
@@ -40,25 +40,25 @@ def test_barn_metric_by_hand():
 
 
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
-    """One runner and one plan; but seeds of its own, so that evaluate.py never judges on trials that chose."""
+    """Runner and plan are the same; the seeds differ, so that evaluate.py never judges on trials that select."""
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
     result = runner.TrialRunner(TrialSettings()).run(trial)
-    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # a training's own decision period
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # the decision period of a training
     assert faster.decisions == math.ceil(faster.time_s)
 
     def run(task, weights):
         assert task == trial
         return result, b""
 
-    found = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
-    assert found["score"] == pytest.approx(result.time_s, abs=1e-4)
-    assert found["score"] < 100.0
+    line = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
+    assert line["score"] < 100.0
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
-    """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
+    """The periodic evaluation gives the result of evaluate.py with the file, to the last digit, on any robot."""
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
@@ -70,12 +70,12 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
         driver = runner.TrialRunner(settings)
         assert driver.run(replace(task, method_spec=spec)) == measured
         assert measured.decisions == 10
-    with pytest.raises(ValueError, match="state it"):
+    with pytest.raises(ValueError, match="set period in the settings"):
         runner.TrialRunner(TrialSettings(**options))
 
 
 def test_the_environment_earns_what_the_evaluation_counts(monkeypatch):
-    """The same decisions in the same course: the sum of the environment's rewards is the trial's total."""
+    """With the same decisions on the same course, the environment's rewards add up to the trial's total."""
     options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = PolicyWeights(safetensors.numpy.save(weights))
@@ -95,8 +95,8 @@ def test_the_environment_earns_what_the_evaluation_counts(monkeypatch):
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
-    """After an edit of robot.yaml or of a parameter file it is another robot; a copy elsewhere is the same."""
-    found = []
+    """An edit of robot.yaml or of a parameter file makes it another robot; a copy elsewhere is the same robot."""
+    hashes = []
     for name, file, was, then in (
         ("same", "robot.yaml", "", ""),
         ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
@@ -107,9 +107,9 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
         text = (folder / file).read_text()
         assert was in text
         (folder / file).write_text(text.replace(was, then) if was else text)
-        found.append(runner.content(load(str(folder))))
-    assert found[0] == runner.content(JACKAL) == runner.described(JACKAL)["sha256"]
-    assert len(set(found)) == 3
+        hashes.append(runner.content(load(str(folder))))
+    assert hashes[0] == runner.content(JACKAL) == runner.described(JACKAL)["sha256"]
+    assert len(set(hashes)) == 3
 
 
 def test_the_last_policy_of_a_run_is_evaluated(tmp_path):

@@ -1,6 +1,6 @@
-"""The report of a stored evaluation, tests/golden/evaluation: every sentence and every table, letter by letter.
+"""Test of the report of a stored evaluation, tests/golden/evaluation: every sentence and table, letter by letter.
 
-`python -m tests.training.evaluation.test_stored_evaluation` writes report.txt anew, after a deliberate change.
+After a deliberate change, `python -m tests.training.evaluation.test_stored_evaluation` rewrites report.txt.
 """
 
 import shutil
@@ -15,7 +15,7 @@ STORED = ROOT / "tests" / "golden" / "evaluation"
 
 
 def report(folder):
-    """The sentences above the tables, and the tables, as text."""
+    """Return the sentences above the tables, and the tables, as text."""
     copy = Path(shutil.copytree(STORED, folder / "evaluation"))
     write(copy)
     tables = sorted((copy / "report").glob("*.csv"))

@@ -1,5 +1,6 @@
-"""evaluate.py: the plan, seeds, trials.csv row for row after a kill, torn files, workers that die, and every mistake
-one line. A toy runner stands in for the robot; the real one is driven at the end.
+"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, torn files, dying workers, and one-line errors.
+
+A toy runner replaces the drives. The last tests use the real runner.
 """
 
 import csv
@@ -52,7 +53,7 @@ sys.exit(evaluate.main())
 
 @pytest.fixture
 def run(monkeypatch):
-    """evaluate.py in this process, whose trials take no time; returns its exit status."""
+    """Return run(arguments), which runs evaluate.py in this process with instant trials and returns its exit status."""
     monkeypatch.setenv("TOY_SECONDS", "0")
     monkeypatch.setattr("training.evaluation.evaluation.run", toy_runner.drive)
 
@@ -65,7 +66,7 @@ def run(monkeypatch):
 
 @pytest.fixture
 def refused(run, capsys):
-    """refused(arguments, words): that evaluate.py ends with one line, which has the words."""
+    """Return refused(arguments, *words), which checks that evaluate.py ends with a one-line error with the words."""
 
     def refused(arguments, *words):
         capsys.readouterr()
@@ -89,7 +90,9 @@ def test_same_seeds_for_every_method_and_whatever_else_is_driven():
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # more only append
+    assert (
+        both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
+    )  # more trials only append
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -120,7 +123,7 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
 
 @pytest.mark.fault("19")
 def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
-    """Stopped by Ctrl-C and killed, with workers; the rest is driven in one process."""
+    """The run with workers is stopped by Ctrl-C, then killed, and finished in one process."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert run(command(whole)) == 0
     for signal_ in (signal.SIGINT, signal.SIGKILL):
@@ -142,13 +145,13 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
 
 
 def _rows(folder):
-    """Trials that are kept."""
+    """Return the number of stored trials."""
     return len(read_trials(folder / "trials.csv"))
 
 
 def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
     plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
-    for begin in (0, 3):  # a second session goes on
+    for begin in (0, 3):  # a second session continues
         with Trials(tmp_path, {}) as table:
             assert sum(table.find(task) is not None for task in plan) == begin
             for task in plan[::-1][begin : begin + 3]:
@@ -160,7 +163,7 @@ def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
 
 
-def test_a_row_that_was_being_written_is_driven_again_and_others_are_as_they_were(tmp_path):
+def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
     given = Result(True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf)
     with Trials(tmp_path, {}) as table:
@@ -253,7 +256,7 @@ def theta(method, name):
     return method.theta(context())[SPACE.names.index(name)]
 
 
-def test_a_persons_own_class(tmp_path, monkeypatch):
+def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     (tmp_path / "my_module.py").write_text(
         "from applr_ros1.policy.methods import Method\n"
         "from applr_ros1.policy.parameter_space import SPACE\n"
@@ -274,7 +277,7 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
 
 # -- the real stack --------------------------------------------------------------------------------------------------
 def test_trial_depends_on_its_task_only():
-    """Driven first, or after another world with another method: the same, to the last digit."""
+    """A trial driven first, or after another world and method, has the same result to the last digit."""
     (tmp_set, other) = ("static", "generated:64")
     task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set)
     fresh = runner.TrialRunner(TrialSettings()).run(task)
@@ -285,7 +288,7 @@ def test_trial_depends_on_its_task_only():
     used.episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
     theta = tuple(methods.make(tmp_set).theta(context()))
-    assert used.run(replace(task, theta=theta)) == fresh  # a set that a search hands over
+    assert used.run(replace(task, theta=theta)) == fresh  # a parameter set, as from a search
 
 
 def test_table_and_traces(tmp_path):

@@ -1,4 +1,4 @@
-"""The report: statistics by hand, the paper's tables from made-up trials, every output."""
+"""Tests of the report: statistics by hand, the paper's tables from synthetic trials, every output file."""
 
 import html
 import math
@@ -35,7 +35,7 @@ class Trace:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """40 worlds, three methods, six trials: applr is 25 % faster, fails in one world, dwa fails now and then."""
+    """Return an evaluation of three methods with six trials in 40 worlds: applr is 25 % faster, dwa fails sometimes."""
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
@@ -64,7 +64,7 @@ def results(folder):
 
 
 # -- statistics --------------------------------------------------------------------------------------------------------
-def test_welch_is_scipys_and_edges_are_told():
+def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
     a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
     equal = np.full(2, 5.05), np.full(20, 5.05)  # whose means differ in their last bit
@@ -87,13 +87,13 @@ def test_holm_by_hand():
     assert tables.holm_adjusted(np.zeros(0)).tolist() == []
 
 
-def test_wilson_by_the_book():
+def test_wilson_by_known_values():
     assert wilson(0.0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
     assert wilson(0.0, 94)[0] == 0.0, "not -0"
     assert wilson(0.9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
 
 
-def test_trials_of_a_world_that_go_alike_count_as_one():
+def test_equal_trials_of_a_world_count_as_one():
     worlds = pd.Series(np.repeat(np.arange(20), 6))
     assert rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *wilson(0.5, 19)))
     apart = pd.Series(np.arange(120) % 2 == 0)
@@ -101,19 +101,19 @@ def test_trials_of_a_world_that_go_alike_count_as_one():
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
-    """Ten worlds of a hundred equal trials: as wide as for ten trials, 1.96 standard errors (.95 of n - 1)."""
+    """The interval of ten worlds with 100 equal trials each is that of ten trials: 1.96 standard errors."""
     means = np.linspace(10.0, 30.0, 10)
     half = 1.96 * means.std() / math.sqrt(10)
-    found = over_worlds(means * 100, np.full(10, 100.0))
-    assert found == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
-    assert over_worlds(means) == pytest.approx(found)
+    estimate = over_worlds(means * 100, np.full(10, 100.0))
+    assert estimate == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+    assert over_worlds(means) == pytest.approx(estimate)
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
-    """Of the 16 ways to sign 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
-    found = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
-    assert (found.worlds, found.p) == (4, 8 / 16)
-    assert (found.difference.value, found.gain.value) == (3.0, -0.15)
+    """Of the 16 sign patterns of 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
+    comparison = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
+    assert (comparison.worlds, comparison.p) == (4, 8 / 16)
+    assert (comparison.difference.value, comparison.gain.value) == (3.0, -0.15)
     alone = compare([10.0], [20.0])
     assert (alone.worlds, alone.gain.value) == (1, 0.5)
     assert np.isnan([alone.p, alone.gain.low, alone.difference.high]).all()
@@ -142,27 +142,27 @@ def test_table_4_names_failures(results):
     assert table.rows["paper [s]"][0].startswith("72.8")
 
 
-def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
+def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
     worlds = ["generated:%d" % n for n in range(1, 7)]
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan:
-        good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
+        good = trial.method == "dwa" and trial.world != worlds[0]  # the baseline hits something in the first world, too
         seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
         result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
         store.add(trial, result)
     results = Results(tmp_path)
-    found = results.compare("crash", "dwa", worlds[1:])
-    assert found.difference.value == pytest.approx(100.0 - 23.0)
-    assert found.p == 2 / 2**5  # of all ways to exchange the two, two are as far apart
+    comparison = results.compare("crash", "dwa", worlds[1:])
+    assert comparison.difference.value == pytest.approx(100.0 - 23.0)
+    assert comparison.p == 2 / 2**5  # two of all sign patterns have a difference as large
     assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
     rows = tables.table_3(results).rows.set_index("worlds")
-    assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"  # of 25 s and 100 s
+    assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"  # mean of 25 s and 100 s
 
 
 def test_means_are_compared_over_the_same_worlds(folder):
-    """Where a method was driven in some of the worlds only."""
+    """One of the methods was driven in only some of the worlds."""
     joined = Results(folder)
     easy = joined.of_set("Test")[:4]
     joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
@@ -171,14 +171,14 @@ def test_means_are_compared_over_the_same_worlds(folder):
     assert float(rows["faster than dwa [s]"]["Test", METHODS[2]]) == pytest.approx(base - other, abs=0.006)
 
 
-def test_formats_escape():
+def test_text_is_escaped_in_html():
     text = Table("t", "a & b", pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}]), ["note: θ"]).html()
     assert "&lt;b&gt; | ±" * 20 in text
     assert "a &amp; b" in text
 
 
-# -- all of it ---------------------------------------------------------------------------------------------------------
-def test_report_is_whole(folder):
+# -- whole reports -----------------------------------------------------------------------------------------------------
+def test_the_report_is_complete(folder):
     page = write(folder)
     out = folder / "report"
     text = Path(page).read_text(encoding="utf-8")
@@ -192,9 +192,9 @@ def test_report_is_whole(folder):
     assert "kinematic" in text
     assert "nan" not in text
     assert text.count("<div class=wide><table") == text.count("<table") == 7
-    said = [html.unescape(text).index(s) for s in summary(Results(folder))]
-    assert said == sorted(said)
-    assert said[-1] < text.index('<a href="drives.html">') < text.index("<table") < text.index("times.png")
+    lines = [html.unescape(text).index(line) for line in summary(Results(folder))]
+    assert lines == sorted(lines)
+    assert lines[-1] < text.index('<a href="drives.html">') < text.index("<table") < text.index("times.png")
     assert "Planner: ours." in text
     assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
 
@@ -223,4 +223,4 @@ def test_regions():
     near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
     assert clearance(world, near[None])[0] == pytest.approx(0.35)
     poses = np.vstack([np.tile(near, (30, 1)), np.tile(free, (19, 1)), np.tile(near, (30, 1)), np.tile(free, (20, 1))])
-    assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # what lasts less than a second is none of its own
+    assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # a region of less than a second is merged

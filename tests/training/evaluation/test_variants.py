@@ -1,4 +1,4 @@
-"""Planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
+"""Tests of planner fidelity: the draw from the seed, and a drive with each reproduced defect of the C++ planner."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from applr_ros1.planner.variant import draw
 from tests.support.toy_robot import Told, ToyRobot, quick, ring, run
 
 
-def test_what_is_drawn_depends_on_the_seed_alone():
+def test_the_drawn_planner_depends_on_the_seed_alone():
     both = [draw("drawn", seed) for seed in range(200)]
     assert both == [draw("drawn", [seed]) for seed in range(200)]
     assert set(both) == {"ours", "cpp-like"}
@@ -22,12 +22,12 @@ def test_what_is_drawn_depends_on_the_seed_alone():
         made.reset(0.0, seed=seed)
         assert made.variant == both[seed]
         made.reset(0.0)
-        assert made.variant == both[seed], "no seed: it stays"
+        assert made.variant == both[seed], "without a seed the planner stays"
     with pytest.raises(ApplrError, match=r"^planner is 'cpp': give .* or drawn$"):
         MoveBase(quick(), "cpp")
 
 
-# -- the defects of C++, driven --------------------------------------------------------------------------------------
+# -- drives with the defects of C++ ------------------------------------------------------------------------------------
 
 
 def first_recovery(planner, seed, **changes):
@@ -35,7 +35,7 @@ def first_recovery(planner, seed, **changes):
     made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))  # it oscillates on the spot
+    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))  # a robot that stands still counts as oscillating
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
@@ -48,12 +48,12 @@ def test_a_due_recovery_is_skipped_while_plans_succeed():
     assert min(late) > 1.5
     assert max(late) > 5.0
     assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
-    # where one plan is enough, C++ recovers in time, too
+    # C++ recovers in time, too, if it plans only once
     assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
 
 
 def test_clearing_recoveries_find_no_layer_of_their_name():
-    """Obstacles that are gone, behind which nothing is seen: only a recovery takes them out of the maps."""
+    """Vanished obstacles without returns behind them: only a recovery clears them from the maps."""
     results = {}
     for planner in ("ours", "cpp-like"):
         made = MoveBase(quick(), planner=planner)
@@ -65,7 +65,7 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
         made.set_goal((4.0, 0.0, 0.0), robot.time)
         results[planner] = run(made, robot, 60.0, cycles=cycles)
     after_turn = [b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state]
-    assert after_turn[0] is None, "C++ leaves the rotation's last command in force; ours: test_move_base.py"
+    assert after_turn[0] is None, "C++ keeps the last command of the rotation in force; for ours see test_move_base.py"
     assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
 
 

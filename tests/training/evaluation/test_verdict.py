@@ -1,4 +1,4 @@
-"""The verdict on a policy by made-up results."""
+"""Tests of the verdict on a policy, with synthetic results."""
 
 import numpy as np
 import pytest
@@ -11,21 +11,21 @@ BOTH, THREE = ("dwa", "applr"), ("dwa", "applr", "static")
 
 
 def trials_of(world, seconds, trial=0):
-    """{Trial: Result} of one course; seconds: {method: time [s], or the reason of a failure}."""
-    found = {}
+    """Return {Trial: Result} of one course from {method: time [s], or the reason of a failure}."""
+    results = {}
     for method, value in seconds.items():
         failed = isinstance(value, str)
         result = Result(success=not failed, timeout=failed, time_s=100.0 if failed else value)
         result = Result(**{**vars(result), "reason": value if failed else "finished"})
-        found[Trial(world, method, trial, 1, world, method)] = result
-    return found
+        results[Trial(world, method, trial, 1, world, method)] = result
+    return results
 
 
 def pairs_of(*courses, methods=BOTH):
-    found = {}
+    results = {}
     for number, values in enumerate(courses):
-        found.update(trials_of(f"world{number}", dict(zip(methods, values))))
-    return paired_trials(found, methods)
+        results.update(trials_of(f"world{number}", dict(zip(methods, values))))
+    return paired_trials(results, methods)
 
 
 def around(*middles, count=12):
@@ -41,20 +41,20 @@ def around(*middles, count=12):
         (around(20, 20), BOTH, "dwa", "applr better: no, "),
         (around(30, 25, 15), THREE, "static", "static better: yes, 15.0 s less per course"),
         (around(30, 15, 25), THREE, "applr", "static better: yes, 5.0 s less per course"),
-        # p = .07
+        # a difference with p = .07
         ([(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)], BOTH, "dwa", "applr better: no, "),
     ],
 )
 def test_the_verdict_is_a_method_a_table_and_a_line_for_each_comparison(courses, methods, method, last):
-    found, lines = judging.verdict(pairs_of(*courses, methods=methods))
-    assert found == method
+    best, lines = judging.verdict(pairs_of(*courses, methods=methods))
+    assert best == method
     assert len(lines) == len(methods)
     assert lines[-1].startswith(last)
     rows = [row.split() for row in lines[0].splitlines()[1:]]
     assert [row[:4] for row in rows] == [[name, *[str(len(courses))] * 2, "0"] for name in methods]
 
 
-def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
+def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
     method, (table, line) = judging.verdict(pairs_of(*courses))
     assert method == "dwa"
@@ -62,10 +62,10 @@ def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
     assert line.startswith("applr better: no, ")
 
 
-def test_half_driven_courses_and_further_trials_of_a_world_are_no_pairs_of_their_own():
-    found = trials_of("a", {"dwa": 20.0, "applr": 10.0})
-    found.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
-    found.update(trials_of("b", {"dwa": 20.0}))
-    trials = paired_trials(found, BOTH)
+def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_averaged():
+    results = trials_of("a", {"dwa": 20.0, "applr": 10.0})
+    results.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
+    results.update(trials_of("b", {"dwa": 20.0}))
+    trials = paired_trials(results, BOTH)
     scores = mean_scores(trials)
     assert (len(trials), scores.dwa.tolist(), scores.applr.tolist()) == (4, [25.0], [15.0])

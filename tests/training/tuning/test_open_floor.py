@@ -1,4 +1,4 @@
-"""Open floor: its courses, why a robot does not drive there, and the check that drives all of it."""
+"""Tests of open floor: its courses, the reasons of failures, and the check that drives all courses."""
 
 import shutil
 
@@ -52,26 +52,26 @@ def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
     assert why in Floor(robot).drive(courses(robot)[course])
 
 
-def test_wheels_that_do_not_move_it_are_said():
+def test_slipping_wheels_are_reported():
     floor = Floor(BURGER)
     floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
     assert floor.drive(courses(BURGER)[0]).startswith("it moves ")
 
 
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
-    space, own = space_of(BURGER), space_of(BURGER).theta0
-    found = dict(changes(BURGER))
-    for words, robot in found.items():
+    space, defaults = space_of(BURGER), space_of(BURGER).theta0
+    changed = dict(changes(BURGER))
+    for words, robot in changed.items():
         theta, name = space_of(robot).theta0, words.split()[1].rpartition("/")[2]
-        assert [space.names[i] for i in np.flatnonzero(theta != own)] == [name] * (name in space.names)
+        assert [space.names[i] for i in np.flatnonzero(theta != defaults)] == [name] * (name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
-    speed = found["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()["DWAPlannerROS"]
+    speed = changed["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()["DWAPlannerROS"]
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
 
 
-def test_a_planner_that_stands_before_the_door_alone_is_a_remark_with_what_to_enter(capsys):
-    """The Husky's own parameters keep it from a door that is .3 m wider than itself."""
+def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remedy(capsys):
+    """With its default parameters, the Husky does not pass a door that is .3 m wider than its footprint."""
     assert check_robot.main(["husky"]) == 0
     *_, door, remark = capsys.readouterr().out.splitlines()
     assert door.startswith("drive through a door of 0.98 m: it turns or stands")

@@ -1,4 +1,4 @@
-"""The search for one set: races between candidates on common trials, and what pays of a set."""
+"""Tests of the search for one parameter set: races between candidates on common trials, and pruning."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from training.tuning.search import plan_sets, prune_parameters, race
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
-    """A race in which candidate i is worse_by[i] seconds slower than the best; worlds differ by far more than that."""
+    """Race candidates, of which i is worse_by[i] seconds slower than the best; worlds differ by far more than that."""
     rng = np.random.default_rng(1)
-    worlds, own = rng.uniform(10.0, 100.0, 1000), rng.normal(0.0, noise, (len(worse_by), 1000))
+    worlds, noises = rng.uniform(10.0, 100.0, 1000), rng.normal(0.0, noise, (len(worse_by), 1000))
     driven = []
 
     def drive(racing, block):
         driven.append((list(racing), list(block)))
-        return [(worlds[block] + own[i, block] + worse_by[i]).tolist() for i in racing]
+        return [(worlds[block] + noises[i, block] + worse_by[i]).tolist() for i in racing]
 
-    found = race(drive, np.arange(len(worse_by)), blocks, float, halve)
-    return [one.place for one in found], [one.results for one in sorted(found)], driven
+    ranking = race(drive, np.arange(len(worse_by)), blocks, float, halve)
+    return [one.place for one in ranking], [one.results for one in sorted(ranking)], driven
 
 
 def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
@@ -39,7 +39,7 @@ def test_halving_keeps_the_better_half_after_each_block():
     assert ranking == [0, 1, 2, 3, 4, 5, 6]
 
 
-def test_the_next_block_is_asked_for_when_the_last_is_driven():
+def test_the_next_block_is_requested_when_the_last_is_driven():
     begun = []
 
     def blocks():
@@ -62,7 +62,7 @@ WORLDS = [(f"w{i}", "") for i in range(8)]
 
 
 def run_with(drive):
-    """Gives each set's results in worlds; drive(trials) makes them."""
+    """Return a function that evaluates sets in the worlds of a block by drive(trials)."""
 
     def run(sets, block):
         plan = plan_sets(SPACE, WORLDS, sets, block, 0, "kinematic")
@@ -72,23 +72,23 @@ def run_with(drive):
     return run
 
 
-def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
-    """Four count: one saves 5 s, one 1 s, one makes it slower, and one pays only while the third is there."""
+def test_parameters_without_a_saving_are_reverted_to_their_defaults():
+    """Four parameters matter: two save 5 s and 1 s, the third costs time, the fourth pays only with the third."""
     names = ["max_vel_x", "sim_time", "occdist_scale", "inflation_radius"]
     at = [SPACE.names.index(name) for name in names]
 
     def drive(trials):
-        found = {}
+        results = {}
         for trial in trials:
             pays, little, harms, with_it = (np.array(trial.theta)[at] != SPACE.theta0[at]).tolist()
             seconds = 30.0 - 5.0 * pays - little + 2.0 * harms - 3.0 * (with_it and harms) + trial.seed % 9
-            found[trial] = Result(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
-        return found
+            results[trial] = Result(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
+        return results
 
     theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
     blocks = [list(range(8))]
-    found, worth = prune_parameters(SPACE, run_with(drive), theta, lambda: blocks, time_of)
-    changed = [name for name, value, own in zip(SPACE.names, found, SPACE.theta0) if value != own]
+    pruned, worth = prune_parameters(SPACE, run_with(drive), theta, lambda: blocks, time_of)
+    changed = [name for name, value, default in zip(SPACE.names, pruned, SPACE.theta0) if value != default]
     assert sorted(changed) == sorted(worth)
     assert {"max_vel_x", "sim_time"} <= set(worth) <= set(names)
     assert "vx_samples" not in worth
@@ -96,12 +96,12 @@ def test_parameters_by_which_nothing_is_lost_go_back_to_the_robots_own_values():
     assert 4.9 < worth["max_vel_x"][1] <= worth["max_vel_x"][2] < 5.1
 
 
-def test_a_failure_alone_puts_no_parameter_back_that_makes_most_drives_faster():
+def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster():
     theta, at = SPACE.theta0.copy(), SPACE.names.index("max_vel_x")
     theta[at] = 1.0
 
     def set_after(faster):
-        """In one of eight worlds the set fails, in the others it is so much faster than without its parameter [s]."""
+        """Prune a set that fails in one of eight worlds and saves `faster` [s] by its parameter in the others."""
 
         def drive(trials):
             seconds = [
@@ -114,8 +114,8 @@ def test_a_failure_alone_puts_no_parameter_back_that_makes_most_drives_faster():
 
         return prune_parameters(SPACE, run_with(drive), theta, lambda: [list(range(8))], time_of)[0]
 
-    for faster, found in ((1.0, 1.0), (0.06, 1.0), (0.04, SPACE.theta0[at]), (-1.0, SPACE.theta0[at])):
-        assert set_after(faster)[at] == found
+    for faster, value in ((1.0, 1.0), (0.06, 1.0), (0.04, SPACE.theta0[at]), (-1.0, SPACE.theta0[at])):
+        assert set_after(faster)[at] == value
 
 
 def test_the_test_is_paired_one_sided_and_needs_some_trials():
@@ -127,7 +127,7 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
     assert not clearly_worse(worlds[:4] + 50.0, worlds[:4])
 
 
-def test_a_search_never_drives_evaluates_seeds():
+def test_a_search_never_uses_the_seeds_of_evaluate():
     ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [0], 3, "kinematic")
     assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
     assert searched.seed not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}

@@ -1,4 +1,4 @@
-"""./applr tune: what it is tuned for, where the search begins, the files that it leaves, the command with a toy."""
+"""Tests of ./applr tune: its objectives, starting sets and files, and the command with toy drives."""
 
 import json
 import re
@@ -26,17 +26,17 @@ from training.evaluation.trial import Result
 from training.tuning import best_set, found_set
 from training.tuning import clock as clocks
 
-PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # of the toy's parameters the only ones that matter
+PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # best values of the only parameters that matter in the toy
 WIDTH = robots.JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
-DRIVEN = []  # trials, each of which takes a second
-LOADED = []  # of each, whether the planner starts with its set
-PLANNERS = []  # of each, the kind of planner
-MONITORED = []  # of each, whether the collision monitor is behind the planner
+DRIVEN = []  # driven trials, each of which takes a second
+LOADED = []  # per trial: whether the planner starts with its set
+PLANNERS = []  # per trial: planner fidelity
+MONITORED = []  # per trial: whether the collision monitor is on
 
 
 def toy(settings, task, gain=12.0):
-    """As training.evaluation.runner.run: the nearer to PAY, the faster; other parameters are nothing to it."""
+    """Return a result that is faster the nearer the set is to PAY, with the interface of runner.run."""
     DRIVEN.append(task)
     LOADED.append(settings.loaded)
     PLANNERS.append(settings.planner)
@@ -59,7 +59,7 @@ def none_better(settings, task):
 
 
 def only_in_search(settings, task):
-    """In the courses of the verdict nothing is left of it."""
+    """Return results that are better in the search but not on the courses of the verdict."""
     return toy(settings, task, 12.0 if task.theta else 0.0)
 
 
@@ -68,7 +68,7 @@ def better_without_monitor(settings, task):
 
 
 def better_with_monitor(settings, task):
-    """In the search as well, where no monitor drives; but not in the courses of the verdict without it."""
+    """Return results that are better in the search and in the verdict with the monitor, but not in that without."""
     return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
 
 
@@ -79,7 +79,7 @@ def none_arrives(settings, task):
 
 @pytest.fixture
 def few(monkeypatch):
-    """Few courses, and time in which each drive takes a second, and nothing else any."""
+    """Use few courses, and a clock on which each drive takes a second and everything else no time."""
     DRIVEN.clear()
     LOADED.clear()
     PLANNERS.clear()
@@ -93,40 +93,40 @@ def few(monkeypatch):
 
 @pytest.fixture
 def jackal(tmp_path, few):
-    """A folder of a Jackal that has nothing but its description."""
+    """Return a folder of the Jackal with its description only."""
     left_out = shutil.ignore_patterns("static.json", "*.safetensors")
     return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=left_out)
 
 
 def tune(folder, runner, *more):
-    robot_folder._read.cache_clear()  # a command is a process of its own
+    robot_folder._read.cache_clear()  # a real command has a new process
     words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
 
 
-def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
+def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy") == 0
     printed = capsys.readouterr().out
-    left = re.findall(r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE)  # no silence meanwhile
+    left = re.findall(r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE)  # progress lines
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
-        _, own, tuned, line, written = table.splitlines()[:5]
-        assert (own.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
+        _, baseline, tuned, line, written = table.splitlines()[:5]
+        assert (baseline.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
         assert line.startswith("static better: yes, ")
         assert written == f"written: {jackal}/{file}"
     robot = robots.load(str(jackal))
     space = space_of(robot)
     set_ = json.loads((jackal / "static.json").read_text())["parameters"]
     assert set(PAY) <= set(set_)
-    assert len(set_) <= 5, "idle parameters stay out"
+    assert len(set_) <= 5, "parameters without effect are pruned"
     assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
     assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
     (drives,) = (tmp_path / "out").glob("fast_*")
     page = (drives / "without/report/index.html").read_text()
-    said = ("tuned.yaml, without the collision monitor:", "static better: yes, ", "Table")
-    assert [page.index(words) for words in said] == sorted(page.index(words) for words in said)
+    parts = ("tuned.yaml, without the collision monitor:", "static better: yes, ", "Table")
+    assert [page.index(words) for words in parts] == sorted(page.index(words) for words in parts)
     changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
     assert changed.own["max_vel_x"] == "0.5 m/s"
     assert changed["what it is"]["sim_time"] == "Duration for which each sampled velocity is simulated."
@@ -136,24 +136,24 @@ def test_what_pays_is_found_written_judged_and_shown(jackal, tmp_path, capsys):
     judged = {task.world for task in DRIVEN if not task.theta}
     assert len(searched) > 8
     assert not searched & judged
-    assert all(LOADED), "the owner loads tuned.yaml"
+    assert all(LOADED), "tuned.yaml is loaded, too"
     assert set(PLANNERS) == {"cpp-like"}
     assert "cpp-like, started with the sets" in page
     assert "the collision monitor" not in page.partition("How it was measured")[2]
     padding = space.names.index("footprint_padding")
-    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would not mean the same by reconfigure"
+    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would act differently by reconfigure"
 
 
-def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_where_it_was(tmp_path, monkeypatch):
     now = [7.0]
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
     def begun(clock):
-        found = []
+        blocks = []
         for block in clock.until(0.5, range(10)):
-            found.append(block)
+            blocks.append(block)
             now[0] += 20.0
-        return found
+        return blocks
 
     table = Trials(tmp_path, {})
     clock = clocks.Clock(table, "readings", 100.0)
@@ -168,7 +168,7 @@ def test_a_clock_lets_blocks_begin_until_their_share_is_spent_and_goes_on_where_
 
 
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
-def test_where_nothing_is_better_the_robots_folder_stays_as_it_is(runner, jackal, capsys):
+def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, capsys):
     before = sorted(jackal.iterdir())
     assert tune(jackal, runner) == 1
     printed = capsys.readouterr().out
@@ -190,15 +190,15 @@ def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_j
     assert [monitor for task, monitor in drives if not task.theta] == [False] * 24 + [True] * 24
 
 
-def test_where_no_set_arrives_that_is_said_and_how_to_see_why(jackal, capsys):
+def test_if_no_set_arrives_the_error_names_a_demo_that_shows_why(jackal, capsys):
     assert tune(jackal, "none_arrives") == 1
     demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
-    said = capsys.readouterr()
-    assert f"no set arrives on any course, so there is nothing to compare: {demo}" in said.err
-    assert "better:" not in said.out
+    printed = capsys.readouterr()
+    assert f"no set arrives on any course, so there is nothing to compare: {demo}" in printed.err
+    assert "better:" not in printed.out
 
 
-def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(jackal, capsys, monkeypatch):
+def test_a_robot_that_fails_on_open_floor_is_tuned_only_with_anyway(jackal, capsys, monkeypatch):
     monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (False, ["The set-up is wrong."]))
     assert tune(jackal, "toy") == 1
     assert capsys.readouterr().out == "The set-up is wrong.\n"
@@ -207,7 +207,7 @@ def test_a_robot_that_open_floor_stops_is_tuned_only_where_it_is_told_to_go_on(j
 
 
 @pytest.mark.fault("19")
-def test_a_run_that_was_stopped_goes_on_and_drives_nothing_twice(jackal, monkeypatch):
+def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     note = Trials.note
 
     def stop(table, **values):
@@ -225,7 +225,7 @@ def test_a_run_that_was_stopped_goes_on_and_drives_nothing_twice(jackal, monkeyp
     assert json.loads((jackal / "static.json").read_text())["parameters"]["max_vel_x"] == pytest.approx(1.4, abs=0.3)
 
 
-def test_a_finished_run_searches_on_from_what_it_found(jackal, capsys):
+def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
     for _ in range(2):
         assert tune(jackal, "toy", "--minutes", "4") == 0
         begun = re.search(r"best of (\d+) starting sets: ", capsys.readouterr().out)
@@ -242,15 +242,15 @@ def result(**values):
     return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
 
 
-def test_each_aim_prices_what_it_is_named_for():
-    robot = robots.JACKAL  # at most 2 m/s: the optimal time is 5 s
+def test_each_objective_charges_what_its_name_says():
+    robot = robots.JACKAL  # its largest speed is 2 m/s, so the optimal time is 5 s
 
     def cost(aim, **values):
         return AIMS[aim].cost(result(**values), robot, Baseline(4.0, 8.0, 1.0))
 
     assert cost("fast") == 12.0
     assert cost("fast", success=False, time_s=60.0) == 100.0
-    assert cost("fast", collided=True) == cost("fast", success=False), "nothing that is loaded stops the robot"
+    assert cost("fast", collided=True) == cost("fast", success=False), "a contact costs as much as a failure"
     assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
     assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
     assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
@@ -265,7 +265,7 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     space = space_of(robot)
     starts = best_set.warm_starts(robot)
     assert starts[0].tolist() == space.theta0.tolist()
-    assert len(starts) == 1 + 2 * 3, "its own, those of the other two that have one, and half-way to them"
+    assert len(starts) == 1 + 2 * 3, "the defaults, three sets of robots, and a set half-way to each"
     assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
     jackals = methods.make("static").theta(None)
     speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
@@ -279,7 +279,7 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     ("name", "searched"),
     [
         ("jackal", ["min_in_place_vel_theta", "escape_reset_dist", "escape_reset_theta", "footprint_padding"]),
-        ("husky", ["footprint_padding", "planner_frequency"]),  # its files plan once
+        ("husky", ["footprint_padding", "planner_frequency"]),  # its move_base plans only once
         ("turtlebot3_burger", ["footprint_padding"]),
     ],
 )
@@ -296,7 +296,7 @@ def test_a_robot_without_a_space_has_what_pays_for_searches_alone(name, searched
 
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
-    """Loaded after the robot's own files it gives the set: into the parameter server, and as a file of robot.yaml."""
+    """Loaded after the robot's own files, it gives the set, both on the parameter server and from robot.yaml."""
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
     robot = robots.load(str(folder))
     space = space_of(robot)
@@ -305,7 +305,7 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
     wanted = space.from_dict(values)
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
-    if name == "jackal":  # its planner would take the padding for its own outline, too
+    if name == "jackal":  # the padding would change the outline of the planner, too
         wanted = space.from_dict({**values, "footprint_padding": 0.1})
     ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
     assert namespace.strip("/") == "move_base"
