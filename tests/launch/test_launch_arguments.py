@@ -159,7 +159,7 @@ def test_launch_files_clear_what_an_earlier_launch_left():
         (
             demo,
             ["wrold:=generated:7"],
-            "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, ",
+            "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, map, ",
         ),
         (demo, ["world:=generated:300"], "generated:300"),
         (demo, ["method:=faster"], "method 'faster' is not known"),

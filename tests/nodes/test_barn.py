@@ -70,7 +70,7 @@ def test_runs_the_runner_in_a_world(checkout, tmp_path, world):
     assert [int(line.split()[0]) for line in lines] == [world]
     assert all(line.split()[1] == "1" and 0.1 < float(line.split()[5]) <= 0.5 for line in lines), lines
     assert not left_over(str(checkout))
-    refused(lambda: barn_main(checkout, *options), r"out\.txt is there already: give another --out")
+    refused(lambda: barn_main(checkout, *options), r"out\.txt exists already: give another --out")
 
 
 def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
@@ -85,7 +85,7 @@ def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
     done = command(checkout, "--worlds", "2,300", "--out", tmp_path / "results")
     assert done.returncode == 1
     assert "no gazebo here" in (tmp_path / "results" / "logs" / "world_2_trial_0.log").read_text()
-    assert "2 of 2 runs left no result" in done.stderr
+    assert "2 of 2 runs have no result" in done.stderr
 
 
 def barn_main(*arguments):

@@ -16,7 +16,7 @@ import threading
 import time
 import traceback
 from dataclasses import fields, replace
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -201,7 +201,7 @@ class CollisionMonitorNode:
 
     def _judge(self, command: Tuple[float, float], creeps: bool) -> Verdict:
         now = rospy.get_rostime()
-        pose = self.sensors.pose(now, self._tolerance)
+        pose: Any = self.sensors.pose(now, self._tolerance)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:

@@ -1,2 +1,2 @@
-"""Programs that a person starts beside the robot: the launcher, the demo, the BARN Challenge, braking."""
-# Imports what the nodes import.
+"""Command-line programs: demo, playground, BARN Challenge, braking measurement, and their launcher."""
+# Imports the same packages as the nodes.

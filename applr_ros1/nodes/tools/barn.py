@@ -1,9 +1,9 @@
-"""`./applr barn CHECKOUT`: the BARN Challenge's own runner, unmodified, against the simulator of this repository.
+"""`./applr barn CHECKOUT`: the BARN Challenge's own runner, unmodified, with the simulator of this repository.
 
-Each run is one process of run.py with a ROS master of its own on a free port. The runner looks for the ROS package
-jackal_helper: worlds, plugins and launch files. `link_package` makes a folder of that name whose files are links into
-the checkout, except for the launch file that starts Gazebo (ours starts the simulator of this repository) and the one
-that starts the controller (the person's, if one is given).
+Each run is one process of run.py with its own ROS master on a free port. The runner takes worlds, plugins and launch
+files from the ROS package jackal_helper. `link_package` creates a copy of this package with links into the checkout,
+except for two launch files: the one for Gazebo starts this repository's simulator, and the one for the controller is
+the user's if one is given.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from .launcher import free_port
 
 HELPER = "jackal_helper"
 GAZEBO_LAUNCH, CONTROLLER_LAUNCH = "gazebo_launch.launch", "move_base_DWA.launch"
-STATIC_WORLDS = 300  # worlds 0 to 299 are BARN's, 300 to 359 DynaBARN's
+STATIC_WORLDS = 300  # number of BARN's worlds, 0 to 299; 300 to 359 are DynaBARN's
 OURS = Path(__file__).resolve().parents[3] / "compat" / HELPER / "launch"
-RUN_S = 600.0  # longest wall time of a run [s], whose drive ends after 100 s of simulated time
-METHOD = "APPLR_METHOD"  # environment variable that this package's controllers read
+RUN_S = 600.0  # longest wall time of a run, which takes at most 100 s of simulated time [s]
+METHOD = "APPLR_METHOD"  # environment variable with the method of this package's controllers
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
+    """Return the parser of the command line."""
     made = argparse.ArgumentParser(
         prog="./applr barn",
-        description="Runs the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
+        description="Run the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
         "with the simulator of this repository in place of Gazebo.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = made.add_argument
-    add("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/ in it.")
-    add("--worlds", default="0-299", help="Numbers such as 0-49,300: BARN's worlds are 0-299, DynaBARN's 300-359.")
-    add("--trials", default=1, type=int, help="Runs of each world.")
-    add("--out", default=Path("barn_results"), type=Path, help="Folder of the results.")
-    add("--controller", type=Path, help="Launch file for the checkout's launch/move_base_DWA.launch.")
+    add("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/.")
+    add("--worlds", default="0-299", help="Worlds, such as 0-49,300: 0-299 are BARN's, 300-359 DynaBARN's.")
+    add("--trials", default=1, type=int, help="Number of runs of each world.")
+    add("--out", default=Path("barn_results"), type=Path, help="Folder for the results.")
+    add("--controller", type=Path, help="Launch file that replaces the checkout's launch/move_base_DWA.launch.")
     return made
 
 
 def numbers(text: str) -> List[int]:
-    """Return the worlds of a list such as 0-4,300. Raises ApplrError."""
+    """Parse a list of worlds such as 0-4,300. Raises ApplrError."""
     try:
         spans = [[int(number) for number in part.split("-")] for part in text.split(",")]
     except ValueError:
@@ -59,11 +59,14 @@ def numbers(text: str) -> List[int]:
 
 
 def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Path:
-    """Make the package jackal_helper of a checkout anew in `folder`, with its own controller if that is None."""
+    """Create a linked copy of the checkout's package jackal_helper in `folder`, in place of an old copy.
+
+    controller: Launch file of the controller, None for the checkout's own.
+    """
     package = folder / HELPER
     for needed in (checkout / "run.py", checkout / HELPER / "worlds", controller or checkout):
         if not needed.exists():
-            raise ApplrError(f"there is no {needed}: give a checkout of the BARN Challenge, and a launch file")
+            raise ApplrError(f"{needed} does not exist: give a checkout of the BARN Challenge, and a launch file")
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(checkout / HELPER, package, copy_function=os.symlink)
     for name, file in ((GAZEBO_LAUNCH, OURS / GAZEBO_LAUNCH), (CONTROLLER_LAUNCH, controller)):
@@ -74,7 +77,7 @@ def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Pa
 
 
 def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> None:
-    """Run run.py once. It appends its line to out.txt; the logs have what it prints."""
+    """Run run.py once. It appends its result to out.txt, and its output goes to the logs."""
     environment = {key: text for key, text in os.environ.items() if key not in ("ROS_HOSTNAME", "ROS_NAMESPACE")}
     environment.update(
         ROS_MASTER_URI=f"http://127.0.0.1:{free_port()}",
@@ -91,13 +94,13 @@ def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> Non
     try:
         runner.wait(RUN_S)
     except subprocess.TimeoutExpired:
-        pass  # a run without a result
+        pass  # The run counts as one without a result.
     finally:
         end(runner.pid)
 
 
 def end(group: int) -> None:
-    """End the processes that the runner leaves: roslaunch ends its nodes within 20 s of an interrupt."""
+    """End the remaining processes of a runner. roslaunch ends its nodes within 20 s of an interrupt."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGINT)
         for _ in range(200):
@@ -107,12 +110,12 @@ def end(group: int) -> None:
 
 
 def main() -> None:
-    """Drive all runs, whatever their outcome. Raises ApplrError that says how many left no result."""
+    """Execute all runs. Raises ApplrError at the end if runs have no result."""
     options = parser().parse_args()
     checkout, out = options.checkout.resolve(), options.out.resolve()
     results, worlds = out / "out.txt", numbers(options.worlds)
     if results.exists():
-        raise ApplrError(f"{results} is there already: give another --out")
+        raise ApplrError(f"{results} exists already: give another --out")
     package = link_package(checkout, out / "package", options.controller)
     for world in worlds:
         name = f"BARN/world_{world}" if world < STATIC_WORLDS else f"DynaBARN/world_{world - STATIC_WORLDS}"
@@ -129,4 +132,4 @@ def main() -> None:
         print(f"world {world} trial {trial}: {result}", flush=True)
     missing = len(worlds) * options.trials - len(lines)
     if missing:
-        raise ApplrError(f"{missing} of {missing + len(lines)} runs left no result")
+        raise ApplrError(f"{missing} of {missing + len(lines)} runs have no result: see the logs in {out}/logs")

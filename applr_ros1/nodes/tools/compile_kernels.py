@@ -1,7 +1,7 @@
-"""Compiles all numeric kernels of the robot's side, so that the nodes start at once afterwards.
+"""Compilation of all kernels of the robot's side, so that nodes start quickly afterwards.
 
-`./applr` runs it where kernels may be missing, and so does `catkin_make install`. The machine code goes to the cache
-that common/kernels.py describes, whose folder is printed.
+`./applr` runs this program if kernels may be missing, and so does `catkin_make install`. It prints the folder of the
+cache, which common/kernels.py describes.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.robots import JACKAL
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
-PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (  # the longest first; both planners share kernels
+PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (  # (name, function that compiles), longest first
     (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
     ("the simulators", lambda: _simulators()),
     (f"move_base with {LOCAL_PLANNERS[1]}", lambda: warm_up_planner(LOCAL_PLANNERS[1])),
     ("the tracker of moving obstacles", warm_up_tracker),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
 )
-QUIET_S = 5.0  # wall time before the first line of progress; loading alone takes less
+QUIET_S = 5.0  # wall time before the first progress line, longer than loading compiled kernels takes [s]
 
 
 def main() -> int:
-    """Run the command; return exit status 0 if all kernels are compiled."""
+    """Run the program. Return exit status 0 if all kernels are compiled."""
     return run_main(_compile, "applr")
 
 
 def _compile() -> None:
     """Compile the parts in as many processes as there are processors."""
     fork, processes = multiprocessing.get_context("fork"), len(os.sched_getaffinity(0))
-    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))  # end silently
-    with announced("compiling kernels", _say, first=QUIET_S), pool:
+    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))  # No tracebacks.
+    with announced("compiling kernels", _report, first=QUIET_S), pool:
         for part in [pool.submit(_compile_part, number) for number in range(len(PARTS))]:
             part.result()
     print(cache_folder())
@@ -55,7 +55,7 @@ def _compile_part(number: int) -> None:
     PARTS[number][1]()
 
 
-def _say(text: str) -> None:
+def _report(text: str) -> None:
     print(f"applr: {text}", file=sys.stderr, flush=True)
 
 

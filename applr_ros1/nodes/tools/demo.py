@@ -1,8 +1,10 @@
-"""The demo (./applr demo): one course from start to finish with the whole stack, on a ROS master of its own.
+"""The demo (./applr demo): one course from start to finish with the whole stack, on its own ROS master.
 
-It says when each part of the stack is up, sends the goal, reports progress, ends every process, and leaves a page that
-plays the drive, and one line of JSON. The robot's true pose decides by the course's rule (Course.arrived).
+The demo reports when each part of the stack is up, sends the goal, reports progress, and ends every process. It writes
+a page that replays the drive, and prints one line of JSON. Success is judged by the robot's true pose (Course.arrived).
 """
+
+from __future__ import annotations
 
 import contextlib
 import dataclasses
@@ -11,6 +13,7 @@ import math
 import os
 import sys
 import time
+from typing import Any, Callable, Dict, Iterator, List, Sequence, Set, Tuple
 
 import actionlib
 import numpy as np
@@ -21,7 +24,7 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 import worlds
-from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.angles import Pose, yaw_of
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
@@ -30,48 +33,48 @@ from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import load
+from applr_ros1.policy.parameter_space import Space, space_of
+from applr_ros1.robots import Robot, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from . import send_goal
-from .launcher import given_arguments, launch_arguments, private_stack, say
+from .launcher import Stack, given_arguments, launch_arguments, private_stack, report
 
 STATUS = "/move_base/status"
-PROGRESS_PERIOD_S = 2.0  # of simulated time between lines of progress
-REACHED, TIMED_OUT = "goal reached", "timed out"  # how a drive ended
-EXTRA = {"page": "applr_demo.html", "limit": "300"}  # arguments beside the launch file's
-COLOR = "#2ca02c"  # of the drive on its page
+PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
+REACHED, TIMED_OUT = "goal reached", "timed out"  # outcomes of a drive
+EXTRA = {"page": "applr_demo.html", "limit": "300"}  # defaults of the arguments that the launch file does not have
+COLOR = "#2ca02c"  # colour of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
-Drives one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
+Drive one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
 if the goal was reached.
 
-  page:={EXTRA["page"]}  File for a page that plays the drive (.html), or none.
+  page:={EXTRA["page"]}  File for a page that replays the drive (.html), or none.
   limit:={EXTRA["limit"]}             Simulated time [s] after which the drive counts as timed out, 1 to 3600.
 
 The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
 
-def main():
-    """Exit status: 0 goal reached, 1 not reached, or a wrong argument (one line), 130 interrupted."""
+def main() -> int:
+    """Run the demo. Return exit status 0 if the goal was reached, otherwise 1. Raises ApplrError."""
     values, passed, robot, world = prepare(sys.argv[1:])
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
-    say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
+    report("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     with contextlib.ExitStack() as ending:
         try:
             with private_stack(passed) as stack:
                 _drive(stack, values, robot, world, result)
-                ending.enter_context(announced("ending the nodes", say))
+                ending.enter_context(announced("ending the nodes", report))
         except ApplrError as problem:
-            say(result.setdefault("reason", str(problem)))
+            report(result.setdefault("reason", str(problem)))
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
 
-def prepare(words):
-    """(values of all arguments, those for the launch file, Robot, World) from the command line. Raises ApplrError."""
+def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot, worlds.World]:
+    """Return (all values, those for the launch file, Robot, World) of a command line. Raises ApplrError."""
     known = launch_arguments()
     given = given_arguments(words, (*known, *EXTRA))
     values = {**known, **EXTRA, **given}
@@ -90,7 +93,7 @@ def prepare(words):
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
-    if values["goal"] != "auto":  # given in odom, whose origin is the start
+    if values["goal"] != "auto":  # The goal is given in odom, whose origin is the start.
         values["sent"] = x, y, yaw = pose("goal", values["goal"])
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
         course = dataclasses.replace(world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True)
@@ -99,16 +102,16 @@ def prepare(words):
     return values, dict(passed, goal="none"), robot, world
 
 
-def _drive(stack, values, robot, world, result):
+def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.World, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
     began = time.monotonic()
     observer = Observer(robot, world, values)
     for part, up in observer.parts():
         stack.wait_until_up(part, up)
-        say(f"{part:12} up after {time.monotonic() - began:.1f} s")
+        report(f"{part:12} up after {time.monotonic() - began:.1f} s")
     seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
     length = float(np.hypot(*np.diff(np.array(observer.track)[:, 1:3], axis=0).T).sum())
-    say(f"{text} after {seconds:.1f} s and {length:.2f} m{', touching something' if observer.contacts else ''}")
+    report(f"{text} after {seconds:.1f} s and {length:.2f} m{', touching something' if observer.contacts else ''}")
     result.update(success=text == REACHED, collided=bool(observer.contacts), time_s=round(seconds, 2), reason=text)
     result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3), page=None)
     if values["page"] != "none":
@@ -117,18 +120,22 @@ def _drive(stack, values, robot, world, result):
         scene = observer.scene(seconds, result, space)
         write_bytes(values["page"], page(title, {result["method"]: COLOR}, space.names, robot.body.size[:2], [scene]))
         result["page"] = values["page"]
-        say(result["page"])
+        report(result["page"])
 
 
 class Observer:
-    """A listener to the stack of a robot in a world; `parts`, then `drive`, then `scene`."""
+    """Subscriptions to the stack of a robot in a world. Call `parts`, then `drive`, then `scene`."""
 
-    def __init__(self, robot, world, values):
+    def __init__(self, robot: Robot, world: worlds.World, values: Dict[str, Any]):
         self.world, self._tolerance = world, robot.goal_tolerance
-        self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # in which goals are sent
+        self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # frame of the goal
         scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
-        self.track, self.contacts, self.parameters = [], [], []
-        self._up, self._began, self._client = set(), None, None
+        self.track: List[Any] = []  # true motion: (stamp [s], x, y, yaw, v, w)
+        self.contacts: List[float] = []  # times of contacts [s]
+        self.parameters: List[Any] = []  # changes: (stamp [s], theta)
+        self._up: Set[str] = set()  # topics with a message
+        self._began: Any = None  # time of sending the goal [s]
+        self._client: Any = None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan = "/" + scan.lstrip("/")
         for topic, kind in ((self._scan, rospy.AnyMsg), (STATUS, GoalStatusArray)):
@@ -137,23 +144,23 @@ class Observer:
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
 
-    def parts(self):
-        """(name, function that says whether it is up) in the order in which they come up."""
+    def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
+        """Yield (name, function that returns whether the part is up) in the order of the start."""
         yield "simulator", lambda: self._scan in self._up and self.track
         yield "move_base", self._move_base_up
         yield "applr", lambda: self.parameters
 
-    def drive(self, pose, limit, check):
-        """Send the goal `pose`, (x, y, yaw) in odom; watch until it is reached, given up, or `limit` [s] are over.
+    def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Tuple[float, str]:
+        """Send the goal `pose` (x, y, yaw) in odom and return (simulated time [s], outcome) at the end of the drive.
 
-        check() is called again and again; what it raises ends the drive. Returns (simulated time [s], how it ended).
+        The drive times out after `limit` [s]. check() is called repeatedly, and its exceptions end the drive.
         """
         self._began = self.track[-1][0]
         self.track, self.contacts = self.track[-1:], []
         self._client.send_goal(send_goal.message(pose, self._frame))
         course = self.world.course
         line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
-        say(f"goal sent   {course.length_m:.2f} m {line}")
+        report(f"goal sent   {course.length_m:.2f} m {line}")
         printed, ended = self._began, ""
         while not ended:
             time.sleep(0.01)
@@ -172,12 +179,12 @@ class Observer:
                 printed += PROGRESS_PERIOD_S
                 to_go = math.dist(course.goal[:2], (x, y)) if course.finish_y is None else max(0.0, course.finish_y - y)
                 touched = "   contact" if self.contacts and now - self.contacts[-1] < PROGRESS_PERIOD_S else ""
-                say(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{touched}")
+                report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{touched}")
         self._client.cancel_goal()
         return seconds, ended
 
-    def scene(self, seconds, result, space):
-        """Return the drive, which took so many seconds, for its page."""
+    def scene(self, seconds: float, result: Dict[str, Any], space: Space) -> Scene:
+        """Return the drive of `seconds` [s] for its page."""
         track = np.array(self.track, dtype=np.float64)
         times = np.unique(np.append(np.arange(0.0, seconds, POSE_PERIOD_S), seconds))
         columns = (*track[:, 1:3].T, np.unwrap(track[:, 3]), track[:, 4])

@@ -1,7 +1,9 @@
-"""The stack of jackal_applr.launch on a ROS master of its own, for one process alone: the demo's and the playground's.
+"""Launcher of jackal_applr.launch on a private ROS master, for the demo and the playground.
 
-It is started by roslaunch. What the nodes print goes to a folder, their errors to this terminal.
+roslaunch starts the stack. The output of the nodes goes to a folder, and their errors to the terminal.
 """
+
+from __future__ import annotations
 
 import contextlib
 import os
@@ -14,6 +16,7 @@ import sys
 import tempfile
 import threading
 import time
+from typing import Any, Callable, Collection, Dict, Iterator, Sequence
 
 import rosgraph
 import roslaunch.arg_dump
@@ -26,34 +29,34 @@ from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
-UP_WITHIN_S = 900.0  # of wall time for one part to come up: the first time it compiles kernels, maybe on a busy machine
+UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
 COMPILES = "waiting for {} (its first start compiles kernels, about a minute)"
 LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
-DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node
+DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node that has died
 
 
-def say(text):
-    """Print one line of progress."""
+def report(text: str) -> None:
+    """Print one progress line."""
     print(f"applr: {text}", flush=True)
 
 
-def launch_arguments():
-    """{name: default} of the launch file; None where it has none."""
+def launch_arguments() -> Dict[str, Any]:
+    """Return the launch file's arguments as {name: default}. The default is None if there is none."""
     file = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))[0]
     return {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
 
 
-def given_arguments(words, known):
-    """{name: value} of ARG:=VALUE; ROS's own arguments, such as __name:=N, are left out. Raises ApplrError.
+def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, str]:
+    """Parse ARG:=VALUE into {name: value}, without ROS's own arguments such as __name:=N. Raises ApplrError.
 
-    Paths get their folder, because the nodes run in another one.
+    Paths become absolute, because the nodes run in another folder.
     """
     for word in words:
         name, separator, value = word.partition(":=")
         if not separator or name not in known and not name.startswith("_"):
-            raise ApplrError(f"{word} is no argument: give ARG:=VALUE; there are {', '.join(known)}")
-        if not value:  # which load_mappings leaves out: another robot drove than was meant
-            raise ApplrError(f"{name} is empty: give a value, or leave it out")
+            raise ApplrError(f"{word} is not an argument: give ARG:=VALUE with one of {', '.join(known)}")
+        if not value:  # load_mappings would silently drop it, and the default would be used.
+            raise ApplrError(f"{name} is empty: give a value or omit it")
     given = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
@@ -63,36 +66,36 @@ def given_arguments(words, known):
     return given
 
 
-def free_port():
-    """A TCP port that nobody listens on now."""
+def free_port() -> int:
+    """Return a free TCP port."""
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
         return probe.getsockname()[1]
 
 
 @contextlib.contextmanager
-def private_stack(given):
-    """A running Stack with these arguments {name: value}; it ends with the block. SIGTERM and SIGHUP act as Ctrl-C.
+def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
+    """Run a Stack with the arguments {name: value} for the duration of a block. SIGTERM and SIGHUP act like Ctrl-C.
 
-    The folder of what the nodes printed is kept where the block raises ApplrError, whose line says so.
+    If the block raises ApplrError, the folder with the nodes' output is kept and named in the error.
     """
     folder, port = tempfile.mkdtemp(prefix="applr_"), free_port()
     os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
-    for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
+    for name in ("ROS_IP", "ROS_NAMESPACE"):  # They may be set for another robot.
         os.environ.pop(name, None)
-    say(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
+    report(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
         stack = Stack(given, port, folder)
         try:
-            with announced("starting ROS", say, first=5.0):
+            with announced("starting ROS", report, first=5.0):
                 stack.wait(rosgraph.is_master_online, UP_WITHIN_S, "the ROS master does not come up")
             yield stack
         finally:
             stack.stop()
     except ApplrError as problem:
-        raise ApplrError(f"{problem}; what the nodes printed is in {folder}") from None
+        raise ApplrError(f"{problem}; the output of the nodes is in {folder}") from None
     except KeyboardInterrupt:
         shutil.rmtree(folder, ignore_errors=True)
         raise KeyboardInterrupt("interrupted, every process has ended") from None
@@ -100,15 +103,15 @@ def private_stack(given):
 
 
 class Stack:
-    """The nodes of the launch file below this process, on a master of their own; roslaunch starts and ends them.
+    """roslaunch process with the nodes of the launch file, on a private master.
 
     Args:
-        given: {name: value} of the launch file's arguments.
-        port: Of the master.
-        folder: For what the nodes print.
+        given: Arguments {name: value} of the launch file.
+        port: Port of the master.
+        folder: Folder for the output of the nodes.
     """
 
-    def __init__(self, given, port, folder):
+    def __init__(self, given: Dict[str, str], port: int, folder: str):
         self._died, self._ends = "", False
         words = [f"{name}:={value}" for name, value in given.items()]
         options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
@@ -119,7 +122,7 @@ class Stack:
                 stderr=subprocess.PIPE,
                 encoding="utf-8",
                 errors="replace",
-                start_new_session=True,  # a Ctrl-C ends it by `stop`
+                start_new_session=True,  # After Ctrl-C, `stop` ends the process.
             )
         threading.Thread(target=self._pass_errors_on, daemon=True).start()
 
@@ -127,16 +130,19 @@ class Stack:
         for line in self._process.stderr:
             died = DIED.search(line)
             self._died = self._died or (died.group(1) + " has died" if died else "")
-            if not self._ends:  # roslaunch's lines about nodes that take their time to end
+            if not self._ends:  # At the end, roslaunch complains about nodes that end slowly.
                 print(line, end="", file=sys.stderr)
 
-    def check(self):
+    def check(self) -> None:
         """Raise ApplrError if a node has died."""
         if self._died or self._process.poll() is not None:
-            raise ApplrError(self._died or "the stack ended by itself")
+            raise ApplrError(self._died or "the stack has ended unexpectedly")
 
-    def wait(self, condition, seconds, otherwise, pause=0.02):
-        """Wait in wall time until condition() is true; raises as check() does, and ApplrError(otherwise)."""
+    def wait(self, condition: Callable[[], Any], seconds: float, otherwise: str, pause: float = 0.02) -> None:
+        """Wait until condition() is true, calling it every `pause` [s].
+
+        Raises ApplrError with the text `otherwise` after `seconds` [s] of wall time, or if a node has died.
+        """
         deadline = time.monotonic() + seconds
         while not condition():
             self.check()
@@ -144,12 +150,14 @@ class Stack:
                 raise ApplrError(f"{otherwise} within {seconds:g} s")
             time.sleep(pause)
 
-    def wait_until_up(self, part, condition, seconds=UP_WITHIN_S, pause=0.02):
-        """The same for a part of the stack to come up, and say what it may be doing."""
-        with announced(COMPILES.format(part), say, first=10.0):
+    def wait_until_up(
+        self, part: str, condition: Callable[[], Any], seconds: float = UP_WITHIN_S, pause: float = 0.02
+    ) -> None:
+        """Wait like `wait` until a part of the stack is up, and report this if it takes long."""
+        with announced(COMPILES.format(part), report, first=10.0):
             self.wait(condition, seconds, f"{part} does not come up", pause)
 
-    def stop(self):
+    def stop(self) -> None:
         """End all processes."""
         self._ends = True
         rospy.signal_shutdown("the program that started the stack has ended")

@@ -1,6 +1,6 @@
-"""The command that measures how a base brakes and turns, and prints the line `monitor:` of robot.yaml.
+"""Measurement of how a base brakes and turns, for the line `monitor:` of robot.yaml.
 
-`rosrun applr_ros1 measure_braking.py` starts it. It drives the robot itself: --help says how.
+Started as `rosrun applr_ros1 measure_braking.py`. The program drives the robot; see --help.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
 
-RATE_HZ = 20.0  # Hz of commands
-DRIVING_S = 1.2  # s of each run before it brakes
-SHARES = 0.25, 0.5, 1.0  # of the largest speed, one run each; turns go up to half the largest turn rate
-BACK_MPS = 0.5  # m/s at most, on the way back
-LEAST_WAY_M, ROOM_M = 2.0, 0.5  # m of free way that is asked for; m of it that are never used
-STANDING = 0.3  # s over which a speed is averaged before braking, and without motion that count as standing
-STILL = 0.02, 0.05  # m/s, rad/s: less is no motion
-FELL = 0.9  # of its speed: when it is slower, the base has begun to brake
+RATE_HZ = 20.0  # rate of commands [Hz]
+DRIVING_S = 1.2  # duration of each run before braking [s]
+SHARES = 0.25, 0.5, 1.0  # speeds of the runs as shares of the largest speed, or of half the largest turn rate
+BACK_MPS = 0.5  # largest speed on the way back [m/s]
+LEAST_WAY_M, ROOM_M = 2.0, 0.5  # smallest free way, and the part of it that is kept in reserve [m]
+STANDING = 0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
+STILL = 0.02, 0.05  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
+FELL = 0.9  # share of the speed below which the base counts as braking
 
 
 class Reading(NamedTuple):
-    """A message of the odometry: stamp [s], pose, and twist ahead and about z."""
+    """One odometry message: stamp [s], pose [m, m, rad], forward speed [m/s] and turn rate [rad/s]."""
 
     time: float
     x: float
@@ -44,7 +44,7 @@ class Reading(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Stop of a base: speed [m/s or rad/s], the same over the commanded one, time until it slowed down [s], way."""
+    """One stop: speed [m/s or rad/s], its ratio to the command, time until braking began [s], way [m or rad]."""
 
     speed: float
     gain: float
@@ -53,12 +53,12 @@ class Stop(NamedTuple):
 
 
 def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
-    """Return how a base stopped from `command` [m/s, rad/s if turning], commanded to stop at the time `braked` [s]."""
+    """Return the Stop of a run at `command` [m/s, or rad/s if turning] that was braked at the time `braked` [s]."""
     motion = [abs(s.w if turning else s.v) for s in samples]
     before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
     after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
     if not before or len(after) < 2:
-        raise ApplrError("hardly any odometry came while the robot drove: is its clock that of this machine?")
+        raise ApplrError("too few odometry messages during the run: check that the robot's clock is synchronised")
     speed = sum(before) / len(before)
     reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
     steps = [(b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw)) for (_, a), (_, b) in zip(after, after[1:])]
@@ -68,15 +68,15 @@ def stop_of(samples: List[Reading], braked: float, command: float, turning: bool
 
 
 def deceleration(stops: List[Stop], reaction: float) -> float:
-    """The least a with which every way is at most speed * reaction + speed^2 / (2 a)."""
+    """Return the worst deceleration a, such that way <= speed * reaction + speed^2 / (2 a) for every stop."""
     return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
 
 
 def reaction(straight: List[Stop], turns: List[Stop]) -> float:
-    """Return a time [s] until the base brakes, from the median of its stops up.
+    """Return the reaction time [s] with the shortest predicted stop from the largest speed.
 
-    It is the one of a stop with which `deceleration` of the straight ones lets the fastest come to rest soonest: one
-    stop that began late, as on a busy machine, then does not count as weak brakes.
+    Candidates are the reaction times of the stops from their median up. A single late stop, as on a busy machine, is
+    then not mistaken for weak brakes.
     """
     times = sorted(s.reaction for s in straight + turns)
     top = max(s.speed for s in straight)
@@ -88,12 +88,12 @@ def reaction(straight: List[Stop], turns: List[Stop]) -> float:
 
 
 class Base:
-    """The robot: commands out, odometry in.
+    """Interface to the robot: publishes commands and records odometry.
 
     Args:
-        command: topic of velocity commands.
-        odometry: topic of nav_msgs/Odometry.
-        free: way [m] that it may go from where it stands now.
+        command: Topic of velocity commands.
+        odometry: Topic of the odometry (nav_msgs/Odometry).
+        free: Largest distance from the start that the robot may drive [m].
     """
 
     def __init__(self, command: str, odometry: str, free: float):
@@ -107,8 +107,8 @@ class Base:
                 self.start, self._rate = self.samples[-1], rospy.Rate(RATE_HZ)
                 return
             time.sleep(0.1)
-        missing = f"nobody takes commands from {rospy.resolve_name(command)}"
-        raise ApplrError(missing if self.samples else f"no odometry comes on {rospy.resolve_name(odometry)}")
+        missing = f"no subscriber to commands on {rospy.resolve_name(command)}: start the robot's driver"
+        raise ApplrError(missing if self.samples else f"no odometry on {rospy.resolve_name(odometry)}")
 
     def _take(self, message: Odometry) -> None:
         pose, speed = message.pose.pose, message.twist.twist
@@ -118,30 +118,33 @@ class Base:
         )
 
     def ahead(self) -> float:
-        """Return the way [m] ahead of where it stood at first."""
+        """Return the distance from the start along the initial heading [m]."""
         now, start = self.samples[-1], self.start
         return (now.x - start.x) * math.cos(start.yaw) + (now.y - start.y) * math.sin(start.yaw)
 
     def drive(self, v: float, w: float, until: Callable[[], bool], seconds: float = 30.0) -> None:
-        """Commands v [m/s] and w [rad/s], straight on where w is 0, until the condition holds or so long."""
+        """Publish commands v [m/s] and w [rad/s] until a condition holds or `seconds` have passed.
+
+        If only v is nonzero, the initial heading is kept. Raises ApplrError if the robot leaves the free way.
+        """
         end = rospy.get_time() + seconds
         while not until() and rospy.get_time() < end:
             now = self.samples[-1]
             off = math.hypot(now.x - self.start.x, now.y - self.start.y)
             if rospy.is_shutdown() or off > self.free:
                 self._out.publish(Twist())
-                raise ApplrError(f"stopped: the robot is {off:.2f} m from its start, {self.free:g} m are free")
+                raise ApplrError(f"stopped: the robot is {off:.2f} m from its start; only {self.free:g} m are free")
             steer = w if w or not v else max(-0.5, min(0.5, 2.0 * normalize_angle(self.start.yaw - now.yaw)))
             self._out.publish(twist(v, steer))
             self._rate.sleep()
 
     def stands(self) -> bool:
-        """Return whether it has not moved for STANDING seconds."""
+        """Return whether the base has been at rest for STANDING seconds."""
         recent = [s for s in self.samples if s.time > self.samples[-1].time - STANDING]
         return all(abs(s.v) < STILL[0] and abs(s.w) < STILL[1] for s in recent)
 
     def run(self, v: float, w: float) -> Stop:
-        """Drives or turns, brakes, stands. Prints a line."""
+        """Drive or turn, brake to rest, and print a line about the stop."""
         first, over = len(self.samples), rospy.get_time() + DRIVING_S
         farthest = self.free - ROOM_M - v * v / 2.0
         self.drive(v, w, lambda: rospy.get_time() > over or self.ahead() > farthest)
@@ -149,36 +152,36 @@ class Base:
         self.drive(0.0, 0.0, lambda: rospy.get_time() > braked + STANDING and self.stands(), 6.0)
         stop = stop_of(self.samples[first:], braked, w or v, bool(w))
         units = ("rad/s", "rad") if w else ("m/s", "m")
-        line = "%.2f %s commanded, %.2f driven, slower after %.3f s, stops within %.3f %s"
+        line = "%.2f %s commanded, %.2f driven, brakes after %.3f s, stops within %.3f %s"
         print(line % (w or v, units[0], stop.speed, stop.reaction, stop.way, units[1]), flush=True)
         return stop
 
 
 def fastest(free: float) -> float:
-    """Return the speed [m/s] from which a run on `free` metres still ends if the base brakes with 1 m/s^2."""
+    """Return the largest speed [m/s] of a run on `free` metres if the base brakes with 1 m/s^2."""
     return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
 
 
 def main() -> None:
-    """Run the command. Raises ApplrError, one line, without a word that the way is free."""
+    """Run the command. Raises ApplrError unless the options confirm that the way is free."""
     parser = argparse.ArgumentParser(
         prog="measure_braking.py",
         description="Drive the robot forwards at several speeds, brake, drive back, turn in place and stop; then print "
-        "the line `monitor:` of robot.yaml. Commands go to the base directly, past the collision monitor.",
+        "the line `monitor:` of robot.yaml. Commands bypass the collision monitor.",
     )
     add = parser.add_argument
     add("--free", type=float, required=True, metavar="METRES", help="Free way ahead, and half a metre on all sides.")
-    add("--yes", action="store_true", help="Needed: the way is free of people, and the emergency stop is at hand.")
-    add("--robot", default="jackal", help="Name or folder of its description. Default: %(default)s.")
+    add("--yes", action="store_true", help="Required: confirms a way free of people, and an emergency stop at hand.")
+    add("--robot", default="jackal", help="Name or folder of the robot's description. Default: %(default)s.")
     truth = "Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: the robot's odometry, "
-    add("--odometry", default="", help=truth + "which does not see sliding wheels.")
-    add("--repeats", type=int, default=3, help="Runs of each kind. Default: %(default)s.")
+    add("--odometry", default="", help=truth + "which cannot detect wheel slip.")
+    add("--repeats", type=int, default=3, help="Number of runs of each kind. Default: %(default)s.")
     options = parser.parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
         raise ApplrError("the robot would drive: give --yes when its way is free and the emergency stop is at hand")
     if not options.free >= LEAST_WAY_M or options.repeats < 1:
         wrong = f"--free {options.free:g} --repeats {options.repeats}"
-        raise ApplrError(f"{wrong}: give {LEAST_WAY_M:g} m or more, and a run or more")
+        raise ApplrError(f"{wrong}: give at least {LEAST_WAY_M:g} m and one run")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
@@ -192,9 +195,9 @@ def main() -> None:
         turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
     late = reaction(straight, turns)
     brake, turn_brake = deceleration(straight, late), deceleration(turns, late)
-    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2 from {late:.3f} s after the command on")
-    print(f"turn rate over the commanded one: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
-    total = late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # a command and a scan may be so old
+    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2, starting {late:.3f} s after the command")
+    print(f"turn rate over commanded turn rate: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
+    total = late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # The last command and scan may be a period old.
     print(
         f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
         f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "

@@ -1,13 +1,17 @@
-"""The playground (./applr play): a simulated robot on a ROS master of its own, and a page in a browser to play with it.
+"""The playground (./applr play): a simulated robot on its own ROS master, and a web page to control it.
 
-It starts jackal_applr.launch with viewer:=true, says where the page is, and ends every process at Ctrl-C.
+The program starts jackal_applr.launch with viewer:=true, prints the address of the page, and ends every process at
+Ctrl-C.
 """
+
+from __future__ import annotations
 
 import argparse
 import math
 import os
 import re
 import webbrowser
+from typing import List
 
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
@@ -16,39 +20,39 @@ import worlds
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.robots import load
 
-from .launcher import given_arguments, launch_arguments, private_stack, say
+from .launcher import given_arguments, launch_arguments, private_stack, report
 
 
-def main():
-    """Exit status: 130 after Ctrl-C, 1 where a part of the stack ends by itself or an argument is wrong (one line)."""
+def main() -> None:
+    """Run the playground until Ctrl-C. Raises ApplrError if an argument is invalid or the stack fails."""
     parser = argparse.ArgumentParser(
         prog="./applr play",
-        description="Start a simulated robot and a page in a browser: drive it, tune it, see why it does what it does. "
-        "Ctrl-C ends it.",
+        description="Start a simulated robot and a web page to drive it, tune it and see its decisions. "
+        "Ctrl-C ends both.",
     )
     add = parser.add_argument
-    add("--no-browser", action="store_true", help="Only say where the page is.")
+    add("--no-browser", action="store_true", help="Only print the address of the page.")
     words = "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; goal:=auto sends a goal."
     add("words", nargs="*", metavar="ARG:=VALUE", help=words)
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none"}
     defaults = launch_arguments()
     given.update(given_arguments(options.words, defaults))
-    load(given.get("robot", defaults["robot"]))  # what is wrong with these two ends here, in one line
+    load(given.get("robot", defaults["robot"]))  # An invalid robot or world is an error before anything starts.
     worlds.load(given.get("world", defaults["world"]))
     token = os.environ[admission.TOKEN] = admission.token()
-    # any local user, and a website in a browser, can write on the parameter server: nothing but the port is from there
+    # Any local user, and a website in a browser, can write to the parameter server. Only the port is taken from it.
     known = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
     with private_stack(given) as stack:
-        found = []
+        addresses: List[str] = []
 
-        def there():
-            found.extend(known.findall(str(rospy.get_param("/viewer/address", ""))))
-            return found
+        def is_up() -> bool:
+            addresses.extend(known.findall(str(rospy.get_param("/viewer/address", ""))))
+            return bool(addresses)
 
-        stack.wait_until_up("the page", there)
-        address = found[0]
-        say(f"the page is at {address}")
+        stack.wait_until_up("the page", is_up)
+        address = addresses[0]
+        report(f"the page is at {address}")
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
         stack.wait_until_up("move_base", find_reconfigure_services, math.inf, pause=0.5)

@@ -1,11 +1,14 @@
-"""Sends a goal to move_base, ours or the C++ one, through its action, and waits until it ends.
+"""The ROS node send_goal: sends a goal to move_base, this package's or the C++ one, and waits for its end.
 
-The node send_goal; the demo uses its functions. Parameters: ~goal ("x y yaw" [m, m, rad], auto for the course's, or
-none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the odometry's frame, in
-which a goal is given.
+The demo uses the functions of this module. Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the
+course's goal, or none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the
+odometry frame.
 """
 
+from __future__ import annotations
+
 import time
+from typing import Any
 
 import actionlib
 import rospy
@@ -13,25 +16,26 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 import worlds
 from applr_ros1.common import arguments
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.robots import load
 
 
-def course_goal(course):
-    """The course's goal (x, y, yaw) in the odometry's frame: its origin is the start position, its axes the world's."""
+def course_goal(course: worlds.Course) -> Pose:
+    """Return the course's goal (x, y, yaw) in a frame with the start as its origin and the axes of the world."""
     (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
     return x - start_x, y - start_y, yaw
 
 
-def message(pose, frame="odom", stamp=None):
-    """A MoveBaseGoal for pose (x, y, yaw) [m, m, rad]."""
+def message(pose: Pose, frame: str = "odom", stamp: Any = None) -> MoveBaseGoal:
+    """Return a MoveBaseGoal of the pose (x, y, yaw) [m, m, rad]."""
     return MoveBaseGoal(pose_stamped(pose, frame, stamp or rospy.Time(0)))
 
 
-def main():
-    """Send ~goal (auto: the course of ~world), wait and say how it ended."""
+def main() -> None:
+    """Send the goal, wait for its end and log the outcome."""
     init_node("send_goal")
     given = str(rospy.get_param("~goal", "auto"))
     if given == "none":
@@ -49,7 +53,7 @@ def main():
         client.wait_for_server()
     with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
         while rospy.get_time() == 0.0 and not rospy.is_shutdown():
-            time.sleep(0.1)  # simulated time has not begun
+            time.sleep(0.1)
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, frame)
