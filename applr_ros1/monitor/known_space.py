@@ -196,13 +196,7 @@ class SeenSpace:
             _forget(self.cells, self.corner, points)
 
     def stand(self, planes: np.ndarray, reach: float, pose: Pose) -> None:
-        """Mark the cells under the body as observed.
-
-        Args:
-            planes: (k, 3) half planes of the body (stopping.half_planes).
-            reach: largest distance of the body from its origin [m].
-            pose: (x, y, yaw) of the robot [m, rad].
-        """
+        """Mark the cells under the body (half planes within `reach` [m] of its origin) at a pose as observed."""
         x, y, yaw = pose
         _stand(self.cells, self.corner, planes, reach, (float(x), float(y), float(yaw)))
 

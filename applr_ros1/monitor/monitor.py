@@ -6,7 +6,7 @@ Scans update its state, and commands are judged by this state. Episode (training
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Deque, Iterable, List, Optional, Sequence, Tuple
+from typing import Any, Deque, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -28,7 +28,8 @@ from applr_ros1.monitor.stopping import (
 )
 from applr_ros1.robots import JACKAL
 
-Twist = Tuple[float, float]
+Twist = Tuple[float, float]  # v [m/s], w [rad/s]
+Slips = List[Tuple[float, float, float]]  # possible velocities of the base: v [m/s], w [rad/s], lateral slip [m/s]
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE_FACTOR = 2.0  # multiple of the fastest command above which a measured speed is rejected
 STOP_WITHIN_M = 2.0  # longest stopping distance that is allowed; faster commands are limited [m]
@@ -141,9 +142,7 @@ class CollisionMonitor:
     def add_scan(self, scan: LaserScan, name: str = "") -> str:
         """Check a scan in the odometry frame, add it to the memory, and return its fault, or "" if it has none.
 
-        Args:
-            scan: the scan.
-            name: name of its laser; "" for the first. An unknown name registers a further laser.
+        `name` is the name of its laser, "" for the first. An unknown name registers a further laser.
         """
         laser = self._lasers.get(name) or self._lasers.setdefault(name, _Laser(self.settings))
         if laser.stamp is not None and scan.stamp < laser.stamp:
@@ -204,7 +203,7 @@ class CollisionMonitor:
         measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
         return replace(verdict, command=self.braked(now, measured, verdict.command, twist[1]))
 
-    def _twists(self, twist: Twist) -> List[Tuple[float, float, float]]:
+    def _twists(self, twist: Twist) -> Slips:
         """Return the possible velocities (v, w, slip): the measured one, and that of the poses if both disagree.
 
         slip is the lateral slip [m/s], positive to the left: the sideways velocity that a turn about the point at
@@ -214,9 +213,7 @@ class CollisionMonitor:
         slide = aside + self.settings.turn_ahead * w
         return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
 
-    def braked(
-        self, now: float, measured: float, command: Twist = (0.0, 0.0), turning: Optional[float] = None
-    ) -> Twist:
+    def braked(self, now: float, measured: float, command: Twist = (0.0, 0.0), turning: Any = None) -> Twist:
         """Return the command (v, w) within the friction limit of the base, and record it as the last output.
 
         If v must fall more slowly than requested, w keeps the base on the arc of the command that safe_scale has
@@ -248,7 +245,7 @@ class CollisionMonitor:
         soon = min(max(w, turning - change), turning + change)
         return soon if soon * w > 0.0 else 0.0
 
-    def _judge(self, pose: Pose, twists: List[Tuple[float, float, float]], command: Twist, creeps: bool) -> Verdict:
+    def _judge(self, pose: Pose, twists: Slips, command: Twist, creeps: bool) -> Verdict:
         """Return the Verdict on a command, which must be safe from each of the velocities (v, w, slip)."""
         v, w = command
         self.seen.stand(self._planes, self._radius, pose)
@@ -287,9 +284,7 @@ class CollisionMonitor:
         reason = "limited: an obstacle or unobserved space is within the stopping distance"
         return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
 
-    def _scale(
-        self, points: np.ndarray, twists: List[Tuple[float, float, float]], command: Twist, times: Twist, seen: tuple
-    ) -> Tuple[float, bool]:
+    def _scale(self, points: Any, twists: Slips, command: Twist, times: Twist, seen: tuple) -> Tuple[float, bool]:
         """Return the smallest safe_scale over all velocities, for points (k, 2) [m] in the robot's frame."""
         s, scales = self.settings, []
         brake = s.deceleration, s.yaw_deceleration

@@ -127,9 +127,7 @@ class ScanMatcher:
         gone_on = compose(self._last[1], (v, s, w))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
 
-    def _lay_over(
-        self, earlier: Reference, ranges: np.ndarray, beams: Tuple[float, float], guesses: List[Pose]
-    ) -> Optional[Pose]:
+    def _lay_over(self, earlier: Reference, ranges: Any, beams: tuple, guesses: List[Pose]) -> Optional[Pose]:
         """Return the pose at which a scan fits an earlier scan, or None if no guess leads to a fit."""
         old, old_beams, old_pose = earlier
         if self._surface[0] is not old:

@@ -1,2 +1,2 @@
-"""The parameter policy: parameter space, observation, the actor that decides, and the other methods."""
+"""Parameter policy: parameter space, observations, actor, and other methods that choose parameters."""
 # Imports robots, planner/costmap and common; no ROS, no torch.

@@ -1,8 +1,8 @@
-"""The policies that a file holds: Policy, a network in one of the encodings, and ContextPolicy, APPLD's.
+"""Policies that are loaded from files: Policy, a network with an encoding, and APPLD's ContextPolicy.
 
-A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. Networks of the same
-sizes can stand side by side in it, along the first axis of each tensor: the answer is the mean of their outputs. `load`
-is the only reader; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled.
+A file is in safetensors format. It holds a multilayer perceptron, and metadata as JSON in its header. An ensemble of
+networks of the same size is stacked along the first axis of each tensor, and its output is the mean of their outputs.
+`load` is the only reader. The trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, ENCODINGS
-from applr_ros1.policy.encoding import PAPER, Encoding, Mirror, PaperEncoding, check_robot, with_mirror_images
+from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding, check_robot, with_mirror_images
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
-FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"
-STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0  # A robot of the Jackal's size that comes less far in this time stalls.
-# how far TrajectoryPlannerROS backs out of a dead end while the robot stalls [m, rad]
+FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in the files of both policies
+# Displacement of a robot of the Jackal's size [m], and the time [s] in which a robot must cover it or has stalled.
+STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
+# Distance and angle that TrajectoryPlannerROS backs out of a dead end while the robot has stalled [m, rad].
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
 Weights = Mapping[str, np.ndarray]
 Layers = List[Tuple[np.ndarray, np.ndarray]]
 
 
 class _FromFile(Method):
-    """A method that a file holds. Its sets count per cell.
+    """Method that is loaded from a file. The distance biases in its parameter sets count per cell.
 
     Attributes:
-        path: The file that it was read from; "" for none.
+        path: Path of the file; "" if there is none.
         metadata: {str: JSON value} of the file.
     """
 
@@ -48,7 +49,7 @@ class _FromFile(Method):
     metadata: Dict[str, Any] = {}
 
     def describe(self) -> Dict[str, Any]:
-        """Return the policy's class and its file with checksum."""
+        """Return the policy's class, file name and checksum."""
         kind = {"class": type(self).__name__}
         if not self.path:
             return kind
@@ -56,16 +57,16 @@ class _FromFile(Method):
 
 
 class Stall:
-    """Detects that a robot gets nowhere, as in a pocket where its planner turns, creeps ahead and backs out again.
+    """Stall detector for a robot without progress, such as one whose planner turns and backs out in a pocket.
 
-    In training a stall ends an episode as a failure if `end_on_stall` is set (training/env/episode.py).
+    In training a stall ends the episode as a failure if `end_on_stall` is set (training/env/episode.py).
 
     Args:
         scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
 
     Attributes:
-        share: Distance between the positions now and STALL_TIME_S ago, divided by the distance that a robot must come
-            in this time; at most 1. It is 1 during the first STALL_TIME_S.
+        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at most 1. It is 1
+            during the first STALL_TIME_S.
     """
 
     def __init__(self, scale: float):
@@ -73,12 +74,12 @@ class Stall:
         self.reset()
 
     def reset(self) -> None:
-        """Begin a course."""
+        """Forget all positions at the start of a course."""
         self.share = 1.0
         self._past: Deque[Tuple[float, float, float]] = deque()  # time [s], x [m] and y [m] of the latest decisions
 
     def update(self, time: float, x: float, y: float) -> bool:
-        """Return whether the robot, which is at (x, y) [m] at `time` [s], has stalled."""
+        """Add the robot's position (x, y) [m] at `time` [s], and return whether the robot has stalled."""
         self._past.append((time, x, y))
         while len(self._past) > 1 and self._past[1][0] <= time - STALL_TIME_S + 1e-6:
             self._past.popleft()
@@ -89,14 +90,14 @@ class Stall:
 
 
 class Policy(_FromFile):
-    """A deterministic network that drives one robot: ReLU layers, and tanh at the end.
+    """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
-    While the robot stalls, the network's answers have not helped. If the encoding says so, each decision then draws its
-    parameters at random from the course's seed, and the planner backs out of dead ends as far as BACKING_OUT says.
+    If the robot has stalled, the network's decisions have not helped. With `redraws_stalled` of the encoding, each
+    decision then draws random parameters from the course's seed, and the planner backs out by BACKING_OUT.
 
     Args:
-        encoding: What it sees and sets.
-        layers: Of the network (layers_of).
+        encoding: Encoding of observations and actions.
+        layers: Layers of the network (layers_of).
         metadata: {str: JSON value} of its file.
     """
 
@@ -110,19 +111,22 @@ class Policy(_FromFile):
     def of(
         cls, weights: Weights, encoding: Optional[Encoding] = None, metadata: Optional[Dict[str, Any]] = None
     ) -> Policy:
-        """Make a policy of tensors {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
+        """Make a policy from the tensors of its network. Raises ApplrError if they do not fit the encoding.
 
-        encoding: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the encoding.
+        Args:
+            weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
+            encoding: Encoding of observations and actions; None for the paper's encoding for the Jackal.
+            metadata: {str: JSON value} of its file.
         """
         encoding, metadata = encoding or PaperEncoding(JACKAL), metadata or {}
         layers = _fitting(weights, encoding.size, encoding.actions)
-        if metadata.get("with_mirror_images"):  # which the file leaves out
+        if metadata.get("with_mirror_images"):  # The file does not store the mirror images.
             layers = layers_of(with_mirror_images(weights, encoding.mirror))
         return cls(encoding, layers, metadata)
 
     @property
     def environment(self) -> Dict[str, Any]:
-        """The arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for what the policy sees and answers."""
+        """Arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for the policy's observations and actions."""
         encoding = self.encoding
         return {
             "robot": encoding.robot.folder,
@@ -132,18 +136,18 @@ class Policy(_FromFile):
         }
 
     def reset(self, seed: int) -> None:
-        """Begin a course: there was no decision before."""
-        self.encoding.period = self.period  # at_period() or the node's ~period may have changed it
+        """Forget the previous decisions at the start of a course, and seed the random draws."""
+        self.encoding.period = self.period  # at_period() or the node's ~period may have changed the period.
         self.encoding.reset()
         self._stall.reset()
         self._draws = np.random.default_rng([seed, 0x57A1])
 
     def action(self, observation: Any) -> np.ndarray:
-        """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n). NaN goes through."""
+        """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n). NaN is propagated."""
         return np.tanh(forward(self.layers, observation))
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the parameters (n,) for a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
+        """Return the parameters (n,) of a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         action = self.action(self.encoding.observe(context))
@@ -160,20 +164,22 @@ class Policy(_FromFile):
         episode_start: Optional[np.ndarray] = None,
         deterministic: bool = True,
     ) -> Tuple[np.ndarray, Optional[Tuple[np.ndarray, ...]]]:
-        """Return actions (m,) or (k, m) for observations (n,) or (k, n), as a model of stable-baselines3 gives them.
+        """Return actions (m,) or (k, m) for observations (n,) or (k, n), with the interface of stable-baselines3.
 
-        The policy is deterministic and has no memory: `state` comes back as it is, the rest has no effect.
+        The policy is deterministic and has no memory: `state` is returned unchanged, and the others have no effect.
         """
         return self.action(observation), state
 
 
 class ContextPolicy(_FromFile):
-    """APPLD's policy: contexts with a parameter set each, and a classifier that tells the context from the scan.
+    """APPLD's policy: one parameter set per context, and a classifier that predicts the context from the scan.
 
-    contexts  {name: theta (k,)} of what the paper's encoding chooses in `space`; clipped to the ranges
-    weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the paper's
-              observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
-    layout    how it sees a scan; another one has another number of inputs
+    Args:
+        contexts: {name: theta (k,)} for the parameters chosen in the paper's encoding; clipped to their ranges.
+        weights: {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32, ReLU layers on the scan of the
+            paper's observation (capped at 2 m, scaled to [-1, 1]). The largest output is the context.
+        space: Parameter space of the robot.
+        layout: Layout of the scan, which determines the number of inputs.
     """
 
     def __init__(self, contexts: Weights, weights: Weights, space: Space, layout: Layout):
@@ -183,52 +189,52 @@ class ContextPolicy(_FromFile):
 
     @classmethod
     def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
-        """Make the policy of a file's tensors and metadata. Raises ApplrError where they are for another robot."""
+        """Make the policy from a file's tensors and metadata. Raises ApplrError if they are for another robot."""
         space = space_of(robot)
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
-            raise ApplrError(f"its sets are of {metadata['names']}, not of {', '.join(space.chosen.names)}")
+            raise ApplrError(f"its parameters are {metadata['names']}: {', '.join(space.chosen.names)} are needed")
         contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
     def context(self, observation: Any) -> int:
-        """Return the index of the context that an observation (729,), or its first 720 entries, shows."""
+        """Return the index of the context predicted from an observation (729,) or its first 720 entries."""
         return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the set of the context that the scan shows."""
+        """Return the parameter set of the context that is predicted from the scan."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         return self.sets[self.context(context.observation)].copy()
 
 
 def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, ContextPolicy]:
-    """Read the policy in a file, for a robot. How it sees a scan is its own: see the policy's `layout`.
+    """Read a policy from its file, for a robot. The layout of the scan comes from the file.
 
     Args:
-        path: The file.
-        robot: Which robot it is to drive; one in the paper's encoding, or with contexts, has to be for it.
+        path: Path of the file.
+        robot: Robot to drive. A policy with contexts or in the paper's encoding must have been made for this robot.
 
     Raises:
-        ApplrError: It is absent, or made for another robot or parameter space.
+        ApplrError: The file is missing, or made for another robot or parameter space.
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path), path)
     written = header.get("format")
     if written not in (FORMAT, CONTEXTS_FORMAT):
-        raise ApplrError(f"{path}: no policy of ours (format {written!r}); give a file that train.py or appld.py wrote")
+        raise ApplrError(f"{path}: unknown policy format {written!r}: give a file written by train.py or appld.py")
     metadata = {key: _value(text) for key, text in header.items()}
-    found: Union[Policy, ContextPolicy]
+    policy: Union[Policy, ContextPolicy]
     try:
         if written == CONTEXTS_FORMAT:
-            found = ContextPolicy.of(weights, metadata, robot)
+            policy = ContextPolicy.of(weights, metadata, robot)
         else:
             encoding = ENCODINGS[DIMENSIONLESS if "observation" in metadata else PAPER]
-            found = Policy.of(weights, encoding.of(metadata, robot), metadata)
+            policy = Policy.of(weights, encoding.of(metadata, robot), metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
-    found.metadata, found.path = metadata, path
-    return found
+    policy.metadata, policy.path = metadata, path
+    return policy
 
 
 def save(
@@ -237,14 +243,14 @@ def save(
     metadata: Optional[Mapping[str, Any]] = None,
     encoding: Optional[Encoding] = None,
 ) -> None:
-    """Write a policy's file, whole or not at all (a temporary file beside it, then renamed).
+    """Write a policy to a file atomically: to a temporary file beside it, which is then renamed.
 
     Args:
-        path: The file.
-        weights: As Policy.of takes them. Of networks side by side of which every second one is the mirror image of the
-            one before it, only the others are stored.
-        metadata: {str: JSON value}: "period_s" of the paper's encoding, "training", "result", or whatever else.
-        encoding: What the policy sees and sets; None: the paper's encoding for the Jackal.
+        path: Path of the file.
+        weights: Tensors as for Policy.of. If every second network of an ensemble is the mirror image of the previous
+            one, the mirror images are not stored.
+        metadata: {str: JSON value}: "period_s" for the paper's encoding, "training", "result", or others.
+        encoding: Encoding of observations and actions; None for the paper's encoding for the Jackal.
     """
     encoding, weights = encoding or PaperEncoding(JACKAL), _float32(weights)
     Policy.of(weights, encoding)
@@ -259,7 +265,7 @@ def save_contexts(
     space: Space = SPACE,
     layout: Layout = LAYOUT,
 ) -> None:
-    """Write the file of a ContextPolicy; contexts, space and layout as there, the others and errors as save's."""
+    """Write a ContextPolicy to a file. The arguments and errors are those of ContextPolicy and `save`."""
     weights = _float32(weights)
     ContextPolicy(contexts, weights, space, layout)
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
@@ -267,7 +273,7 @@ def save_contexts(
     _write(path, weights, CONTEXTS_FORMAT, {**(metadata or {}), **described})
 
 
-def _write(path, weights, written, metadata, mirror: Optional[Mirror] = None) -> None:
+def _write(path: Any, weights: Dict[str, Any], written: str, metadata: Dict[str, Any], mirror: Any = None) -> None:
     header = {key: json.dumps(value) for key, value in metadata.items()}
     if mirror is not None and weights["0.weight"].ndim == 3:
         halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
@@ -283,7 +289,7 @@ def _float32(weights: Weights) -> Dict[str, np.ndarray]:
 
 
 def _value(text: str) -> Any:
-    """Return a metadata entry: JSON where it is JSON, else the plain string (format)."""
+    """Return a metadata entry parsed as JSON, or the string itself if it is not JSON, as for `format`."""
     try:
         return json.loads(text)
     except ValueError:
@@ -291,7 +297,7 @@ def _value(text: str) -> Any:
 
 
 def layers_of(weights: Weights) -> Layers:
-    """Return the layers of a network, or of k networks side by side, each of which has a first axis more, of k.
+    """Return the layers of a network, or of an ensemble of k networks with an additional first axis of size k.
 
     Args:
         weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}.
@@ -300,19 +306,19 @@ def layers_of(weights: Weights) -> Layers:
 
 
 def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
-    """Return the layers of a network. Raises ApplrError if it has another number of inputs or outputs."""
+    """Return the layers of a network. Raises ApplrError if its number of inputs or outputs is wrong."""
     layers = layers_of(weights)
-    found = layers[0][0].shape[-1], layers[-1][0].shape[-2]
-    if found != (inputs, outputs):
-        raise ApplrError(f"its network has {found} inputs and outputs, {(inputs, outputs)} are needed")
+    sizes = layers[0][0].shape[-1], layers[-1][0].shape[-2]
+    if sizes != (inputs, outputs):
+        raise ApplrError(f"its network has {sizes} inputs and outputs: {(inputs, outputs)} are needed")
     return layers
 
 
 def forward(layers: Layers, x: Any) -> np.ndarray:
-    """Return the network's output before a last activation. x (n, inputs) or (inputs,), of which NaN passes."""
+    """Return the network's output before a final activation for x (n, inputs) or (inputs,). NaN is propagated."""
     x = np.asarray(x, dtype=np.float32)
     several, shape = layers[0][0].ndim == 3, x.shape[:-1]
-    units = np.atleast_2d(x) if several else x  # of k networks side by side (k, n, units) after the first layer
+    units = np.atleast_2d(x) if several else x  # The shape is (k, n, units) after the first layer of an ensemble.
     for layer in layers[:-1]:
         units = np.maximum(_linear(layer, units), np.float32(0.0))
     out = _linear(layers[-1], units)

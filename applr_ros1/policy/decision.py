@@ -1,4 +1,4 @@
-"""A decision: what it is made from, how often, and what a method is, which makes it: on the robot and in training."""
+"""Decisions on planner parameters: their inputs, their period, and the interface of the methods that make them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT, goal_angle, local_goal, observe, without_gaps
 from applr_ros1.policy.parameter_space import SPACE, Space
 
-PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
+PERIOD = 2.0  # decision period of the paper, and default of policy files [s]
 
 
 class Seen(NamedTuple):
-    """What a decision is made from, before any layout and beside the parameters: msg/Decision.msg holds it.
+    """Raw inputs of a decision, except the parameters, independent of any layout. msg/Decision.msg holds them.
 
-    scan: ranges (n,) float32 [m] as measured, direction of the first and step to the next [rad] in the robot's frame.
-    The others are as in a Context.
+    scan is (ranges (n,) float32 [m] as measured, direction of the first beam, increment [rad]) in the robot's frame.
+    The other fields are as in a Context.
     """
 
     scan: Tuple[np.ndarray, float, float]
@@ -34,21 +34,20 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class Context:
-    """The surroundings and state that a method may look at when it decides.
+    """Inputs of a method's decision: surroundings and state of the robot.
 
     Attributes:
-        ranges: (720,) float32 [m], +inf where nothing returned. Scans of other lasers are resampled to this: see
-            Layout in layout.py.
+        ranges: (720,) float32 scan [m]; +inf for no return. Scans of other lasers are resampled (Layout in layout.py).
         phi: Angle to the local goal [rad].
-        theta: (n,) float64, the parameters that the planner has now.
+        theta: (n,) float64, current parameters of the planner.
         time: Time since the goal was sent [s].
-        pose: (x, y, yaw) [m, m, rad] of the robot as its odometry states it. Goal and plan are in the same frame.
+        pose: (x, y, yaw) [m, m, rad] of the robot by its odometry. Goal and plan are in the same frame.
         twist: (v, w) [m/s, rad/s] of the robot by its odometry.
-        goal: (x, y, yaw) [m, m, rad] that was sent.
-        plan: (n, >= 2) x, y [m] of the newest global plan, from robot to goal; (0, 2) before the first one.
-        movers: (k, 4) x, y [m], vx, vy [m/s] of what is seen moving, in the same frame.
-        space: The parameters that are in theta.
-        layout: How ranges see the scan.
+        goal: (x, y, yaw) [m, m, rad] of the goal.
+        plan: (n, >= 2) x, y [m] of the latest global plan, from robot to goal; (0, 2) before the first one.
+        movers: (k, 4) x, y [m], vx, vy [m/s] of the tracked moving obstacles, in the same frame.
+        space: Parameter space of theta.
+        layout: Layout of ranges.
     """
 
     ranges: np.ndarray
@@ -65,10 +64,12 @@ class Context:
 
     @classmethod
     def of(cls, theta: np.ndarray, seen: Seen, space: Space, layout: Layout) -> Context:
-        """Make it of what was seen, for a layout; without a plan the local goal is the goal.
+        """Make the context from raw inputs, for a layout. Without a plan, the goal is used as the local goal.
 
-        The applr node, the learning environment and the bag reader make it here. Raises ObservationError for a scan
-        that the layout cannot take or in which nothing was measured, and for a plan or pose that is not finite.
+        The applr node, the learning environment and the bag reader all use this constructor.
+
+        Raises:
+            ObservationError: The scan does not fit the layout or has no valid beam, or plan or pose is not finite.
         """
         scan, time, pose, twist, goal, plan, movers = seen
         ranges = layout.resample(*scan)
@@ -78,33 +79,31 @@ class Context:
 
     @cached_property
     def observation(self) -> np.ndarray:
-        """(729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force.
+        """Observation (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, current parameters.
 
-        Other numbers for other robots than the Jackal. Raises ObservationError as observation.observe does.
+        Sizes and cap differ for robots other than the Jackal. Raises ObservationError as observation.observe does.
         """
         return observe(self.ranges, self.phi, self.theta, self.space, self.layout)
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:
-    """Return the decision period [s] that a policy file's metadata state (`period_s`), else the paper's."""
+    """Return the decision period [s] in a policy file's metadata (`period_s`), or the paper's if there is none."""
     return float(metadata.get("period_s", PERIOD))
 
 
 class Method:
-    """A choice of the planner's parameters at each decision.
+    """Base class of methods that choose the planner's parameters at each decision.
 
     Attributes:
-        name: The specification that it was made from.
-        static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
-            what a person changes later stands.
-        period: Time [s] between two decisions.
-        space: The parameters that it chooses. `make` gives it the robot's where it states none.
-        layout: How it sees a scan: what Context.ranges and Context.observation are made with. `make` gives it the
-            robot's where it states none.
-        per_cell: Whether the distance biases of its sets are meant for a planner that counts per cell, as those of all
-            learned sets here: the applr node then rescales them for a planner that counts per metre
-            (nodes/applr/meter_scoring.py). Otherwise they are sent as they are.
-        stalls: Decisions so far that it made otherwise because the robot had stalled.
+        name: Specification from which it was made.
+        static: Whether theta does not depend on the context. The node asks a static method once, with None, so that
+            later changes by a user persist.
+        period: Decision period [s].
+        space: Space of the parameters that it chooses. `make` sets the robot's space if the class has none.
+        layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if the class has none.
+        per_cell: Whether its distance biases are for a planner that counts per cell, as in all parameter sets learned
+            here. The applr node then rescales them for a planner that counts per metre (nodes/applr/meter_scoring.py).
+        stalls: Number of decisions that it changed because the robot had stalled.
     """
 
     name = ""
@@ -116,12 +115,12 @@ class Method:
     stalls: int = 0
 
     def reset(self, seed: int) -> None:
-        """Begin a course. Everything random is drawn from this seed only."""
+        """Prepare for a new course. All random numbers are drawn from this seed only."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
+        """Return the parameters (n,) until the next decision. Raises ApplrError if there are none."""
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:
-        """Return what is recorded beside results: two methods that describe themselves alike drive alike."""
+        """Return a description to record with results. Methods with equal descriptions behave the same."""
         return {"class": type(self).__name__}

@@ -1,12 +1,11 @@
-"""The dimensionless encoding of the learning problem: numbers that mean the same on every robot.
+"""Dimensionless encoding of observations and actions, whose numbers have the same meaning for every robot.
 
-Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
-in cost per padded width, so that one recipe suits any robot, and one robot's set is brought to another by
-training/tuning.
-The paper's own encoding is in encoding.py.
+Lengths are in padded widths of the robot, speeds in shares of the base's maximum speed, and the planner's distance
+biases in cost per padded width. One recipe therefore suits any robot, and training/tuning can transfer a parameter set
+from one robot to another. The paper's encoding is in encoding.py.
 
-Only the parameters of OUTPUTS are chosen, as far as the robot's parameter space has them and within its ranges; the
-others keep the values with which the policy was trained, or their default values.
+A policy chooses only the parameters of OUTPUTS that the robot's parameter space has, within their ranges. The other
+parameters keep the values with which the policy was trained, or their default values.
 """
 
 from __future__ import annotations
@@ -29,32 +28,34 @@ from applr_ros1.robots.check import WIDTH as JACKAL_WIDTH
 from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
 
 DIMENSIONLESS = "dimensionless"
-VERSION = "dimensionless-2"  # of this encoding, in the files of policies
-JACKAL_SPEED = 2.0  # what its base allows [m/s]
-SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
-CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0  # [padded widths]
-MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
-MOVERS = 3  # the nearest moving obstacles are seen, four numbers each
-NO_MOVER = (1.0, 0.0, 0.0, 0.0)  # far ahead, standing
-BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED
-SIZE = BEFORE_MOVERS + 4 * MOVERS  # of an observation
-SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))  # of movers
+VERSION = "dimensionless-2"  # version of this encoding in policy files
+JACKAL_SPEED = 2.0  # maximum speed of the Jackal's base [m/s]
+SECTORS = 240  # number of sectors in a full turn, 1.5 degrees each; sectors outside the field of view count as free
+# Range cap, distances of two points of the plan, distance caps of the goal and of moving obstacles [padded widths].
+CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0
+MOVING, DESCRIBED = 13, 14  # number of entries that describe the motion and the route, and that describe the robot
+MOVERS = 3  # number of moving obstacles in an observation, the nearest ones, with four entries each
+NO_MOVER = (1.0, 0.0, 0.0, 0.0)  # placeholder for a missing moving obstacle: far ahead and static
+BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED  # index of the first entry of moving obstacles
+SIZE = BEFORE_MOVERS + 4 * MOVERS  # number of entries of an observation
+# Indices, counted after the scans, of the lateral positions and velocities of moving obstacles.
+SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))
 
 
 class DimensionlessEncoding(Encoding):
-    """Observations and actions of one robot in the dimensionless encoding.
+    """Dimensionless encoding of observations and actions for one robot.
 
-    An observation has SIZE numbers in [-1, 1]: the scan now and at the decision before; direction of two points of the
-    global plan and of the goal, distance of the goal; speed, turn rate and their changes since the last decision, the
-    way driven since then; the parameters in force; what describes the robot; and place and velocity of the nearest
-    MOVERS moving obstacles in the robot's frame, far ahead and standing where there are fewer.
+    An observation has SIZE numbers in [-1, 1], in this order: the current and the previous scan; the directions of two
+    points of the global plan and of the goal, and the distance to the goal; speed, turn rate, their changes and the
+    distance driven since the last decision; the current parameters; the description of the robot; position and velocity
+    of the nearest MOVERS moving obstacles in the robot's frame, or NO_MOVER if there are fewer.
 
     Args:
-        robot, base: As of an Encoding.
-        period: Decision period [s], to which the way driven since the last decision is related.
+        robot, base: As for an Encoding.
+        period: Decision period [s], by which the distance driven since the last decision is normalised.
 
     Attributes:
-        width: The robot's padded width [m].
+        width: Padded width of the robot [m].
     """
 
     name, redraws_stalled = DIMENSIONLESS, True
@@ -62,7 +63,7 @@ class DimensionlessEncoding(Encoding):
 
     def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
         if period is None:
-            raise ValueError("the dimensionless observation depends on the decision period: state it")
+            raise ValueError("the dimensionless observation depends on the decision period: set `period`")
         super().__init__(robot, period, base)
         tree = robot.all_parameters()
         self.width = float(np.ptp(footprint.padded(tree["local_costmap"])[:, 1]))
@@ -70,7 +71,7 @@ class DimensionlessEncoding(Encoding):
         self.pace = self.scale * JACKAL_SPEED / robot.base.max_speed
         planner = str(tree["base_local_planner"]).rpartition("/")[2]
         resolution = float(tree["local_costmap"]["resolution"])
-        by_planner = 1.0 / resolution if planner == DWA else 1.0  # DWAPlannerROS multiplies its biases with it
+        by_planner = 1.0 / resolution if planner == DWA else 1.0  # DWAPlannerROS multiplies biases by the resolution.
         units = {
             "speed": robot.base.max_speed,
             "turn": robot.base.max_yaw_rate,
@@ -95,22 +96,22 @@ class DimensionlessEncoding(Encoding):
         self.reset()
 
     def to_metadata(self) -> Dict[str, Any]:
-        """Return version, period and base, the same for every robot."""
+        """Return version, period and base, which do not depend on the robot."""
         return {"observation": VERSION, "period_s": self.period, "base": self.base}
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> DimensionlessEncoding:
-        """Make the encoding of a file, for any robot."""
-        if stated["observation"] != VERSION:
-            raise ApplrError(f"its observation is {stated['observation']}, {VERSION} is needed")
-        return cls(robot, period_of(stated), stated["base"])
+    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> DimensionlessEncoding:
+        """Make the encoding from a policy's metadata, for any robot."""
+        if metadata["observation"] != VERSION:
+            raise ApplrError(f"its observation is {metadata['observation']}: {VERSION} is needed")
+        return cls(robot, period_of(metadata), metadata["base"])
 
     def reset(self) -> None:
-        """Begin a course: there is no decision before."""
+        """Forget the previous decision at the start of a course."""
         self._before: Optional[Tuple[np.ndarray, Context]] = None
 
     def action(self, theta: Any) -> np.ndarray:
-        """Return the action (12,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         values = self._fixed.copy()
         for i, place in self._place:
             values[place] = theta[i]
@@ -135,7 +136,7 @@ class DimensionlessEncoding(Encoding):
         return self.space.clip(theta)
 
     def observe(self, context: Context) -> np.ndarray:
-        """Return the observation (SIZE,) float32 of a decision; the next one holds what changed since.
+        """Return the observation (SIZE,) float32 of a decision, and keep the context for the changes in the next one.
 
         Raises ObservationError as observation.observe does.
         """
@@ -162,19 +163,19 @@ class DimensionlessEncoding(Encoding):
         return np.concatenate([scan, earlier, np.clip(rest, -1.0, 1.0)]).astype(np.float32)
 
     def _movers(self, context: Context) -> np.ndarray:
-        """x, y, vx, vy of the nearest movers in the robot's frame, (4 MOVERS,), in [-1, 1] up to MOVER_CAP."""
+        """Return the scaled x, y, vx, vy of the nearest moving obstacles in the robot's frame, (4 MOVERS,)."""
         if not len(context.movers):
             return np.tile(NO_MOVER, MOVERS)
         x, y, vx, vy = np.asarray(context.movers, dtype=np.float64).reshape(-1, 4).T
         back = inverse(context.pose)
         x, y = transform_point(back, x, y)
         vx, vy = transform_point((0.0, 0.0, back[2]), vx, vy)
-        found = np.column_stack([x, y, vx, vy])[np.argsort(np.hypot(x, y), kind="stable")][:MOVERS]
-        found /= [MOVER_CAP * self.width] * 2 + [self.robot.base.max_speed] * 2
-        return np.concatenate([found.ravel(), np.tile(NO_MOVER, MOVERS - len(found))])
+        nearest = np.column_stack([x, y, vx, vy])[np.argsort(np.hypot(x, y), kind="stable")][:MOVERS]
+        nearest /= [MOVER_CAP * self.width] * 2 + [self.robot.base.max_speed] * 2
+        return np.concatenate([nearest.ravel(), np.tile(NO_MOVER, MOVERS - len(nearest))])
 
     def _scan(self, ranges: np.ndarray) -> np.ndarray:
-        """Ranges (beams,) [m] in all sectors of a turn (SECTORS,), in [-1, 1], finer where they are short."""
+        """Return ranges (beams,) [m] as entries (SECTORS,) in [-1, 1], with a higher resolution for short ranges."""
         cap = self.layout.range_cap
         seen = 2.0 * np.sqrt(np.clip(without_gaps(ranges, self.layout), 0.0, cap) / cap) - 1.0
         unseen = (SECTORS - self.layout.beams) // 2
@@ -187,13 +188,13 @@ def _layout(robot: Robot, width: float) -> Layout:
     half = math.pi if last - first + 1.5 * laser.increment >= TURN_RAD else min(-first, last)
     beams = 2 * min(SECTORS // 2, int(half / step + 0.5))
     if beams < 2:
-        raise ApplrError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
+        raise ApplrError(f"robot {robot.name}: its laser covers {first:.3f} to {last:.3f} rad, not ahead")
     outer = 0.5 * (beams - 1) * step
     return Layout(beams, -outer, outer, CAP * width, NEAR_POINT * width)
 
 
 def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
-    """The value in the robot's files of a parameter that its space may lack."""
+    """Return the default value of a parameter from the robot's files, or 0.0 if they have none."""
     values = branch(tree, planner)
     for known in (known for known, of in NAMES.items() if of == name):
         if known in values:
@@ -203,7 +204,7 @@ def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
 
 
 def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float, resolution: float) -> np.ndarray:
-    """Describe the robot to a policy: (DESCRIBED,), each about -1 to 1; logarithms of base 2 where it spans much."""
+    """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1, with log2 for wide ranges."""
     base, laser, values = robot.base, robot.laser, branch(tree, planner)
     sides = branch(tree, "local_costmap")
     acceleration = min(base.max_acceleration, values["acc_lim_x"])
@@ -229,4 +230,4 @@ def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float,
     )
 
 
-ENCODINGS: Dict[str, Type[Encoding]] = {PAPER: PaperEncoding, DIMENSIONLESS: DimensionlessEncoding}  # by their names
+ENCODINGS: Dict[str, Type[Encoding]] = {PAPER: PaperEncoding, DIMENSIONLESS: DimensionlessEncoding}  # encodings by name

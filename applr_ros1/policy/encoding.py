@@ -1,7 +1,7 @@
-"""The encoding in which a policy sees a robot and sets its parameters: `Encoding`, and the paper's.
+"""Encodings of a policy's observations and actions: the base class `Encoding`, and the paper's encoding.
 
-The other one is in dimensionless.py. The learning environment, the files of policies (actor.py) and the bag reader ask
-an encoding, and never which one it is.
+The dimensionless encoding is in dimensionless.py. The learning environment, the policy files (actor.py) and the bag
+reader only depend on the base class.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PAPER = "paper"
 
 
 class Mirror(NamedTuple):
-    """The change of an observation x where left and right are exchanged: it becomes x[order] * sign.
+    """Left-right reflection of an observation x, which becomes x[order] * sign.
 
     order: (n,) int; sign: (n,) float32, 1 or -1.
     """
@@ -31,7 +31,10 @@ class Mirror(NamedTuple):
 
     @classmethod
     def of(cls, beams: int, rest: int, scans: int = 1, mirror_sign: Tuple[int, ...] = (0,)) -> Mirror:
-        """Make it for `scans` scans, `beams` numbers together, and `rest` more; those at `mirror_sign` change sign."""
+        """Make the reflection of an observation of `scans` scans with `beams` entries in all, and `rest` more entries.
+
+        mirror_sign: Indices, counted after the scans, of the entries that change sign.
+        """
         order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
         sign[[beams + i for i in mirror_sign]] = -1.0
@@ -39,11 +42,11 @@ class Mirror(NamedTuple):
 
 
 def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """Return networks side by side, each followed by the one that answers as it does with left and right exchanged.
+    """Return an ensemble in which each network is followed by its mirror image, with left and right exchanged.
 
     Args:
-        weights: One network, or several side by side.
-        mirror: What exchanging left and right does to their input.
+        weights: One network, or an ensemble.
+        mirror: Reflection of their input.
     """
     several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
     images = dict(several, **{"0.weight": (several["0.weight"] * mirror.sign)[..., mirror.order]})
@@ -51,26 +54,28 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
 
 
 class Encoding:
-    """Observations and actions of one robot.
+    """Encoding of observations and actions for one robot.
 
     Args:
-        robot: Its description.
-        period: Decision period [s]; None is the paper's.
-        base: {name: value} that parameters have which an action does not choose, clipped to their ranges; those that it
-            does not name have their default values.
+        robot: Description of the robot.
+        period: Decision period [s]; None for the paper's.
+        base: {name: value} of parameters that an action does not choose, clipped to their ranges. Parameters that are
+            missing here have their default values.
 
     Attributes:
-        name: What options and files call the encoding.
-        redraws_stalled: Whether a policy's parameters are drawn at random while the robot stalls.
-        space: The robot's parameter space.
-        layout: How Context.ranges has to see the scan.
-        chosen: Names of the space's parameters that an action chooses.
-        size, actions: How many numbers an observation and an action have, all in [-1, 1].
-        scan: How many numbers of an observation, the first ones, are of scans; scans: of how many.
-        mirror_sign: Indices behind the scans of the numbers that change their sign with left and right exchanged.
-        scale: How many of the Jackal's widths the robot is wide, by which the reward's lengths are divided.
-        pace: How many times as long as the Jackal it takes for a course of its scale at its base's top speed, by which
-            the reward's times are divided.
+        name: Name of the encoding in options and files.
+        redraws_stalled: Whether parameters are drawn at random while the robot has stalled.
+        space: Parameter space of the robot.
+        layout: Layout of Context.ranges.
+        chosen: Names of the parameters that an action chooses.
+        size: Number of entries of an observation, all in [-1, 1].
+        actions: Number of entries of an action, all in [-1, 1].
+        scan: Number of entries of all scans, which come first in an observation.
+        scans: Number of scans in an observation.
+        mirror_sign: Indices, counted after the scans, of the entries that change sign in the mirror image.
+        scale: Width of the robot relative to the Jackal's, by which lengths in the reward are divided.
+        pace: Time for a course of the robot's scale at maximum speed, relative to the Jackal's, by which times in the
+            reward are divided.
     """
 
     name: ClassVar[str]
@@ -90,20 +95,20 @@ class Encoding:
 
     @property
     def mirror(self) -> Mirror:
-        """The change of an observation where left and right are exchanged."""
+        """Left-right reflection of an observation."""
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.mirror_sign)
 
     def to_metadata(self) -> Dict[str, Any]:
-        """Return what a policy's file states of the encoding, JSON values; `of` makes the encoding of it."""
+        """Return the metadata of the encoding for a policy's file, as JSON values. The inverse is `of`."""
         raise NotImplementedError
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> Encoding:
-        """Make the encoding that a policy's file states, for a robot. Raises ApplrError if it is for another robot."""
+    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> Encoding:
+        """Make the encoding from a policy's metadata, for a robot. Raises ApplrError if they are for another robot."""
         raise NotImplementedError
 
     def reset(self) -> None:
-        """Begin a course: there is no decision before."""
+        """Forget the previous decision at the start of a course."""
 
     def observe(self, context: Context) -> np.ndarray:
         """Return the observation (size,) float32 of a decision. Raises ObservationError as observation.observe does."""
@@ -117,16 +122,16 @@ class Encoding:
         raise NotImplementedError
 
     def action(self, theta: Any) -> np.ndarray:
-        """Return the action (actions,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        """Return the action (actions,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         raise NotImplementedError
 
 
 class PaperEncoding(Encoding):
-    """The paper's encoding: capped scan, angle of the local goal, parameters; an action is these parameters, scaled.
+    """The paper's encoding: an observation is scan, local goal angle and parameters; an action is scaled parameters.
 
     Args:
-        robot, period, base: As of an Encoding; the last two have no effect.
-        layout: How it sees a scan; None: as the robot's laser looks.
+        robot, period, base: As for an Encoding; period and base do not change this encoding.
+        layout: Layout of the scan; None for the default layout of the robot's laser.
     """
 
     name = PAPER
@@ -144,35 +149,35 @@ class PaperEncoding(Encoding):
         self.size = self.scan + 1 + self.actions
 
     def to_metadata(self) -> Dict[str, Any]:
-        """Return robot, space and layout; a policy's file may state the period beside them."""
+        """Return robot, space and layout. The period may be added to a policy's file separately."""
         space = self.space.chosen
         return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict()}
 
     @classmethod
-    def of(cls, stated: Mapping[str, Any], robot: Robot) -> PaperEncoding:
-        """Make the encoding of a file for this very robot, whose parameter files may start elsewhere (theta0)."""
+    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> PaperEncoding:
+        """Make the encoding from a policy's metadata, for the same robot. Only its default parameters may differ."""
         space = space_of(robot).chosen
-        check_robot(stated, robot)
+        check_robot(metadata, robot)
         for key, value in space.to_dict().items():
-            has = stated["space"].get(key)
+            has = metadata["space"].get(key)
             if key != "theta0" and has != value:
                 raise ApplrError(f"made for another parameter space: {key} is {has}, here {value}; train one for this")
-        return cls(robot, period_of(stated), layout=Layout.from_dict(stated["layout"]))
+        return cls(robot, period_of(metadata), layout=Layout.from_dict(metadata["layout"]))
 
     def observe(self, context: Context) -> np.ndarray:
-        """Return the observation that a Context holds."""
+        """Return the observation of a Context."""
         return context.observation
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the chosen parameters scaled to their ranges, counts rounded; the others have their default values."""
+        """Return the parameters (n,): chosen ones scaled to their ranges, counts rounded; defaults for the others."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
     def action(self, theta: Any) -> np.ndarray:
-        """Return the action; values beyond the ranges, which a person may set, are clipped."""
+        """Return the action for parameters (n,). Values beyond the ranges, which a user may set, are clipped."""
         return self.space.chosen.to_action(self.space.pick(theta))
 
 
-def check_robot(stated: Mapping[str, Any], robot: Robot) -> None:
-    """Raise ApplrError where a policy's file states another robot."""
-    if stated.get("robot") != robot.name:
-        raise ApplrError(f"it is for the robot {stated.get('robot')}: here {robot.name} runs; make one for it")
+def check_robot(metadata: Mapping[str, Any], robot: Robot) -> None:
+    """Raise ApplrError if a policy's metadata are for another robot."""
+    if metadata.get("robot") != robot.name:
+        raise ApplrError(f"made for the robot {metadata.get('robot')}: this robot is {robot.name}")

@@ -1,8 +1,8 @@
-"""Layout of what a policy sees of the world: the beams of its scan, their cap, and the distance of its local goal.
+"""Layout of a policy's scan and local goal: number and directions of beams, range cap, and lookahead distance.
 
-The layout belongs to the policy's file, not to the laser. Any planar scan that covers it is resampled to it, so a
-policy drives with scanners of other beams than it was trained with. The applr node, the training environment and the
-bag reader call it.
+The layout belongs to the policy's file, not to the laser. Any planar scan that covers the layout is resampled to it, so
+that a policy also works with other scanners than in its training. The applr node, the training environment and the bag
+reader use it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 
-ANGLE_TOLERANCE_RAD = 0.02  # by which a scan may end before the layout does
-COARSEST_RAD = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
-TURN_RAD = 2.0 * math.pi
+ANGLE_TOLERANCE_RAD = 0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
+COARSEST_RAD = math.radians(3.0)  # largest angle between two beams [rad]; posts of .15 m are 4 degrees wide at 2 m
+TURN_RAD = 2.0 * math.pi  # full turn [rad]
 IN_FILES = {  # names of a layout's fields in files
     **{"beams": "beams", "range_cap_m": "range_cap", "lookahead_m": "lookahead"},
     **{"angle_min_rad": "angle_min", "angle_max_rad": "angle_max"},
@@ -26,19 +26,19 @@ IN_FILES = {  # names of a layout's fields in files
 
 
 class ObservationError(ApplrError):
-    """A scan or plan that no observation can be made of; one line says what, which value and what to do."""
+    """Error for a scan or plan from which no observation can be made. Its message is one line."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The scan and local goal of an observation, beside the parameters of the space.
+    """Layout of the scan and local goal in an observation.
 
     Attributes:
-        beams: Sectors of the scan, evenly spaced.
-        angle_min: Direction of the first one's middle [rad], counted from straight ahead to the left.
-        angle_max: Direction of the last one's middle [rad]; more than angle_min.
-        range_cap: Ranges [m] beyond it count as free.
-        lookahead: The local goal is the first point of the global plan farther away than this [m].
+        beams: Number of evenly spaced sectors of the scan.
+        angle_min: Direction of the first sector's centre [rad], 0 straight ahead, positive to the left.
+        angle_max: Direction of the last sector's centre [rad]; larger than angle_min.
+        range_cap: Range beyond which space counts as free [m].
+        lookahead: Distance of the local goal [m]: the first point of the global plan farther away than this.
     """
 
     beams: int = 720
@@ -53,38 +53,38 @@ class Layout:
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
     def to_dict(self) -> Dict[str, Any]:
-        """Return what a policy's file holds of it, JSON values."""
+        """Return the layout as JSON values for a policy's file."""
         return {key: getattr(self, name) for key, name in IN_FILES.items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "Layout":
-        """Make the layout that to_dict described."""
+        """Make the layout from the values of to_dict."""
         return cls(**{name: values[key] for key, name in IN_FILES.items()})
 
     def sector(self, bearing: float, width: float) -> np.ndarray:
-        """Return indices of the beams within width / 2 of a bearing [rad]."""
+        """Return the indices of the beams within width / 2 of a bearing [rad]."""
         angles = self.angle_min + self.step * np.arange(self.beams)
         return np.flatnonzero(np.abs((angles - bearing + math.pi) % TURN_RAD - math.pi) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
-        """Return a scan as this layout has it: (beams,) float32 [m]; one of exactly this geometry comes back as it is.
+        """Return a scan resampled to this layout, (beams,) float32 [m]. A scan with the same geometry is unchanged.
 
-        Each of the layout's beams is a sector of `step` radians and takes the smallest of the scan's ranges in it, so
-        that no obstacle is lost; a sector between two beams of a coarser scan takes the nearer one. By REP 117 -inf
-        (too near) is smaller than every range, +inf (no return) larger, and NaN (no measurement) is left where a sector
-        has nothing else. 0, by which older drivers mean that nothing was measured, counts as NaN.
+        Each beam of the layout is a sector of `step` radians. It takes the smallest range in the sector, so that no
+        obstacle is lost. A sector between two beams of a coarser scan takes the range of the beam nearer in angle. By
+        REP 117 -inf (too near) is smaller than every range and +inf (no return) is larger. NaN (no measurement) remains
+        only if a sector has no other value. Ranges of 0, which older drivers use for no measurement, count as NaN.
 
         Args:
             ranges: (n,) [m].
-            angle_min: Direction of the first range [rad], counted from straight ahead to the left.
-            angle_increment: From one range to the next [rad]; less than 0 where the scanner turns clockwise.
+            angle_min: Direction of the first range [rad], 0 straight ahead, positive to the left.
+            angle_increment: Angle from one range to the next [rad]; negative if the scanner turns clockwise.
 
         Raises:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or has no geometry.
         """
         ranges = np.asarray(ranges, dtype=np.float32)
         zero = ranges == 0.0
-        if zero.any():  # before the smallest is taken: 0 would be it
+        if zero.any():  # Zeros must be replaced before the minimum is taken.
             ranges = np.where(zero, np.float32(np.nan), ranges)
         source, starts = _sectors(self, len(ranges), float(angle_min), float(angle_increment))
         if len(source):
@@ -94,24 +94,24 @@ class Layout:
 
 @lru_cache(maxsize=32)
 def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Find the scan's ranges that each of the layout's beams takes.
+    """Return the indices of the scan's ranges in each of the layout's sectors.
 
     Returns:
-        (source, starts): beam i takes source[starts[i] : starts[i + 1]]; both are empty where the geometry is the same.
+        (source, starts): beam i takes source[starts[i] : starts[i + 1]]. Both are empty if the geometry is the same.
     """
     if count < 2 or not (math.isfinite(first) and math.isfinite(step)) or step == 0.0:
         raise ObservationError(
-            "scan has %d beams from %g rad every %g rad: no geometry; check the laser's driver" % (count, first, step)
+            "scan has %d beams from %g rad every %g rad, no geometry: check the laser's driver" % (count, first, step)
         )
     if abs(step) > COARSEST_RAD:
         raise ObservationError(
-            "scan has a beam every %.3f rad: at most %.3f are needed; use a finer scanner or setting"
+            "scan has a beam every %.3f rad, the limit is %.3f: use a finer scanner or setting"
             % (abs(step), COARSEST_RAD)
         )
     last, half = first + step * (count - 1), 0.5 * layout.step
     if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    # each range once in every turn, and by direction; turns beside the layout's own are in its sectors too
+    # The ranges are repeated in five turns and sorted by direction, because the layout may extend past the scan's turn.
     turns = TURN_RAD * np.arange(-2, 3)
     angles = (first + step * np.arange(count) + turns[:, None]).ravel()
     order = np.argsort(angles, kind="stable")
@@ -122,7 +122,7 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
     covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
     if not covered.all():
         raise ObservationError(
-            "scan of %d beams covers %.3f to %.3f rad: the policy looks from %.3f to %.3f"
+            "scan of %d beams covers %.3f to %.3f rad: the policy needs %.3f to %.3f"
             % (count, min(first, last), max(first, last), layout.angle_min, layout.angle_max)
         )
     begins, ends = (np.searchsorted(angles, middles + offset) for offset in (-half, half))

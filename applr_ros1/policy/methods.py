@@ -1,18 +1,18 @@
-"""Methods: what decides over the planner's parameters, the same objects in the nodes and in evaluation.
+"""Methods that choose the planner's parameters, used by both the nodes and the evaluation.
 
-A person's own is a subclass of Method, in any module:
+A user-defined method is a subclass of Method in any module:
 
     from applr_ros1.policy.methods import Method
     from applr_ros1.policy.parameter_space import SPACE
 
     class Cautious(Method):                      # evaluate.py --methods my_module:Cautious; method:=my_module:Cautious
-        def reset(self, seed): ...               # optional: a course begins; draw randomness from this seed only
-        def theta(self, context):                # at every decision; see Context
+        def reset(self, seed): ...               # optional, called at the start of a course; seed all random draws
+        def theta(self, context):                # called at every decision; see Context
             slow = context.ranges.min() < 0.4
-            return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # names left out keep theta_0
+            return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # other parameters keep theta_0
 
-A class may also stand in a file: `my_methods.py:Cautious`.
-Parameters that come back are clipped to the space's bounds; NaN is refused.
+The class may also be in a file: `my_methods.py:Cautious`. The returned parameters are clipped to the space's bounds,
+and NaN is rejected.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
-EXPLORED = 0.5  # standard deviation of what exploration adds to a parameter, whose range is from -1 to 1
-NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
-POLICY, SET = "applr.safetensors", "static.json"  # in a robot's folder: its policy, its tuned set
-USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$")  # my_file.py:Class
+EXPLORED = 0.5  # standard deviation of exploration noise on a parameter scaled to [-1, 1]
+NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # valid name of a method in trials.csv
+POLICY, SET = "applr.safetensors", "static.json"  # files of the policy and the tuned set in a robot's folder
+USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$")  # specification my_file.py:Class or module:Class
 
 
 class FixedParameters(Method):
-    """One set of parameters throughout.
+    """Constant parameter set.
 
     Args:
-        values: (n,), within the ranges.
-        space: The parameters.
-        per_cell: As Method says.
+        values: (n,) parameters within the ranges.
+        space: Parameter space.
+        per_cell: Whether the distance biases count per cell (Method.per_cell).
     """
 
     static = True
@@ -55,19 +55,19 @@ class FixedParameters(Method):
         self.values, self.space, self.per_cell = np.array(values, dtype=np.float64), space, per_cell
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the set."""
+        """Return the parameter set."""
         return self.values.copy()
 
     def describe(self) -> Dict[str, Any]:
-        """Return the set by name."""
+        """Return the parameter set as {name: value}."""
         return {"parameters": self.space.as_dict(self.values)}
 
 
 class RandomParameters(Method):
-    """Sets drawn uniformly over the ranges at each decision: for trying the stack and for gathering data.
+    """Random parameter sets, drawn uniformly from the ranges at each decision, for tests and data collection.
 
     Args:
-        space: The parameters.
+        space: Parameter space.
     """
 
     def __init__(self, space: Space = SPACE) -> None:
@@ -75,23 +75,23 @@ class RandomParameters(Method):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Begin a course with draws that depend on the seed only."""
+        """Seed the draws of a new course."""
         self._draws = np.random.default_rng([seed, 0x7A4D])
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return a new draw."""
+        """Return a new random parameter set."""
         return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
 
     def describe(self) -> Dict[str, Any]:
-        """Say how they are drawn."""
+        """Return the distribution of the draws."""
         return {"parameters": "uniform in the ranges, drawn every step"}
 
 
 class Exploration(Method):
-    """Sets around one, drawn normally at each decision: for drives that a policy learns from.
+    """Random parameter sets, drawn from a normal distribution around one set at each decision, for training drives.
 
     Args:
-        around: The set.
+        around: Mean of the distribution.
     """
 
     period = 1.0
@@ -101,26 +101,26 @@ class Exploration(Method):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Begin a course with draws that depend on the seed only."""
+        """Seed the draws of a new course."""
         self._draws = np.random.default_rng([seed, 0xE401])
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return a new draw."""
+        """Return a new random parameter set."""
         action = self.space.to_action(self.around.values) + EXPLORED * self._draws.normal(size=len(self.space))
         return self.space.to_theta(np.clip(action, -1.0, 1.0))
 
     def describe(self) -> Dict[str, Any]:
-        """Return the set by name, and how far draws are from it."""
+        """Return the mean and the standard deviation of the draws."""
         return {**self.around.describe(), "explored": EXPLORED}
 
 
 def shipped(name: str, robot: Robot) -> str:
-    """Return the path of a file in the robot's folder that a method drives with, whether it exists or not."""
+    """Return the path of a method's file in the robot's folder, whether it exists or not."""
     return os.path.join(robot.folder, name)
 
 
 def auto(robot: Robot) -> str:
-    """Name the method that `auto` stands for: the robot's policy, else its tuned set, else its own parameters."""
+    """Return the method that `auto` stands for: the robot's policy, else its tuned set, else its default parameters."""
     files = {"applr": POLICY, "static": SET}
     return next((name for name, file in files.items() if os.path.exists(shipped(file, robot))), "dwa")
 
@@ -135,16 +135,14 @@ def _trained(robot: Robot) -> Method:
     path = shipped(POLICY, robot)
     if not os.path.exists(path):
         train = f"python -m training.train --recipe jackal --robot {robot.folder}"
-        raise ApplrError(
-            f"applr: there is no {path}: find a set with `./applr tune {robot.folder}`, then run `{train}`"
-        )
+        raise ApplrError(f"applr: there is no {path}: run `./applr tune {robot.folder}`, then `{train}`")
     return actor.load(path, robot)
 
 
 def _tuned(robot: Robot) -> FixedParameters:
     path = shipped(SET, robot)
     if not os.path.exists(path):
-        raise ApplrError("static: there is no %s, which `./applr tune %s` writes" % (path, robot.folder))
+        raise ApplrError("static: there is no %s: run `./applr tune %s`" % (path, robot.folder))
     return _fixed(path, robot)
 
 
@@ -162,44 +160,50 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "dwa": (_default, "the planner's default parameters, theta_0"),
     "auto": (
         lambda robot: METHODS[auto(robot)][0](robot),
-        "applr where the robot's folder has a policy, else static where it has a set, else dwa",
+        "applr if the robot's folder has a policy, else static if it has a tuned set, else dwa",
     ),
-    "static": (_tuned, "the best single set that CMA-ES found on the training worlds"),
-    "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
-    "explore": (_explored, "around the robot's tuned set, else its own parameters, drawn anew every second"),
+    "static": (_tuned, "the best single parameter set that CMA-ES found on the training worlds"),
+    "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, at every decision"),
+    "explore": (_explored, "random around the robot's tuned set, else its default parameters, every second"),
     "applr": (_trained, "the robot's policy"),
     "appld": (
         lambda robot: actor.load(shipped("appld.safetensors", robot), robot),
         "the shipped contexts and classifier",
     ),
 }
-FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}  # by their endings
+FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}  # reader by ending
 SPECIFICATIONS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.py:Class" % ", ".join(METHODS)
 
 
 def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
-    """Return the method that a specification (SPECIFICATIONS) names, for a robot. Raises ApplrError of one line.
+    """Make the method of a specification for a robot.
 
-    user_code: Whether a person's own module or file may be imported for it.
+    Args:
+        spec: One of SPECIFICATIONS.
+        robot: Robot that the method drives.
+        user_code: Whether a user's module or file may be imported.
+
+    Raises:
+        ApplrError: The method is unknown, cannot be made, or is for another robot.
     """
     user = USER_METHOD.match(spec)
     if spec in METHODS:
         method = METHODS[spec][0](robot)
     elif user and not user_code:
-        raise ApplrError("method %s is code of one's own: start the node with _method:=%s" % (spec, spec))
+        raise ApplrError("method %s is user code: start the node with _method:=%s" % (spec, spec))
     elif user:
         method = make_user_method(*user.groups())
     else:
         method = _reader(spec)(spec, robot)
     method = for_robot(method, robot)
     if method.space.robot != robot.name:
-        raise ApplrError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
+        raise ApplrError("method %s is for the robot %s: this robot is %s" % (spec, method.space.robot, robot.name))
     method.name = auto(robot) if spec == "auto" else spec
     return method
 
 
 def for_robot(method: Method, robot: Robot) -> Method:
-    """The method itself, with the robot's space and layout where it states none."""
+    """Return the method after setting its space and layout to the robot's, unless it has its own."""
     for name, of in (("space", space_of), ("layout", layout_of)):
         if name not in vars(method) and getattr(type(method), name) is getattr(Method, name):
             setattr(method, name, of(robot))
@@ -209,17 +213,17 @@ def for_robot(method: Method, robot: Robot) -> Method:
 def _reader(spec: str) -> Callable[[str, Robot], Method]:
     ending = os.path.splitext(spec)[1]
     if ending not in FILES:
-        raise ApplrError("method %r is not known: give %s" % (spec, SPECIFICATIONS))
+        raise ApplrError("method %r is unknown: give %s" % (spec, SPECIFICATIONS))
     return FILES[ending]
 
 
 def absolute(spec: str) -> str:
-    """Return the same specification for another folder: files, and modules of the current folder, as paths."""
+    """Return a specification that is valid in any folder: files and modules of the current folder become paths."""
     if spec in METHODS:
         return spec
     user = USER_METHOD.match(spec)
     if not user:
-        _reader(spec)  # refuses what is no file of a method
+        _reader(spec)  # Raises ApplrError if the specification is not a method's file.
         return os.path.abspath(spec)
     module, name = user.groups()
     file = module if module.endswith(".py") else module + ".py"
@@ -227,9 +231,12 @@ def absolute(spec: str) -> str:
 
 
 def parse(text: str) -> List[Tuple[str, str]]:
-    """Return [(name, specification), ...] of a comma-separated list. Names are what trials.csv shows.
+    """Parse a comma-separated list of specifications into [(name, specification), ...], with names for trials.csv.
 
-    A file is called by its name without folder and ending, a person's own class by its name. Raises ApplrError.
+    The name of a file is its base name without the ending. The name of a user's class is the class name.
+
+    Raises:
+        ApplrError: A name is invalid or not unique.
     """
     methods: Dict[str, str] = {}
     for spec in (part.strip() for part in text.split(",")):
@@ -238,37 +245,37 @@ def parse(text: str) -> List[Tuple[str, str]]:
         if not NAME.match(name):
             raise ApplrError("method %r cannot be called %r: use letters, digits and ._:+-" % (spec[:80], name[:80]))
         if name in methods:
-            raise ApplrError("two methods are called %r: copy the file of one to another name" % name)
+            raise ApplrError("two methods are called %r: rename one of the files" % name)
         methods[name] = spec
     return list(methods.items())
 
 
 def make_user_method(module: str, name: str) -> Method:
-    """Make the class `name` of a module or of a .py file. Raises ApplrError if it cannot be made."""
+    """Make an instance of class `name` of a module or a .py file. Raises ApplrError if it cannot be made."""
     try:
         method = getattr(load_module(module), name)()
     except Exception as error:
         raise ApplrError("method %s:%s cannot be made: %s" % (module, name, one_line(error))) from error
     if not isinstance(method, Method):
         where = "applr_ros1.policy.methods.Method"
-        raise ApplrError("method %s:%s is no subclass of %s: derive it from that class" % (module, name, where))
+        raise ApplrError("method %s:%s is not a subclass of %s: derive it from that class" % (module, name, where))
     return method
 
 
 def load_module(module: str) -> ModuleType:
-    """Import a module by its name, the current folder included, or by its file. It may import what lies beside it."""
+    """Import a module by its file, or by its name from the current folder or the path. It may import its neighbours."""
     path = os.path.realpath(module) if module.endswith(".py") else ""
     folder = os.path.dirname(path) if path else os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)
     if not path:
         return importlib.import_module(module)
-    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # hides no other module
+    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # The whole path makes the name unique.
     if name not in sys.modules:
-        found: Any = importlib.util.spec_from_file_location(name, path)
-        sys.modules[name] = importlib.util.module_from_spec(found)
+        spec: Any = importlib.util.spec_from_file_location(name, path)
+        sys.modules[name] = importlib.util.module_from_spec(spec)
         try:
-            found.loader.exec_module(sys.modules[name])
+            spec.loader.exec_module(sys.modules[name])
         except BaseException:
             del sys.modules[name]
             raise

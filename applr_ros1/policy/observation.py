@@ -1,30 +1,32 @@
-"""The paper's observation: s = (o_t, phi_t, theta_{t-1}) (paper, section III-B), every component in [-1, 1].
+"""Observation of the paper: s = (o_t, phi_t, theta_{t-1}) (section III-B), with all entries in [-1, 1].
 
-Called by the applr node, the meta-environment and the bag reader, so that all three see the same vector.
+The applr node, the learning environment and the bag reader call it, so that all three use the same vector.
 """
 
 from functools import lru_cache
 from math import atan2, cos, pi, sin
+from typing import Any, Tuple
 
 import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.policy.layout import Layout, ObservationError
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.robots import Robot
 
-MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
-RANGE_CAP_M = 2.0  # at the Jackal's scale; the paper caps the scan there
-LOOKAHEAD_M = 1.0  # at the Jackal's scale
-FARTHEST_M = 4.0  # at the Jackal's scale; no encoding looks farther along the plan
-WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
+MOST_BEAMS = 720  # largest number of beams in a default layout, as in the paper
+RANGE_CAP_M = 2.0  # range cap of the paper's scan at the Jackal's scale [m]
+LOOKAHEAD_M = 1.0  # lookahead distance of the paper's local goal at the Jackal's scale [m]
+FARTHEST_M = 4.0  # longest lookahead distance of all encodings at the Jackal's scale [m]
+WINDOW, ORDER = 19, 3  # window and order of the Savitzky-Golay filter that smooths the plan
 
 
 @lru_cache(maxsize=32)
-def layout_of(robot):
-    """The Layout that a new policy for a robots.Robot has: as its laser looks, with the paper's distances scaled.
+def layout_of(robot: Robot) -> Layout:
+    """Return the default layout of new policies for a robot.
 
-    Its beams are symmetric about straight ahead, as many as the laser has but MOST_BEAMS at most. Cap and lookahead are
-    2 m and 1 m times the scale of the robot's worlds.
+    The beams are symmetric about straight ahead. There are as many as the laser has, but at most MOST_BEAMS. Range cap
+    and lookahead are the paper's 2 m and 1 m times the scale of the robot's worlds.
     """
     laser, scale = robot.laser, robot.world_scale
     step = laser.increment
@@ -35,7 +37,7 @@ def layout_of(robot):
     else:
         half = min(-first, last)
         if half <= step:
-            raise ObservationError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
+            raise ObservationError(f"robot {robot.name}: its laser covers {first:.3f} to {last:.3f} rad, not ahead")
         beams = min(MOST_BEAMS, int(round(2.0 * half / step)) + 1)
     return Layout(beams, -half, half, RANGE_CAP_M * scale, LOOKAHEAD_M * scale)
 
@@ -43,21 +45,21 @@ def layout_of(robot):
 LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m
 
 
-def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
-    """The observation (beams + 1 + k,) float32: capped scan, phi / pi, theta_prev scaled; in [-1, 1].
+def observe(ranges: Any, phi: float, theta_prev: Any, space: Space = SPACE, layout: Layout = LAYOUT) -> np.ndarray:
+    """Return the observation (beams + 1 + k,) float32: capped scan, phi / pi and scaled theta_prev, in [-1, 1].
 
-    The Jackal's has 729 numbers: 720 beams as r - 1 with r capped at 2 m, one angle, eight parameters.
+    The Jackal's has 729 entries: 720 beams as r - 1 with r capped at 2 m, one angle, eight parameters.
 
     Args:
-        ranges: (beams,) [m] as layout.resample gives them; by REP-117 +inf is no return (the cap) and -inf is too near
-            (0 m). NaN is no measurement and takes the value between its valid neighbours.
+        ranges: (beams,) [m] from layout.resample. By REP 117 +inf is no return (the cap) and -inf is too near (0 m).
+            NaN is no measurement and is interpolated between its valid neighbours.
         phi: angle of the local goal [rad].
-        theta_prev: (n,) the parameters that the planner has; beyond the ranges they are clipped.
-        space: the parameter space, of whose n parameters the k chosen ones are seen.
-        layout: how the policy sees a scan.
+        theta_prev: (n,) current parameters of the planner; values beyond the ranges are clipped.
+        space: parameter space; k of its n parameters are chosen and part of the observation.
+        layout: layout of the scan.
 
     Raises:
-        ObservationError: another number of beams, a scan without a valid beam, or a phi that is not finite.
+        ObservationError: The number of beams is wrong, no beam is valid, or phi is not finite.
     """
     beams, cap = layout.beams, layout.range_cap
     ranges = without_gaps(ranges, layout)
@@ -71,10 +73,11 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
     return result
 
 
-def without_gaps(ranges, layout=LAYOUT):
-    """Ranges (beams,) float32 [m] in which beams without a measurement (NaN) have the value between their neighbours.
+def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> np.ndarray:
+    """Return ranges (beams,) float32 [m] in which NaN (no measurement) is interpolated between valid neighbours.
 
-    Raises ObservationError for another number of beams, and for a scan without a valid one.
+    Raises:
+        ObservationError: The number of beams is wrong, or no beam is valid.
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (layout.beams,):
@@ -89,20 +92,23 @@ def without_gaps(ranges, layout=LAYOUT):
     return ranges
 
 
-def local_goal(plan, pose, lookahead=LAYOUT.lookahead):
-    """The local goal (gx, gy) in the robot's frame [m]; ObservationError for a plan or pose that cannot be used.
+def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tuple[float, float]:
+    """Return the local goal (gx, gy) in the robot's frame [m].
 
-    It is the first point of the smoothed global plan that is farther than `lookahead` from the robot, or the last point
-    of the plan if there is none.
+    It is the first point of the smoothed global plan farther than `lookahead` from the robot, or the last point of the
+    plan if there is none.
 
     Args:
         plan: (n, >= 2) x, y [m] in the frame of the pose, start first.
         pose: (x, y, yaw) of the robot [m, rad].
-        lookahead: [m]; the paper's is 1 m.
+        lookahead: lookahead distance [m]; 1 m in the paper.
+
+    Raises:
+        ObservationError: The plan is empty, or plan or pose is not finite.
     """
     plan = np.asarray(plan, dtype=np.float64)
     if plan.ndim != 2 or len(plan) == 0:
-        raise ObservationError("global plan is empty: no local goal until the planner finds a way")
+        raise ObservationError("global plan is empty: there is no local goal until the planner finds a path")
     if not (np.all(np.isfinite(plan[:, :2])) and np.all(np.isfinite(pose))):
         raise ObservationError("global plan or pose is not finite: check odometry and planner")
     points = smooth(plan[:, :2])
@@ -113,29 +119,29 @@ def local_goal(plan, pose, lookahead=LAYOUT.lookahead):
     return float(c * dx[i] + s * dy[i]), float(-s * dx[i] + c * dy[i])
 
 
-def beginning(plan, pose, distance):
-    """The first points (k, 2) of a plan: local_goal finds in them what it finds in all, up to a lookahead `distance`.
+def beginning(plan: Any, pose: Any, distance: float) -> np.ndarray:
+    """Return the first points (k, 2) of a plan that suffice for local_goal.
 
     Args:
         plan: (n, >= 2) x, y [m], start first.
         pose: (x, y, yaw) of the robot [m, rad].
-        distance: [m].
+        distance: largest lookahead distance for which local_goal gives the same result as on the whole plan [m].
     """
     points = np.asarray(plan, dtype=np.float64)[:, :2]
     far = np.flatnonzero(np.hypot(*(smooth(points) - pose[:2]).T) > distance)
     return points[: far[0] + WINDOW] if len(far) else points
 
 
-def goal_angle(goal):
-    """The angle phi = atan2(gy, gx) in [-pi, pi] of a local goal in the robot's frame."""
+def goal_angle(goal: Tuple[float, float]) -> float:
+    """Return the angle phi = atan2(gy, gx) in [-pi, pi] of a local goal in the robot's frame."""
     return atan2(goal[1], goal[0])
 
 
-def smooth(points):
-    """Savitzky-Golay filter (19, 3) along the columns of points (n, k).
+def smooth(points: np.ndarray) -> np.ndarray:
+    """Apply a Savitzky-Golay filter (19, 3) along the columns of points (n, k).
 
     It equals scipy.signal.savgol_filter within 1e-9 m, takes a twentieth of its time and saves a second of imports.
-    Shorter plans take the largest odd window that fits; four points and fewer stay as they are.
+    Shorter plans use the largest odd window that fits, and plans of up to four points are not filtered.
     """
     window = min(WINDOW, len(points) if len(points) % 2 else len(points) - 1)
     if window <= ORDER:
@@ -150,8 +156,8 @@ def smooth(points):
 
 
 @lru_cache(maxsize=None)
-def _hat(window):
-    """(window, window): row i gives the fitted cubic's value at place i as weights of the window's points."""
+def _hat(window: int) -> np.ndarray:
+    """Return the hat matrix (window, window): row i has the weights of the points for the fitted cubic at point i."""
     x = np.arange(window, dtype=np.float64) - window // 2
     vandermonde = x[:, None] ** np.arange(ORDER + 1)
     return vandermonde @ np.linalg.pinv(vandermonde)

@@ -268,7 +268,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
 
     for values, line in (
         ({"speed": 1.0}, "unknown parameter 'speed'"),
-        ({"max_vel_x": np.nan}, "max_vel_x is nan: refused, not finite"),
+        ({"max_vel_x": np.nan}, "max_vel_x is nan, not finite"),
     ):
         by_hand(**values)
         node.until(line)

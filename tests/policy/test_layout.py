@@ -68,7 +68,7 @@ def test_zeros_of_older_drivers_are_no_measurement_and_hide_nothing_beside_them(
 @pytest.mark.parametrize(
     ("count", "first", "last", "line"),
     [
-        (541, -1.57, 1.57, "covers -1.570 to 1.570 rad: the policy looks from -2.356"),
+        (541, -1.57, 1.57, "covers -1.570 to 1.570 rad: the policy needs -2.356"),
         (360, 0.0, 3.14, "covers 0.000 to 3.140 rad"),
         (720, -2.356 + 2 * ANGLE_TOLERANCE_RAD, 2.356, "covers -2.316 to"),
         (100, -np.pi, np.pi, "finer scanner"),

@@ -80,11 +80,11 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give a number from 0.2 to 2"),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
         (lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
-        (lambda: methods.make("fast"), "method 'fast' is not known: give dwa, "),
+        (lambda: methods.make("fast"), "method 'fast' is unknown: give dwa, "),
         (lambda: methods.make("/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
         (
             lambda: methods.make("static", robots.load("turtlebot3_burger")),
-            "there is no .*static.json, which `./applr tune",
+            "there is no .*static.json: run `./applr tune",
         ),
         (lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)), "global plan is empty"),
         (lambda: local_goal(np.full((5, 2), np.nan), (0.0, 0.0, 0.0)), "global plan or pose is not finite"),

@@ -139,7 +139,7 @@ def test_trained_and_driven(crate, tmp_path, capsys):
     robot = robots.load(str(crate))
     actor = load_policy(policy, robot)
     assert (actor.layout, actor.metadata["robot"]) == (layout_of(robot), "crate")
-    with pytest.raises(ApplrError, match="for the robot crate: here jackal runs"):
+    with pytest.raises(ApplrError, match="for the robot crate: this robot is jackal"):
         load_policy(policy)
     capsys.readouterr()
     assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)]) == 1

@@ -157,5 +157,5 @@ def test_the_shipped_file_drives():
     loaded = actor.load(path)
     assert 2 <= len(loaded.names) <= 8
     assert "scripted" in loaded.metadata["training"]["demonstrations"][0]["demonstrator"]
-    refused(lambda: methods.make(path, load("husky")), "for the robot jackal: here husky runs")
+    refused(lambda: methods.make(path, load("husky")), "for the robot jackal: this robot is husky")
     assert np.array_equal(methods.make("appld").sets, loaded.sets)

@@ -270,7 +270,7 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     own.reset(3)
     assert theta(own, "max_vel_x") == 0.7
     assert own.seed == 3
-    with pytest.raises(ApplrError, match="no subclass"):
+    with pytest.raises(ApplrError, match="not a subclass"):
         methods.make("my_module:Nothing")
     assert methods.parse("dwa,my_module:Cautious") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious")]
 
