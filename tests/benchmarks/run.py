@@ -1,7 +1,7 @@
-"""Measures the figures of docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an idle machine.
+"""Benchmarks for docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an idle machine.
 
-Each figure is a function that returns its value and unit. Planner and simulators run in one thread and are measured in
-processor time. The C++ planners' times of like scenarios stand in tests/golden/FORMAT.md (1,620 and 15,700 us;
+Each benchmark is a function that returns its value and unit. Planner and simulators run in one thread and are measured
+in processor time. Times of the C++ planners for similar scenarios are in tests/golden/FORMAT.md (1,620 and 15,700 us,
 inflation of 200 x 200 cells 179 us, navfn on 800 x 800 cells 1,076 us) and tests/golden_dwa/FORMAT_DWA.md (1,170 us).
 """
 
@@ -26,18 +26,18 @@ from tests.support.episodes import episode
 from tests.support.jackal import JACKAL
 from tests.support.weights import make_weights
 
-COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
-SECONDS = 20  # of each course that are simulated at most
+COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
+SECONDS = 20  # maximum simulated time per course [s]
 BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 
 def planner_cycle_default():
-    """One choice of a velocity with the Jackal's parameters, 6 x 20 samples."""
+    """Measure one choice of a velocity with the Jackal's parameters, 6 x 20 samples."""
     return _trajectory_planner({})
 
 
 def planner_cycle_max():
-    """12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
+    """Measure one choice among 12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
     fast = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40)
     return _trajectory_planner(fast, (1.6, 0.0, 0.3))
 
@@ -54,10 +54,10 @@ def _trajectory_planner(changes, velocity=None):
 
 
 def dwa_planner_cycle():
-    """TurtleBot3 burger as its navigation package drives it: 861 samples of 1.5 s, 3 x 3 m."""
+    """Measure one choice of the TurtleBot3 burger's navigation package: 861 samples of 1.5 s, 3 x 3 m."""
     times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
-        if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # a legal command is found
+        if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # A legal command exists.
             costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
             scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
             times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
@@ -65,13 +65,13 @@ def dwa_planner_cycle():
 
 
 def _of_samples(name, **samples):
-    """The scenarios of a golden set with so many samples."""
-    found = [scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"]
-    return [scenario for scenario in found if samples.items() <= scenario.inputs["params"].items()]
+    """Return the scenarios of a golden set with these sample numbers."""
+    scenarios = [scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"]
+    return [scenario for scenario in scenarios if samples.items() <= scenario.inputs["params"].items()]
 
 
 def _choice(planner, state, *scene):
-    """Median processor time of findBestPath [us]."""
+    """Return the median processor time of findBestPath [us]."""
     planner.find_best_path(*scene)
     took = []
     for _ in range(30):
@@ -83,25 +83,25 @@ def _choice(planner, state, *scene):
 
 
 def control_cycle():
-    """Mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
+    """Measure the mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
     mean, count = _time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled)
     return 1e3 * mean, "ms (mean over %d cycles)" % count
 
 
 def inflation():
-    """One update of the inflation layer of the local map, 200 x 200 cells, r = .30, while driving."""
+    """Measure one update of the local costmap's inflation layer, 200 x 200 cells, r = .30, while driving."""
     mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._nx == 200)
     return 1e6 * mean, "us (mean over %d updates)" % count
 
 
 def navfn():
-    """One plan on the global map, 800 x 800 cells, from the driving robot to the goal, the map changing meanwhile."""
+    """Measure one plan on the changing global costmap, 800 x 800 cells, from the driving robot to the goal."""
     mean, count = _time_in_drives(Navfn, "plan", lambda *_: True, planner_frequency=20.0)
     return 1e6 * mean, "us (mean over %d plans)" % count
 
 
 def _time_in_drives(kind, name, counts, **parameters):
-    """Mean time [s] of a method's calls that count, and their number, in the best of three drives of the courses."""
+    """Return the mean time [s] of a method's calls that count, and their number, from the best of three drives."""
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
@@ -121,7 +121,7 @@ def _time_in_drives(kind, name, counts, **parameters):
 
 
 def sim_speed_kinematic():
-    """Simulated seconds per second of one core with random parameters, resets included."""
+    """Measure simulated seconds per second of one core with random parameters, resets included."""
     return _speed("kinematic")
 
 
@@ -140,7 +140,7 @@ def _speed(simulator):
 
 
 def _drive(driven, theta, seconds=SECONDS):
-    """Drive the courses with theta(random generator) at each decision; returns simulated seconds."""
+    """Drive the courses with theta(random generator) at each decision, and return the simulated seconds."""
     rng, simulated = np.random.default_rng(0), 0.0
     for number in COURSES:
         driven.reset(worlds.load("generated:%d" % number), seed=number)
@@ -153,7 +153,7 @@ def _drive(driven, theta, seconds=SECONDS):
 
 
 def td3_updates():
-    """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
+    """Measure sampling from our replay (4-step returns) and a gradient step, every second one with a policy update."""
     from training.learner.config import LearnerOptions
     from training.learner.learner import draw_batch
     from training.replay.buffer import Replay
@@ -169,7 +169,7 @@ def td3_updates():
 
 
 def sb3_td3_updates():
-    """stable-baselines3's TD3.train at the same shapes, from batches already made (no sampling)."""
+    """Measure stable-baselines3's TD3.train at the same shapes, from prepared batches (no sampling)."""
     import gymnasium
     import stable_baselines3
     import torch
@@ -190,7 +190,7 @@ def sb3_td3_updates():
 
 
 def actor_inference():
-    """One observation through the actor, as the node does it: numpy, 729 -> 3 x 512 -> 8."""
+    """Measure one pass of an observation through the actor, as in the node: numpy, 729 -> 3 x 512 -> 8."""
     from applr_ros1.policy.actor import Policy
 
     actor = Policy.of(make_weights(hidden=HIDDEN, inputs=OBSERVATIONS, outputs=ACTIONS))
@@ -199,7 +199,7 @@ def actor_inference():
 
 
 def _rate(step, rounds=5, seconds=0.6):
-    """Best of some rounds, in steps per second of wall time."""
+    """Return the best rate of some rounds, in steps per second of wall time."""
     for _ in range(8):
         step()
     best = 0.0
@@ -213,7 +213,7 @@ def _rate(step, rounds=5, seconds=0.6):
 
 
 def reconfigure_all():
-    """Changing all eight parameters of our idle move_base node over ROS, 20 times a second, every value read back."""
+    """Measure changing all eight parameters of an idle move_base node over ROS at 20 Hz, with every value read back."""
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
     from tests.support.ros_harness import session, wait_for
 

@@ -1,8 +1,8 @@
-"""The ways of a scan, a decision and a transition through the files. Called by run.py.
+"""Code paths of a scan, a decision and a transition through the source files. Called by run.py.
 
-Counted are Python functions of the package that are called on the way, without ROS: the files in which they stand, and
-the moves, calls from one file into another. Compiled kernels count with the file that calls them. A transition's way is
-counted in training/ alone, since driving is the scan's and the decision's.
+The count covers Python functions of the package without ROS: their files, and the moves, which are calls from one file
+into another. Compiled kernels count with the file that calls them. The path of a transition is counted only in
+training/, because driving is covered by scan and decision.
 """
 
 import sys
@@ -25,10 +25,12 @@ COURSE = "generated:140"
 
 
 class Way:
-    """Counts calls while it is active: from the first call of `begin`, until the first return of `end`.
+    """Profiler of calls while it is active: from the first call of `begin` to the first return of `end`.
 
-    begin, end: (file below the repository, function); None: from the start, to the end of the with block. packages:
-    folders whose files count.
+    Args:
+        begin: (file below the repository, function), or None to begin at the start.
+        end: (file below the repository, function), or None to end with the with block.
+        packages: folders whose files count.
     """
 
     def __init__(self, begin=None, end=None, packages=PACKAGES):
@@ -37,13 +39,13 @@ class Way:
         self.files, self.moves = set(), 0
 
     def __enter__(self):
-        sys.setprofile(self._see)
+        sys.setprofile(self._count)
         return self
 
     def __exit__(self, *_):
         sys.setprofile(None)
 
-    def _see(self, frame, event, _):
+    def _count(self, frame, event, _):
         path = frame.f_code.co_filename
         if event not in ("call", "return") or not path.startswith(self._packages):
             return
@@ -56,7 +58,7 @@ class Way:
             self._on, self._begin = False, None
 
     def figure(self):
-        """How many files, and what run.py prints behind that."""
+        """Return the number of files, and the text that run.py prints after it."""
         return len(self.files), "files, %d moves between them" % self.moves
 
 
@@ -75,7 +77,7 @@ def _driving():
 
 
 def way_of_scan():
-    """From the laser's ranges to the simulated base: costmaps, a new plan, the local plan, the monitor."""
+    """Count from the laser's ranges to the simulated base: costmaps, a new plan, the local plan, the monitor."""
     episode, _ = _driving()
     with Way() as way:
         episode._cycle()
@@ -83,7 +85,7 @@ def way_of_scan():
 
 
 def way_of_decision():
-    """From scan and plan through observation and policy to the parameters in force."""
+    """Count from scan and plan through observation and policy to the parameters in force."""
     episode, policy = _driving()
     with Way() as way:
         episode.apply(policy.theta(episode.context()))
@@ -91,7 +93,7 @@ def way_of_decision():
 
 
 def way_of_transition():
-    """From the episode that an actor drives to the end of the first update of the networks, with --actors 0."""
+    """Count from the episode that an actor drives to the end of the networks' first update, with --actors 0."""
     options = "--recipe jackal --actors 0 --total-timesteps 1 --learning-starts 1 --batch-size 1 --worlds generated:140"
     way = Way(("training/workers/collect.py", "collect"), ("training/td3/td3.py", "update"), TRAINING)
     with tempfile.TemporaryDirectory() as folder, way:

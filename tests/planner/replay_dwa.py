@@ -1,7 +1,7 @@
-"""The kinds of golden scenarios of the DWA planner (format planner-golden-2-dwa), compared with ours.
+"""Replay of the golden scenarios of the DWA planner (format planner-golden-2-dwa), by kind of scenario.
 
-Used by replay_golden.py. Each kind's function yields (what, ours, expected) or, where bits cannot be asked for, a
-tolerance as a fourth.
+Used by replay_golden.py. The function of each kind yields (quantity, ours, expected), plus a tolerance if the numbers
+cannot match to the last bit.
 """
 
 from types import SimpleNamespace
@@ -16,10 +16,10 @@ from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 FORMAT = "planner-golden-2-dwa"
 GRIDS = ("path_dist", "goal_dist", "goal_front_dist", "alignment_dist")
 PHASES = (NO_PLAN, DRIVING, STOPPING, TURNING, TURNED)
-THROUGH = 255  # in `cut`: no critic ended the search's scoring
-ANOTHER_FRAME = 1e-9
+THROUGH = 255  # value in `cut` if no critic ended the scoring in the search
+ANOTHER_FRAME = 1e-9  # tolerance of poses transformed from another frame [m, rad]
 
-DEFAULTS = {p.name: p.default for p in DWA_PLANNER}  # of a parameter that C++ does not have
+DEFAULTS = {p.name: p.default for p in DWA_PLANNER}  # defaults for the parameters that C++ does not have
 
 
 def make_costmap(scenario):
@@ -76,7 +76,7 @@ def dwa(scenario):
 
 
 def rollout(scenario):
-    """Teacher-forced: each cycle gets the C++ run's pose, velocity and flags."""
+    """Compare each cycle of a roll-out, starting it from the C++ run's pose, velocity and flags."""
     given = scenario.inputs
     costmap, planner = make_costmap(scenario), make_planner(scenario)
     plan = scenario.array("plan")
@@ -89,13 +89,13 @@ def rollout(scenario):
         choice = planner.find_best_path(costmap, plan, row[:3], velocity)
         winner = [choice.vx, choice.vy, choice.w, choice.count]
         if choice.cost < 0:
-            winner = wanted[i, 4:8]  # C++ keeps the numbers of the winner before
+            winner = wanted[i, 4:8]  # C++ keeps the values of the previous winner.
         ours.append([*choice.drive, choice.cost, *winner, *planner.state, *planner.start])
     yield "commands, costs, winners, flags, poses used", np.array(ours), wanted
 
 
 def drive(scenario):
-    """Cutting, searching, stopping, turning, and the test for the goal; pose and velocity of every step are given."""
+    """Compare cutting, searching, stopping, turning and the goal test. Pose and velocity of every step are given."""
     given = scenario.inputs
     costmap = make_costmap(scenario)
     planner = DWALocalPlanner({**DEFAULTS, **given["params"], **given["ros"]})
@@ -113,7 +113,7 @@ def drive(scenario):
         reached = planner.is_goal_reached(pose, velocity)
         step = planner.command(pose, velocity, costmap)
         phase = PHASES.index(step.phase)
-        count = wanted[i, 11] if phase == 1 and not step.ok else step.count  # C++: of the winner before
+        count = wanted[i, 11] if phase == 1 and not step.ok else step.count  # C++: previous winner
         checked = phase in (2, 3)
         ours.append(
             [reached, phase > 0, len(step.cut), len(planner.stored_plan.poses), phase > 1, phase, step.ok]

@@ -1,7 +1,7 @@
-"""Replays golden vectors of the C++ planner through ours, for test_golden.py.
+"""Replay of the C++ planner's golden vectors with our planner, for test_golden.py.
 
-Formats: tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md, whose kinds are in replay_dwa.py; a set names its
-own.
+The formats are documented in tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md. Each set names its format. The
+kinds of the second one are in replay_dwa.py.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escapi
 
 
 class Scenario:
-    """One scenario of a set: its JSON fields and, by name, its arrays."""
+    """One scenario of a set, with its JSON fields and its arrays by name."""
 
     def __init__(self, fields, arrays):
         self.id, self.kind = fields["id"], fields["kind"]
@@ -40,7 +40,7 @@ class Scenario:
 
 
 def load(folder):
-    """The scenarios of the set in `folder`."""
+    """Return the scenarios of the set in `folder`."""
     content = json.loads((Path(folder) / "manifest.json").read_text(encoding="utf-8"))
     arrays = np.load(Path(folder) / "arrays.npz", allow_pickle=False)
     scenarios = [Scenario(fields, arrays) for fields in content["scenarios"]]
@@ -49,11 +49,11 @@ def load(folder):
     return scenarios
 
 
-# Each kind's function yields (what, ours, expected) for everything that can be compared.
+# The function of each kind yields (quantity, ours, expected) for every comparable quantity.
 
 
 def make_costmap(scenario):
-    """Our costmap of a scenario, inflated by our layer."""
+    """Return our costmap of a scenario, inflated by our inflation layer."""
     given = scenario.inputs
     nx, ny = given["size"]
     resolution = given["resolution"]
@@ -145,7 +145,7 @@ def dwa(scenario):
     yield "pose_used, vel_used", planner.start, used
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
     window = expected["window"]
-    names = [name for name in WINDOW if window[name] is not None]  # null where C++ divided by zero
+    names = [name for name in WINDOW if window[name] is not None]  # null if C++ divided by zero
     ours = sampled_window(planner)
     yield "window", [ours[name] for name in names], [window[name] for name in names]
     yield from compare_grids(scenario, planner)
@@ -162,7 +162,7 @@ def compare_grids(scenario, planner):
 
 
 def local_goal(given, goal_dist):
-    """The centre [m] of the cell that the goal grid begins at, [] if there is none."""
+    """Return the centre [m] of the cell at which the goal grid begins, or [] if there is none."""
     return [
         given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
         for cell in np.argwhere(goal_dist == 0)[:1]
@@ -171,7 +171,7 @@ def local_goal(given, goal_dist):
 
 
 def rollout(scenario):
-    """Teacher-forced: each cycle gets the C++ run's pose, velocity and state."""
+    """Compare each cycle of a roll-out, starting it from the C++ run's pose, velocity and state."""
     given = scenario.inputs
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
@@ -197,7 +197,7 @@ FORMATS = {
 
 
 def difference(ours, expected):
-    """Largest absolute difference; infinite where the shapes differ or only one is a number."""
+    """Return the largest absolute difference, or infinity if the shapes differ or only one value is a number."""
     a, b = np.asarray(ours, dtype=np.float64), np.asarray(expected, dtype=np.float64)
     if a.shape != b.shape:
         return np.inf
@@ -209,10 +209,10 @@ def difference(ours, expected):
 
 
 def replay(scenario):
-    """{what: largest difference} of everything in which the scenario differs."""
-    found = {}
-    for what, ours, expected, *tolerance in scenario.compare(scenario):
+    """Return {quantity: largest difference} for all quantities that differ in the scenario."""
+    differences = {}
+    for quantity, ours, expected, *tolerance in scenario.compare(scenario):
         worst = difference(ours, expected)
         if worst > (tolerance[0] if tolerance else 0.0):
-            found[what] = worst
-    return found
+            differences[quantity] = worst
+    return differences

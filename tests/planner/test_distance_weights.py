@@ -1,4 +1,4 @@
-"""What a planner's distance weights count: found from its cost_cloud, and made up for without changing the drive."""
+"""Units of a planner's distance weights: detected from its cost_cloud, and compensated without changing the drive."""
 
 import json
 
@@ -20,7 +20,7 @@ def tree(weights):
 
 
 def cloud(weights, seed):
-    """(rows of cost_cloud, theta) of a robot that has just set out among posts, with parameters drawn from a seed."""
+    """Return a robot that has just set out among posts, its cost_cloud and its randomly drawn parameters."""
     draw = np.random.default_rng(seed)
     made = MoveBase(tree(weights))
     robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
@@ -32,26 +32,26 @@ def cloud(weights, seed):
     return made, made.local_planner.cost_cloud(made.local_costmap), theta
 
 
-def test_weights_are_found_in_20_of_20_starts():
+def test_the_unit_of_the_weights_is_detected_in_20_of_20_starts():
     for seed in range(20):
-        word = ("per_cell", "per_metre")[seed % 2]
-        made, rows, theta = cloud(word, seed)
+        unit = ("per_cell", "per_metre")[seed % 2]
+        made, rows, theta = cloud(unit, seed)
         weights = theta[[5, 6, 4]]
-        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])  # C++ fills its clouds up with zeros
-        assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[word]
-        for k in range(2):  # a cloud from before a change
+        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])  # C++ pads its clouds with zeros.
+        assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[unit]
+        for k in range(2):  # The cloud is older than a change of the weights.
             assert factor_of(cells, weights * np.where(np.arange(3) == k, 1.1, 1.0), 0.05) is None
     assert factor_of(rows[:5], weights, 0.05) is None
     rows[:, 6] = weights[2] * rows[:, 5]
-    assert factor_of(rows, weights, 0.05) is None, "obstacles alone say nothing of the distances"
+    assert factor_of(rows, weights, 0.05) is None, "a cloud with obstacle costs only does not reveal the unit"
 
 
-def test_a_compensated_drive_equals_one_that_needed_none():
+def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
     from sim_bridge import make
     from training.env.episode import Episode
 
     class Rescaled(Episode):
-        """Sends what means the same to a planner that counts per metre, as the applr node does."""
+        """Episode that sends parameters converted for a planner with weights per metre, as the applr node does."""
 
         def apply(self, theta):
             send(SPACE.requests_for(theta * multipliers_of(SPACE, 0.05)), self.move_base)
@@ -70,10 +70,10 @@ def test_a_compensated_drive_equals_one_that_needed_none():
         rows.append([trace.time, trace.pose, trace.twist])
     for exact, compensated in zip(rows[0], rows[1]):
         assert np.allclose(exact, compensated, rtol=0.0, atol=1e-9)
-    assert rows[2] != rows[0], "without compensation it drives otherwise"
+    assert rows[2] != rows[0], "without compensation the drive must differ"
 
 
-def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
+def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
     for factor in (0.05, 0.02):
         factors = multipliers_of(SPACE, factor)
         for theta in (SPACE.low, SPACE.high, SPACE.theta0):
@@ -84,7 +84,7 @@ def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
     assert (multipliers_of(SPACE, 1.0) == 1.0).all()
 
 
-def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_path):
+def test_learned_parameter_sets_count_per_cell_and_a_users_set_is_sent_unchanged(tmp_path):
     path = tmp_path / "set.json"
     path.write_text(json.dumps({"meter_scoring": False, "parameters": {"max_vel_x": 0.7}}))
     made = methods.make(str(path))

@@ -16,8 +16,8 @@ from tests.support.toy_robot import ToyRobot, run, start
 DWA = "DWAPlannerROS"
 
 
-def test_success_is_found_whatever_the_planner_frequency():
-    """C++ has no mark that a new plan could clear here: cpp-like and ours both end at the goal at once."""
+def test_success_is_reported_at_every_planner_frequency():
+    """C++ has no flag here that a new plan could clear, so "cpp-like" and "ours" both succeed at once at the goal."""
     for planner in ("ours", "cpp-like"):
         made, robot = MoveBase(tree(), planner=planner), ToyRobot()
         made.set_goal((1.0, 0.0, 0.0), 0.0)
@@ -41,8 +41,8 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
     assert made.configuration(DWA)["max_vel_x"] == 0.5
 
 
-def test_the_latch_is_read_from_move_bases_own_name_space():
-    """As in C++: the entry below DWAPlannerROS, which TurtleBot3's file has, is without effect."""
+def test_the_latch_is_read_from_the_namespace_of_move_base():
+    """As in C++, the entry below DWAPlannerROS, which is in TurtleBot3's file, has no effect."""
     for own, nested in ((True, False), (False, True)):
         params = tree(latch_xy_goal_tolerance=own, planner_frequency=0.0)
         params[DWA]["latch_xy_goal_tolerance"] = nested
@@ -50,14 +50,14 @@ def test_the_latch_is_read_from_move_bases_own_name_space():
         while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
             assert run(made, robot, 0.05) is None
         run(made, robot, 0.1)
-        robot.pose = (0.7, 0.0, 0.0)  # pushed out of the tolerance
+        robot.pose = (0.7, 0.0, 0.0)  # The robot is pushed out of the tolerance.
         robot.twist = (0.0, 0.0)
         run(made, robot, 0.1)
         assert (robot.twist[0] == 0.0) is own
 
 
-def test_warmed_up_it_compiles_nothing_while_it_drives():
-    """Otherwise the robot would stand for seconds in its first cycles."""
+def test_after_the_warm_up_driving_compiles_nothing():
+    """Without it, the robot would stand still for seconds in its first cycles."""
     script = """
 import sys
 from numba.core.dispatcher import Dispatcher

@@ -1,4 +1,4 @@
-"""The local planner: what it cuts off the plan, how it ends at the goal, what is frozen and what is remembered."""
+"""Local planner: cropping of the plan, behaviour at the goal, fixed parameters and memory."""
 
 import math
 
@@ -21,21 +21,21 @@ def local_planner(plan=None, **changes):
     return made
 
 
-# -- the plan's cut ----------------------------------------------------------------------------------------------
+# -- cut of the plan ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("plan", "cut", "dropped"),
     [
-        (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),  # it ends with the first point beyond the map
-        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),  # a point on the limit is inside
-        # points beyond the map are skipped, but deleted from the stored plan's front (docs/explanation/planner.md, 7.2)
+        (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),  # The cut ends with the first point beyond the map.
+        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),  # A point on the limit is inside.
+        # Points beyond the map are skipped, but removed from the stored plan (docs/explanation/planner.md, 7.2).
         ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
     ],
 )
 def test_cut(plan, cut, dropped):
-    found, far = cut_plan(np.array(plan), 0.0, 0.0, 5.0, True)
-    assert (found[:, 0].tolist(), far) == (list(cut), dropped)
+    cropped, far = cut_plan(np.array(plan), 0.0, 0.0, 5.0, True)
+    assert (cropped[:, 0].tolist(), far) == (list(cut), dropped)
 
 
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
@@ -66,7 +66,7 @@ def test_stops_before_it_turns():
     ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())
     assert ok
     assert (v, w) == (0.0, 0.314)
-    # once it turns it does not stop again for being in motion
+    # Once the robot turns, its motion does not make it stop again.
     assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), open_map())[1][1] == pytest.approx(0.6)
 
 
@@ -81,20 +81,20 @@ def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
     made = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
     assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())[1] == (0.0, 0.314)
     made = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
-    made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())  # it has stopped, and turns
+    made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())  # The robot has stopped and turns.
     assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), open_map())[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
 
 
 def test_an_illegal_turn_is_refused():
     wall = open_map()
     made = local_planner(straight(1.0, 1.5))
-    wall.cells[100 + 8, 100:140] = 254  # 0.4 m to the left: the corners meet it on the way
+    wall.cells[100 + 8, 100:140] = 254  # The corners would hit this wall 0.4 m to the left.
     ok, command = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall)
     assert (ok, command) == (False, (0.0, 0.0))
 
 
-def test_the_goal_is_seen_in_the_cycle_that_reaches_it_although_plans_keep_coming():
-    """DO NOT COPY: C++ stands at the goal for many seconds because a new plan clears the latch before it is read."""
+def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
+    """C++ defect, not copied: a new plan clears the latch before it is read, so C++ stands at the goal for seconds."""
     made = local_planner(straight(1.0))
     for _ in range(3):
         made.set_plan(straight(1.0))
@@ -103,7 +103,7 @@ def test_the_goal_is_seen_in_the_cycle_that_reaches_it_although_plans_keep_comin
         assert made.goal_reached
 
 
-def test_latch_keeps_the_place_reached():
+def test_the_latch_keeps_the_position_reached():
     for latches in (False, True):
         made = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
         made.compute_velocity((0.9, 0, 0), (0, 0), open_map())

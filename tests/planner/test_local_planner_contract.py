@@ -1,4 +1,4 @@
-"""The contract of planner/local_planner.py, which every local planner has to keep."""
+"""Contract of planner/local_planner.py, checked for every local planner."""
 
 import copy
 import itertools
@@ -51,7 +51,7 @@ def planner(plugin):
     return made
 
 
-def test_drives_along_the_plan_and_shows_what_it_chose(planner):
+def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     here = costmap()
     cells = here.cells.copy()
     ok, (v, w) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, here)
@@ -68,14 +68,14 @@ def test_drives_along_the_plan_and_shows_what_it_chose(planner):
     assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
     points = planner.trajectory_cloud(here)
     assert points.shape[1] == 5
-    assert points[:, 4].min() >= 0.0  # legal ones alone, the chosen one among them with the least cost
+    assert points[:, 4].min() >= 0.0  # The cloud has only legal trajectories, and the chosen one has the least cost.
     best = points[points[:, 4] == points[:, 4].min()]
     assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
     assert np.array_equal(here.cells, cells)
 
 
 def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
-    """Follow the commands exactly at 20 Hz; returns the pose at the end and whether the goal was reached."""
+    """Follow the commands exactly at 20 Hz, and return the final pose and whether the goal was reached."""
     x, y, yaw = pose
     twist = STANDING
     for _ in range(int(20 * seconds)):
@@ -100,7 +100,7 @@ def test_arrives_and_turns_to_the_heading(planner, yaw):
     assert not planner.goal_reached
 
 
-def test_no_command_for_what_is_not_finite(planner):
+def test_no_command_for_inputs_that_are_not_finite(planner):
     for at, bad in itertools.product(range(5), (math.nan, math.inf)):
         values = [0.0] * 5
         values[at] = bad

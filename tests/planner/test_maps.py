@@ -1,4 +1,4 @@
-"""Static maps, layers in any order, several sources, and localisation that moves one costmap against the other."""
+"""Static maps, layers in any order, several sources, and localisation that moves one costmap relative to the other."""
 
 import copy
 import itertools
@@ -39,7 +39,7 @@ N = 40
 
 
 def costmap(*layers, rolling=False, track_unknown=False):
-    """40 x 40 cells of 0.1 m, its middle at the origin."""
+    """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
     side = (N + 0.5) * 0.1
     return Costmap(side, side, 0.1, (-2.0, -2.0), rolling, map_scenes.JACKAL, track_unknown, layers=layers)
 
@@ -50,10 +50,10 @@ def grid(rng, share=0.03):
     return StaticMap(cells.astype(np.int8), 0.1, (-2.0, -2.0), "map")
 
 
-# -- what a map means -------------------------------------------------------------------------------------------------
+# -- interpretation of maps -------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("parameters", "costs"),
-    [  # of the occupancies 0, 1, 50, 64, 65, 99, 100, 127, -1
+    [  # costs of the occupancies 0, 1, 50, 64, 65, 99, 100, 127, -1
         ({}, (0, 0, 0, 0, 0, 0, 254, 254, 255)),
         ({"track_unknown_space": False}, (0, 0, 0, 0, 0, 0, 254, 254, 0)),
         ({"lethal_cost_threshold": 65}, (0, 0, 0, 0, 254, 254, 254, 254, 255)),
@@ -69,7 +69,7 @@ def test_costs_of_occupancies(parameters, costs):
     assert tuple(table[np.array([0, 1, 50, 64, 65, 99, 100, 127, 255])].tolist()) == costs
 
 
-def test_a_fixed_costmap_takes_the_maps_size_and_place_and_a_rolling_one_does_not():
+def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_does_not():
     fixed = costmap(LayerDescription("static", StaticParameters()))
     rolling = costmap(LayerDescription("static", StaticParameters()), rolling=True)
     given = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
@@ -81,7 +81,7 @@ def test_a_fixed_costmap_takes_the_maps_size_and_place_and_a_rolling_one_does_no
     assert (fixed.size, fixed.resolution, fixed.origin.tolist()) == ((70, 30), given.resolution, [-1.0, 3.0])
     assert (fixed.cells == 254).all()
     assert (rolling.size, rolling.resolution) == ((N, N), 0.1)
-    fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # the map has decided
+    fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # The map determines the size.
     assert fixed.size == (70, 30)
     for wrong in (StaticMap(np.zeros((0, 3)), 0.1, (0, 0)), StaticMap(np.zeros((3, 3)), math.nan, (0, 0))):
         with pytest.raises(ApplrError, match="map has"):
@@ -89,7 +89,7 @@ def test_a_fixed_costmap_takes_the_maps_size_and_place_and_a_rolling_one_does_no
     assert fixed.size == (70, 30)
 
 
-def test_the_first_map_alone_and_updates():
+def test_first_map_only_and_updates():
     first = costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
     updated = costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
     for made in (first, updated):
@@ -101,7 +101,7 @@ def test_the_first_map_alone_and_updates():
     expected = np.full((N, N), 254)
     expected[5:7, 3:7] = 255
     np.testing.assert_array_equal(updated.cells, expected)
-    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))  # two updates before the costmap looks again
+    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))  # Two map updates precede the costmap's update.
     updated.update_map("map", 39, 39, np.zeros((1, 1), np.int8))
     updated.update(HERE)
     assert updated.cells[0, 0] == updated.cells[39, 39] == 0
@@ -111,7 +111,7 @@ def test_the_first_map_alone_and_updates():
     refused(lambda: updated.update_map("map", 38, 0, np.zeros((1, 3), np.int8)), "not on the map")
 
 
-def test_a_rolling_costmap_shows_the_part_of_the_map_that_it_is_over():
+def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     rng = np.random.default_rng(3)
     given, made = grid(rng, 0.3), costmap(LayerDescription("static", StaticParameters()), rolling=True)
     made.set_map("map", given)
@@ -129,7 +129,7 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_that_it_is_over():
 
 # -- layers and sources -----------------------------------------------------------------------------------------------
 def test_layers_in_any_order_equal_the_plain_ones():
-    """s: static, m: static with use_maximum, o: obstacles, i: inflation; two updates of the whole map."""
+    """Letters: s static, m static with use_maximum, o obstacles, i inflation. The whole map is updated twice."""
     orders = [*itertools.permutations("som"), "ois", "sioi", "iso", "so", "s", "smoi", "oio", ""]
     for order, track_unknown in itertools.product(orders, (False, True)):
         compare_layers(order, track_unknown)
@@ -155,7 +155,7 @@ def compare_layers(order, track_unknown):
     for layer in made.obstacle_layers:
         layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
     made.set_map("map", given)
-    made.set_footprint(made.footprint)  # the whole map is due
+    made.set_footprint(made.footprint)  # This makes the whole map due for an update.
     made.update(HERE)
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
     for k, layer in enumerate(made.layers):
@@ -182,13 +182,13 @@ def test_all_sources_clear_before_any_marks():
     b.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
     made.update(HERE)
     assert made.cells[20, 30] == 254
-    assert made.cells[20, 37] == 0  # b does not mark
+    assert made.cells[20, 37] == 0  # Source b does not mark.
     a.clouds = []
     made.update(HERE)
     assert made.cells[20, 30] == 0
 
 
-def test_what_a_source_keeps_and_when_it_is_silent():
+def test_observation_persistence_and_silence_of_a_source():
     buffer = ObservationBuffer(Source(observation_persistence=1.0, expected_update_rate=0.5))
     clouds = [PointCloud(HERE, np.zeros((0, 3), np.float32), 0.4 * k) for k in range(6)]
     assert not buffer.is_current(0.0)
@@ -210,13 +210,13 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
-    assert router.silent(now) == ("scan", 0.5)  # however long the source has been silent by the new time
+    assert router.silent(now) == ("scan", 0.5)  # The source is silent by the new time, too.
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None
 
 
-def test_an_observation_older_than_the_last_of_its_topic_is_left_out():
+def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True))
     layer.buffers = [ObservationBuffer(Source(topic=topic, observation_persistence=9.0)) for topic in ("scan", "other")]
     costmap = SimpleNamespace(obstacle_layers=[layer])
@@ -229,7 +229,7 @@ def test_an_observation_older_than_the_last_of_its_topic_is_left_out():
     assert router.silent(100.41) == ("other", 0.5)
 
 
-def test_sensors_that_are_tilted_and_frames_that_move():
+def test_tilted_sensors_and_moving_frames():
     ranges = np.array([1.0, 2.0, math.inf], np.float32)
     level = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.3), 0.4)
     half = math.sin(0.15), math.cos(0.15)
@@ -249,11 +249,11 @@ def test_sensors_that_are_tilted_and_frames_that_move():
         np.testing.assert_allclose(
             after.origin, (*transform_point(frame, *before.origin[:2]), before.origin[2]), atol=1e-12
         )
-    x, _, z = observe(cloud).points[0] - (0.1, 0.2, 0.3)  # pitched by 0.4
+    x, _, z = observe(cloud).points[0] - (0.1, 0.2, 0.3)  # pitch of 0.4 rad
     assert (x, z) == pytest.approx((math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6)
 
 
-def test_what_is_seen_under_the_robot_is_cleared_with_a_map_too():
+def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
     seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
     made = costmap(LayerDescription("static", StaticParameters()), seen)
     made.set_map("map", StaticMap(np.zeros((N, N), np.int8), 0.1, (-2.0, -2.0)))
@@ -265,7 +265,7 @@ def test_what_is_seen_under_the_robot_is_cleared_with_a_map_too():
 
 # -- move_base on a map -----------------------------------------------------------------------------------------------
 def on_a_map(planner, **changes):
-    """The Jackal's small tree with a static layer, the global costmap in frame map; DWA: the other local planner."""
+    """Return MoveBase with the Jackal's small tree, a static layer and the global costmap in frame map."""
     tree = copy.deepcopy(quick(**changes))
     tree["global_costmap"]["global_frame"] = "map"
     tree["global_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
@@ -277,7 +277,7 @@ def on_a_map(planner, **changes):
 
 @pytest.mark.parametrize("planner", ["TrajectoryPlannerROS", "DWAPlannerROS"])
 def test_a_goal_in_the_map_while_localisation_drifts(planner):
-    """The odometry's frame turns and slides in the map; there is a post in the way that the map does not know."""
+    """The odometry frame rotates and drifts in the map. A post on the way is missing in the map."""
     made, goal = on_a_map(planner), (4.0, 0.0, 0.0)
     posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [(0.6, 0.3, 0.15)]
     robot = ToyRobot(HERE, posts)
@@ -299,7 +299,7 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     assert (made.global_costmap.size, made.local_costmap.size) == ((200, 120), (120, 120))
 
 
-def test_a_map_outlasts_a_reset_and_what_waits_for_it():
+def test_a_map_survives_a_reset():
     made = on_a_map("TrajectoryPlannerROS")
     assert made.missing_map == "map"
     assert made.map_topics == {"map": False}
@@ -311,19 +311,19 @@ def test_a_map_outlasts_a_reset_and_what_waits_for_it():
     made.step(0.0, robot.pose, robot.twist, robot.scan())
     plan = made.global_plan
     at_wall = plan[np.argmin(abs(plan[:, 0] - 2.1))]
-    assert 0.9 < at_wall[1] < 2.1  # through the door
+    assert 0.9 < at_wall[1] < 2.1  # The plan leads through the door.
 
 
-def test_unknown_space_bars_plans_only_where_it_is_not_allowed():
+def test_unknown_space_blocks_plans_only_if_it_is_not_allowed():
     cells = np.zeros((120, 200), np.int8)
     cells[:, 100:103] = -1
-    for allowed, found in ((True, True), (False, False)):
+    for allowed, reachable in ((True, True), (False, False)):
         tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
-        tree["global_costmap"]["track_unknown_space"] = True  # else free cells of the obstacle layer replace unknown
+        tree["global_costmap"]["track_unknown_space"] = True  # Otherwise free cells replace unknown.
         made = MoveBase(tree)
         made.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
         made.step(0.0, HERE, (0.0, 0.0))
-        assert bool(len(made.plan(HERE, (5.0, 0.0, 0.0)))) is found
+        assert bool(len(made.plan(HERE, (5.0, 0.0, 0.0)))) is reachable
 
 
 def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
@@ -332,12 +332,12 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     made = MoveBase(tree)
     with pytest.raises(ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"):
         made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
-    made.reset(1.0)  # what was refused is not kept
+    made.reset(1.0)  # The rejected map was not kept.
     tree["local_costmap"]["global_frame"] = "/odom"
     MoveBase(tree).set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "odom"))
 
 
-def test_what_is_seen_while_the_robot_is_lost_is_not_put_into_the_map():
+def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
     made, robot = on_a_map("TrajectoryPlannerROS"), ToyRobot(HERE, [(1.0, 0.0, 0.15)])
     made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
     made.step(0.0, None, (0.0, 0.0), robot.scan())
@@ -350,11 +350,11 @@ def test_what_is_seen_while_the_robot_is_lost_is_not_put_into_the_map():
     assert 5.7 < x.min() <= x.max() < 6.3
 
 
-def test_a_source_that_should_speak_and_does_not_stops_the_robot():
+def test_an_unexpectedly_silent_source_stops_the_robot():
     tree = quick()
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"] = "scan bump depth"
-    layer["bump"] = {"data_type": "PointCloud2"}  # says something when it bumps
+    layer["bump"] = {"data_type": "PointCloud2"}  # The bumper reports only contacts.
     layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
     made, robot = MoveBase(tree), ToyRobot(HERE)
     assert made.sources == {"front/scan": "LaserScan", "bump": "PointCloud2", "points": "PointCloud2"}
@@ -370,8 +370,8 @@ def test_a_source_that_should_speak_and_does_not_stops_the_robot():
     assert (cycle.silent, cycle.command) == (("points", 0.32), (0.0, 0.0))
 
 
-def test_the_map_of_a_world_is_what_the_laser_sees():
-    """Every hit of the laser lies in an occupied cell or beside one, and no cell on the course's path is occupied."""
+def test_the_map_of_a_world_matches_the_laser():
+    """Every laser hit is in or next to an occupied cell, and no cell on the course's path is occupied."""
     import worlds
     from sim_bridge.lidar import Lidar
     from worlds.occupancy import occupancy
@@ -393,14 +393,14 @@ def test_the_map_of_a_world_is_what_the_laser_sees():
     assert 0.02 < (cells == 100).mean() < 0.2
 
 
-def test_the_newest_of_each_sensor_on_a_topic_counts_between_two_updates():
+def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_updates():
     buffer = ObservationBuffer(Source())
     for k in range(8):
         cloud = PointCloud(HERE, np.zeros((0, 3), np.float32), 0.1 * k, frame="rear" if k % 2 else "front")
         buffer.take(cloud, 0.1 * k)
     assert [(cloud.frame, cloud.stamp) for cloud in buffer.clouds] == [("rear", 0.1 * 7), ("front", 0.1 * 6)]
     buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), 2.0, frame="rear"), 2.0)
-    assert [cloud.stamp for cloud in buffer.clouds] == [2.0], "the front one has fallen silent"
+    assert [cloud.stamp for cloud in buffer.clouds] == [2.0], "the front sensor has fallen silent"
 
 
 def test_an_observation_keeps_its_sensors_frame():

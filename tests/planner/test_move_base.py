@@ -1,4 +1,4 @@
-"""MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, sensors, frequencies."""
+"""MoveBase in a closed loop with an ideal robot: goals reached and aborted, recoveries, sensors, frequencies."""
 
 import math
 
@@ -12,7 +12,7 @@ from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Told, T
 
 
 def sealed(tree=None):
-    """A robot in a ring of posts that it has seen all around, with a goal outside."""
+    """Return a robot that has observed a closed ring of posts around it, with a goal outside."""
     robot, made = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)), MoveBase(tree or quick())
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
@@ -36,7 +36,7 @@ def test_reaches_a_goal_among_obstacles():
     assert np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
 
 
-def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
+def test_idle_publishes_nothing_but_updates_the_maps():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     cycle = made.step(0.0, robot.pose, robot.twist, robot.scan())
     assert cycle.command is None
@@ -45,14 +45,14 @@ def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
     assert (made.global_costmap.cells == 254).any()
 
 
-def test_costmaps_rest_when_told_to():
+def test_shutdown_costmaps_stops_map_updates_without_a_goal():
     made, robot = MoveBase(quick(shutdown_costmaps=True)), ToyRobot()
     assert made.step(0.0, robot.pose, robot.twist, robot.scan()).updated == (False, False)
     made.set_goal((2.0, 0.0, 0.0), 0.05)
     assert made.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
 
 
-# -- giving one up -----------------------------------------------------------------------------------------------
+# -- aborting a goal ---------------------------------------------------------------------------------------------
 @pytest.mark.fault("17")
 def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     made, robot = sealed()
@@ -66,7 +66,7 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     assert first - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
     turning = [c.command for _, c in cycles if c.state == "clearing" and c.command]
     assert any(w > 1.0 for _, w in turning)
-    # a rotation ends with a zero command before anything else happens
+    # A rotation ends with a zero command before anything else happens.
     for (_, a), (_, b) in zip(cycles, cycles[1:]):
         if a.state == "clearing" and b.state != "clearing":
             assert b.command == (0.0, 0.0)
@@ -75,8 +75,8 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
 
 
 @pytest.mark.fault("17a")
-def test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited():
-    """Posts all around the goal: the reset recovery opens the maps each time. As in C++ that goes on for ever."""
+def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
+    """Posts enclose the goal, and each reset recovery opens the maps. Without a limit, as in C++, this repeats."""
     first = {}
     for rounds in (0, 2):
         posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
@@ -86,18 +86,18 @@ def test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited():
         first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
         assert result == (("aborted", module.NO_PATH) if rounds else None)
     assert first[0] > 4
-    assert 2 <= first[2] < 5  # one where it came nearer, and two without progress
+    assert 2 <= first[2] < 5  # One recovery made progress, two did not.
 
 
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize("planner", ["ours", "cpp-like"])
 @pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
-def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner, free):
+def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
     made = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
     robot, commands, recoveries = ToyRobot(), [], []
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Told(lambda n: (True, (-0.5, 0.0)))  # backs out, whatever comes of it
+    made.local_planner = Told(lambda n: (True, (-0.5, 0.0)))  # The planner always backs out.
     result = None
     while robot.time < 20.0 and result is None:
         cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
@@ -108,13 +108,13 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
         made.report_held(command != (0.0, 0.0) and command != free)
         commands.append((robot.time, command))
         robot.time += 0.05
-    if planner == "cpp-like":  # C++ is not told
+    if planner == "cpp-like":  # C++ has no such input.
         assert {c for t, c in commands if t > 0.2} == {(-0.5, 0.0)}
         return
     assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
-    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "after half a second something else"
+    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "an escape motion starts after half a second"
     assert made.local_planner.escapes_ended
-    if free:  # half a second of it, then the planner's own again
+    if free:  # The free motion lasts half a second, then the planner takes over again.
         share = sum(c == free for t, c in commands if t < 2.5)
         assert 9 <= share <= 12
     else:
@@ -124,7 +124,7 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
 
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize(("watched", "planner"), [(True, "ours"), (False, "ours"), (True, "cpp-like")])
-def test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches_and_never_in_c(watched, planner):
+def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(watched, planner):
     made, robot = MoveBase(quick(controller_patience=15.0), planner=planner), ToyRobot()
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
@@ -163,22 +163,22 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     again = made.step(robot.time, robot.pose, robot.twist, robot.scan())
     assert (again.result, again.command) == (cycle.result, None), "nothing was under way: no command, as in C++"
     assert (cycle.result, cycle.command) == (("aborted", INVALID_GOAL), (0.0, 0.0))
-    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ would keep driving.
 
 
 @pytest.mark.fault("17")
 @pytest.mark.parametrize(
-    ("valid", "patience", "words", "late"),
-    [  # plans go on succeeding at 20 Hz meanwhile: in C++ they hold the first recovery of an oscillation up for long
+    ("valid", "patience", "text", "late"),
+    [  # Planning keeps succeeding at 20 Hz, which in C++ delays the first recovery of an oscillation for long.
         (False, "controller_patience", module.NO_CONTROL, 0.2),
         (True, "oscillation_timeout", module.OSCILLATING, 0.16),
     ],
 )
-def test_no_valid_control_and_oscillation_recover_and_abort_in_their_own_words(valid, patience, words, late):
+def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(valid, patience, text, late):
     made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0}))
     made.local_planner = Told(lambda n: (valid, (0.0, 0.0)))
     cycles = []
-    assert run(made, robot, 20.0, cycles=cycles) == ("aborted", words)
+    assert run(made, robot, 20.0, cycles=cycles) == ("aborted", text)
     begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
     assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
     assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=late)
@@ -196,7 +196,7 @@ def test_a_valid_command_starts_the_recoveries_over():
 
 
 class Wedged(ToyRobot):
-    """A robot that stands whatever it is told."""
+    """Robot that ignores its commands and stands still."""
 
     def drive(self, command, duration):
         super().drive(None, duration)
@@ -204,8 +204,8 @@ class Wedged(ToyRobot):
 
 @pytest.mark.fault("17")
 @pytest.mark.parametrize("kind", [ToyRobot, Wedged])
-def test_a_start_in_collision_is_driven_out_of_or_ends_in_recoveries(kind):
-    """Two thick posts reach into the outline of the body; one robot gets away from them, the other is wedged."""
+def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
+    """Two thick posts reach into the outline of the body. One robot gets away from them, the other is wedged."""
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
     points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
     assert np.abs(points[np.isfinite(points)]).min() < 0.165  # half the width of the footprint
@@ -231,7 +231,7 @@ def test_cancel_stops_at_the_next_step():
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
-def test_cancel_during_a_rotation_is_heard_at_once():
+def test_cancel_during_a_rotation_takes_effect_at_once():
     made, robot = sealed()
     while not (made.state == "clearing" and robot.twist[1] > 1.0):
         robot.drive(made.step(robot.time, robot.pose, robot.twist, robot.scan()).command, 0.05)
@@ -272,7 +272,7 @@ def test_a_cancelled_goal_does_not_cancel_the_next():
 
 
 # -- sensors -----------------------------------------------------------------------------------------------------
-def test_no_scan_for_a_second_stands_still_and_goes_on_when_it_returns():
+def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
     made, robot = start((4.0, 0.0, 0.0))
     run(made, robot, 1.0)
     assert robot.twist[0] > 0.3
@@ -284,7 +284,7 @@ def test_no_scan_for_a_second_stands_still_and_goes_on_when_it_returns():
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
-def test_a_scan_older_than_the_newest_counts_for_nothing():
+def test_a_scan_older_than_the_latest_is_ignored():
     made, robot = start((4.0, 0.0, 0.0))
     old = robot.scan()
     run(made, robot, 0.5)
@@ -292,7 +292,7 @@ def test_a_scan_older_than_the_newest_counts_for_nothing():
     assert made.step(robot.time, robot.pose, robot.twist, old).stale
 
 
-def test_no_pose_stands_still():
+def test_the_robot_stops_without_a_pose():
     made, robot = start((4.0, 0.0, 0.0))
     run(made, robot, 1.0)
     cycle = made.step(robot.time, None, robot.twist, robot.scan())
@@ -322,7 +322,7 @@ def test_controller_and_costmap_frequency():
     assert sum(c.updated[1] for _, c in cycles) == 40
 
 
-def test_timer_keeps_phase_bears_jitter_and_starts_anew():
+def test_timer_keeps_its_phase_tolerates_jitter_and_restarts():
     timer = Timer()
     timer.set_frequency(20.0)
     assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [True, False, True, False, True, True]

@@ -1,4 +1,4 @@
-"""MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
+"""Requests to MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
 
 import math
 
@@ -69,7 +69,7 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
     ("server", "values", "emptied"),
     [
         (LOCAL, {}, {LOCAL}),
-        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # rqt's click on a value that is in force
+        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # A click in rqt sends a value that is in force.
         (LOCAL, {"footprint_padding": 0.14}, {LOCAL}),
         (GLOBAL, {"publish_frequency": 1.0}, {GLOBAL}),
         ("local_costmap/inflater_layer", {"inflation_radius": 0.6}, set()),
@@ -79,12 +79,12 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
         ("", {"planner_frequency": 2.0}, set()),
     ],
 )
-def test_which_call_empties_which_map(server, values, emptied):
-    """Costmap2DROS::reconfigureCB of costmap_2d: resizeMap, whatever was asked for."""
+def test_which_call_clears_which_map(server, values, emptied):
+    """Costmap2DROS::reconfigureCB of costmap_2d calls resizeMap for every request."""
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
     run(made, robot, 0.2)
     lethal = {name: costmap.cells == 254 for name, costmap in made.costmaps.items()}
-    robot.circles = robot.circles[:0]  # gone, but beyond what the next scans clear
+    robot.circles = robot.circles[:0]  # The next scans cannot clear the removed posts.
     made.reconfigure(server, values)
     assert {name for name, costmap in made.costmaps.items() if not costmap.cells.any()} == emptied
     run(made, robot, 0.1)
@@ -93,7 +93,7 @@ def test_which_call_empties_which_map(server, values, emptied):
         assert ((costmap.cells == 254) == (lethal[name] & (name not in emptied))).all(), name
 
 
-def test_an_emptied_map_is_updated_at_once_and_shows_the_last_scan():
+def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
     tree = quick()
     tree[GLOBAL]["update_frequency"] = 0.5
     made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
@@ -105,7 +105,7 @@ def test_an_emptied_map_is_updated_at_once_and_shows_the_last_scan():
     assert 0 < lethal == (made.global_costmap.cells == 254).sum()
 
 
-def test_a_map_whose_size_a_static_layer_decides_is_not_emptied():
+def test_a_map_whose_size_a_static_layer_determines_is_not_cleared():
     tree = quick()
     tree[GLOBAL]["plugins"] = [{"name": "static", "type": "costmap_2d::StaticLayer"}, *tree[GLOBAL]["plugins"]]
     tree[GLOBAL]["static"] = {"use_maximum": True}
@@ -151,9 +151,9 @@ def test_footprint_follows_its_server_and_its_topic():
     assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
     made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
     assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
-    made.reconfigure("local_costmap", {"footprint_padding": 0.2})  # of the outline that the topic gave, as in C++
+    made.reconfigure("local_costmap", {"footprint_padding": 0.2})  # As in C++, this pads the topic's footprint.
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
-    made.reset(0.0, restore=False)  # the clock jumped; the robot is as large as before
+    made.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
     made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
     assert made.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))
@@ -162,7 +162,7 @@ def test_footprint_follows_its_server_and_its_topic():
     assert made.local_costmap.footprint[2] == pytest.approx((0.31, 0.265))
 
 
-def test_what_a_planner_reads_once_keeps_its_start_up_value_after_a_reset():
+def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
     made = MoveBase(quick())
     begun = made.local_planner._acceleration, made.local_planner._slowest_turn
     made.reconfigure(PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3})
@@ -171,20 +171,20 @@ def test_what_a_planner_reads_once_keeps_its_start_up_value_after_a_reset():
     assert made.local_planner.planner._params["max_vel_x"][0] == 1.3
 
 
-def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():
+def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
     run(made, robot, 0.2)
-    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # in the obstacle
+    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # The goal is in the obstacle.
     near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
     assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
     assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
     made.reconfigure("", {"make_plan_add_unreachable_goal": False})
     assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
     assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
-    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # ends
+    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # The search must end.
 
 
-def test_make_plan_leaves_the_maps_as_they_are_while_a_goal_is_active():
+def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(0.45, 0.0, 0.1)])
     run(made, robot, 0.2)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
@@ -195,10 +195,10 @@ def test_make_plan_leaves_the_maps_as_they_are_while_a_goal_is_active():
     made.cancel(robot.time)
     run(made, robot, 0.1)
     made.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    assert not (made.global_costmap.cells == 254)[marked].all()  # within clearing_radius
+    assert not (made.global_costmap.cells == 254)[marked].all()  # make_plan freed the cells within clearing_radius.
 
 
-def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
+def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     run(made, robot, 0.2)
     made.clear_costmaps()
@@ -209,7 +209,7 @@ def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
 
 
 def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
-    made, robot = start((40.0, 0.0, 0.0))  # off the map: no plan, and so recoveries
+    made, robot = start((40.0, 0.0, 0.0))  # A goal off the map has no plan and leads to recoveries.
     cycles = []
     while robot.twist[1] < 0.3:
         assert robot.time < 10.0

@@ -1,4 +1,4 @@
-"""The recoveries by themselves: order, the rotation turn by turn, clearing under the layer's real name."""
+"""Recovery behaviours: their order, rotation turn by turn, and clearing of an obstacle layer of any name."""
 
 import math
 
@@ -29,7 +29,7 @@ def lethal(made, x, y):
 
 
 def rotate(pose=(0.0, 0.0, 0.0), **limits):
-    """A rotation that has just begun."""
+    """Return a rotation that has just begun."""
     turn = recovery.RotateRecovery("rotate_recovery", dict(complete(JACKAL)["TrajectoryPlannerROS"], **limits))
     turn.start(0.0, pose)
     return turn
@@ -48,16 +48,16 @@ def test_usual_order_and_sizes():
     assert (built[0].side, built[2].side) == (3.0, 1.84)
 
 
-def test_listed_recoveries_replace_the_usual():
+def test_listed_recoveries_replace_the_defaults():
     listed = [{"name": "turn", "type": RECOVERY_TYPES[1]}, {"name": "wide", "type": RECOVERY_TYPES[0]}]
     built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
-    assert recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []  # not the usual ones, as in C++
+    assert recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []  # As in C++, there are none.
 
 
-def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp():
-    """move_base.cpp, loadRecoveryBehaviors: an error is logged and the default behaviours are loaded."""
+def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
+    """loadRecoveryBehaviors in move_base.cpp logs an error and loads the default behaviours."""
     listed = [{"name": name, "type": RECOVERY_TYPES[kind]} for name, kind in (("own", 0), ("own", 1), ("last", 1))]
     tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
     assert check(tree) == []
@@ -67,7 +67,7 @@ def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp():
     assert [b.name for b in built] == USUAL
 
 
-def test_clearing_forgets_outside_the_square_only():
+def test_clearing_removes_obstacles_only_outside_the_square():
     local, world = costmap(), costmap()
     assert lethal(local, 2.0, 0.0)
     assert lethal(local, 0.81, 0.81)
@@ -80,7 +80,7 @@ def test_clearing_forgets_outside_the_square_only():
         assert lethal(made, 0.81, 0.81)
 
 
-def test_the_global_map_is_cleared_about_the_pose_in_its_own_frame():
+def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
     local, world = costmap(), costmap()
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
     clear.step(0.0, (0.0, 0.0, 0.0), local, world, (2.3, -1.0, 0.0))
@@ -124,8 +124,8 @@ def test_rotation_is_refused_next_to_an_obstacle():
     assert rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is None
 
 
-def test_rotation_is_refused_before_it_begins_where_its_second_half_is_blocked():
-    """A robot that is longer ahead, and a post that its front would meet after three quarters of the turn."""
+def test_rotation_does_not_begin_if_its_second_half_is_blocked():
+    """The long front of the robot would hit a post after three quarters of the turn."""
     made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)])
     for y, free in ((-0.4, False), (-0.8, True)):
         made.clear()
@@ -141,7 +141,7 @@ def test_rotation_of_a_robot_that_cannot_turn_ends():
     assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
 
 
-def test_a_rotation_ends_as_slowly_as_its_acceleration_asks_for():
+def test_a_rotation_slows_down_within_its_acceleration_limit():
     turn = rotate(acc_lim_theta=1.0)
     commands = [turn.step(0.0, (0.0, 0.0, yaw), OPEN, OPEN) for yaw in (0.0, 3.1, -0.2)]
     assert commands[-1] == (0.0, pytest.approx(math.sqrt(2.0 * 1.0 * 0.2)))

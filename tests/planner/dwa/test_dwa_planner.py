@@ -1,4 +1,4 @@
-"""The DWA planner beside its golden vectors: parameters, memory, single velocities, what its critics refused."""
+"""DWA planner apart from its golden vectors: parameters, memory, single velocities, rejections by critic."""
 
 import numpy as np
 
@@ -17,28 +17,28 @@ def small_map():
 
 def test_a_changed_footprint_counts_at_once():
     planner, costmap, plan = DWAPlanner(BURGER, 0.1), small_map(), [(0, 0), (1, 0)]
-    costmap.cells[34, 30] = 254  # beside the robot, under the outline of one twice as large
+    costmap.cells[34, 30] = 254  # The cell is beside the robot, but under an outline twice as large.
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
 
 
-def test_says_which_critic_refused_how_many_samples():
-    """A turn that was just driven the other way; a box around the robot; a limit that no speed keeps."""
+def test_refusals_count_the_rejected_samples_by_critic():
+    """Samples are rejected for a reversed turn, a box around the robot, and a limit below all speeds."""
     forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
     planner, costmap, plan = DWAPlanner(forward, 0.1), small_map(), [(0, 0), (1, 0)]
-    planner.state = [0] * 4 + [1] + [0] * 10  # only turns to the left
+    planner.state = [0] * 4 + [1] + [0] * 10  # Only turns to the left are allowed.
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    found = planner.refusals()
-    assert (found.pop("samples"), found.pop("oscillation")) == (6, 2)
-    assert not any(found.values())
+    refusals = planner.refusals()
+    assert (refusals.pop("samples"), refusals.pop("oscillation")) == (6, 2)
+    assert not any(refusals.values())
     costmap.cells[:, 33:35] = 254
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    found = planner.refusals()
-    assert (found["oscillation"], found["obstacle"], sum(found.values())) == (2, 4, 12)
+    refusals = planner.refusals()
+    assert (refusals["oscillation"], refusals["obstacle"], sum(refusals.values())) == (2, 4, 12)
     planner.reconfigure({"max_vel_trans": 0.01})
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    assert planner.refusals() == {**dict.fromkeys(found, 0), "samples": 6, "velocity limits": 6}
+    assert planner.refusals() == {**dict.fromkeys(refusals, 0), "samples": 6, "velocity limits": 6}
 
 
 def test_reset_is_a_new_object():
@@ -49,6 +49,6 @@ def test_reset_is_a_new_object():
         planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
     planner.reset()
     planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert planner.check((0.2, 0, 0))[0] > 1e300  # the grids count as never flooded
+    assert planner.check((0.2, 0, 0))[0] > 1e300  # The grids count as never flooded.
     again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
     assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)

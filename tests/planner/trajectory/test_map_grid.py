@@ -1,4 +1,4 @@
-"""The path and goal grids give the same numbers however far their floods have gone when they are asked."""
+"""Path and goal grids: their values do not depend on how far the floods have gone when they are read."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def random_world(seed):
 
 
 @seeds(20)
-def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
+def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
     cells, plan = random_world(seed)
     whole = completed(prepared(cells, plan)[0])[0]
     grids, _ = prepared(cells, plan)

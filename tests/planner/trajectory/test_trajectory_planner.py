@@ -1,4 +1,4 @@
-"""The trajectory planner beside its golden vectors: closed forms, parameters, memory, single samples."""
+"""Trajectory planner apart from its golden vectors: closed forms, parameters, memory, single samples."""
 
 import math
 
@@ -36,7 +36,7 @@ def test_closed_forms_end_where_the_steps_end():
 
 
 def test_one_sample_is_one_value():
-    """C++ divides by zero; ours does not and chooses the same."""
+    """C++ divides by zero. Our planner does not, but chooses the same velocity."""
     made = planner(vx_samples=0, vtheta_samples=-3)
     result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
     window = sampled_window(made)
@@ -63,11 +63,11 @@ def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
     costmap = open_map()
     free = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
     costmap.cells[100, 100] = 100
-    held = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
-    assert held.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
+    costly = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
+    assert costly.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
 
 
-def test_a_map_of_another_size_is_taken_up():
+def test_a_map_of_another_size_is_adopted():
     made = planner()
     first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
     made.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
@@ -104,7 +104,7 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     ("target", "expected"), [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)]
 )
 def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
-    """On the point itself the direction is 0, as C++'s atan2(0, 0) says."""
+    """On the point itself, the direction is 0, as for atan2(0, 0) in C++."""
     cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
-    found = scoring._heading_difference(cells, 0.0, 0.0, 0.05, plan, 0, 0, 0.025, 0.025, 0.7)
-    assert found == pytest.approx(expected)
+    difference = scoring._heading_difference(cells, 0.0, 0.0, 0.05, plan, 0, 0, 0.025, 0.025, 0.7)
+    assert difference == pytest.approx(expected)
