@@ -1,4 +1,4 @@
-"""Descriptions are checked here; tests/training/tuning/test_open_floor.py drives on open floor."""
+"""Fixture for checks of descriptions only; tests/training/tuning/test_open_floor.py drives on open floor."""
 
 import pytest
 
@@ -7,5 +7,5 @@ from training import check_robot
 
 @pytest.fixture(autouse=True)
 def undriven(monkeypatch):
-    """A check that ends where the drive on open floor begins."""
+    """Skip the drive on open floor at the end of a check."""
     monkeypatch.setattr(check_robot.open_floor, "try_out", lambda robot: (True, []))

@@ -1,4 +1,4 @@
-"""A robot that is none of the shipped ones, described in a file of its own: trained, driven, recorded."""
+"""Training and driving of a robot that is not included, described in a folder of its own."""
 
 import pytest
 import yaml
@@ -78,7 +78,7 @@ SMALL = ["--simulator", "kinematic", "--worlds", "generated:3"]
 
 @pytest.fixture
 def crate(tmp_path):
-    """The folder of the robot."""
+    """Write the folder of the robot, and return its path."""
     folder = tmp_path / "crate"
     folder.mkdir()
     (folder / "robot.yaml").write_text(CRATE)
@@ -112,7 +112,7 @@ def test_space_and_layout_follow_the_description(crate):
 
 
 def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
-    """Where a source takes nothing from the ground, a robot without it would drive blind."""
+    """A source that ignores points near the ground must still mark the laser's points in simulation."""
     (crate / "costmap.yaml").write_text(COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,"))
     robot = robots.load(str(crate))
     planner = MoveBase(robot.parameters())
@@ -144,5 +144,5 @@ def test_trained_and_driven(crate, tmp_path, capsys):
     capsys.readouterr()
     assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]  # the set, for move_base
+    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]  # parameter set for move_base
     assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)

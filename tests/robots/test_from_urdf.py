@@ -1,6 +1,6 @@
-"""A robot's folder from its URDF or xacro file and its parameter files.
+"""Import of a robot's folder from its URDF or xacro file and its parameter files.
 
-owners/ holds descriptions like those of makers, whose sizes are those of the included robots.
+owners/ contains URDFs in the style of several makers, with the dimensions of the included robots.
 """
 
 import re
@@ -28,7 +28,7 @@ HUSKY_CONTROLLER = OWNERS / "husky_description/control.yaml"
 
 
 def link(name, shape="", mass=0.0, at="0 0 0"):
-    """A link with one collision shape, and the mass of a point."""
+    """Return a link with one collision shape and an inertia."""
     moments = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
     inertial = f'<inertial><mass value="{mass}"/>{moments}</inertial>' if mass else ""
     collision = f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' if shape else ""
@@ -43,7 +43,7 @@ def joint(child, at, parent="base_link", kind="fixed", axis="0 1 0", turn="0 0 0
 
 
 def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", radius=".05", kind="continuous", **more):
-    """A wheel of width .02 m, which weighs .4 kg."""
+    """Return a wheel with its joint: width .02 m, mass .4 kg."""
     shape = f'<cylinder radius="{radius}" length=".02"/>'
     return link(name, shape, 0.4) + joint(name, at, kind=kind, axis=axis, turn=turn, **more)
 
@@ -94,16 +94,16 @@ CONTROLLED = {"files": {"control.yaml": CONTROLLER}, "places": [*PLACES, "contro
 
 
 def run(urdf, parameters, out, capsys, words=()):
-    """Write the robot's folder: (exit status, what was printed, values of robot.yaml)."""
+    """Write the robot's folder, and return (exit status, output, values of robot.yaml)."""
     status = new_robot.main([str(urdf), *words, "--out", str(out), "--parameters", *map(str, parameters)])
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     file = out / "robot.yaml"
-    return status, said.out + said.err, yaml.safe_load(file.read_text()) if file.exists() else {}
+    return status, output.out + output.err, yaml.safe_load(file.read_text()) if file.exists() else {}
 
 
 @pytest.fixture
 def make(tmp_path, capsys):
-    """Writes the files of a cart and the robot's folder, as `run` does."""
+    """Return a function that writes the files of a cart, and then the robot's folder like `run`."""
 
     def write(urdf, *words, files=None, places=PLACES, name="crate.urdf", whole="<robot name='crate'>{}</robot>"):
         for path, text in {**FILES, **(files or {}), name: whole.format(urdf)}.items():
@@ -114,7 +114,7 @@ def make(tmp_path, capsys):
 
 
 def fill(folder, **values):
-    """Fill in values that are asked for, and take the proposals for the others."""
+    """Fill in values in robot.yaml, and accept the proposals for all other fields."""
     text = (folder / "robot.yaml").read_text()
     for name, value in {"mass": 6.0, "wheel_mass": 0.4, **values}.items():
         text = re.sub(rf"^  # {name}: .*", f"  {name}: {value}", text, flags=re.MULTILINE)
@@ -122,14 +122,14 @@ def fill(folder, **values):
     robots.folder._read.cache_clear()
 
 
-def asked(said):
-    return re.findall(r"^  (\w+\.\w+) ", said, re.MULTILINE)
+def asked(output):
+    return re.findall(r"^  (\w+\.\w+) ", output, re.MULTILINE)
 
 
 LIMITS = ["base.max_speed", "base.max_yaw_rate", "base.max_acceleration", "base.max_yaw_acceleration"]
 BRAKING = ["monitor.deceleration", "monitor.yaw_deceleration"]
 SCAN = ["beams", "first_angle", "last_angle", "range_min", "range_max", "rate"]
-MAKERS = {  # words, parameter files in the folder of the included robot, what is asked for
+MAKERS = {  # arguments, parameter files in the folder of the included robot, fields to fill in
     "waffle": (
         [],
         ["costmap_common_params_waffle_pi.yaml:global_costmap", "costmap_common_params_waffle_pi.yaml:local_costmap"]
@@ -162,9 +162,9 @@ FILLED = {
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     words, parameters, wanted = MAKERS[name]
     urdf = next((OWNERS / f"{name}_description/urdf").iterdir())
-    status, said, found = run(urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words)
-    assert status == 0, said
-    assert asked(said) == wanted
+    status, output, found = run(urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words)
+    assert status == 0, output
+    assert asked(output) == wanted
     included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
     for section in ("base", "body", "laser"):
         for key, value in found[section].items():
@@ -183,16 +183,16 @@ def test_what_roslaunch_dumps_is_one_file(make):
         {"/two/crate/left_wheel": "left_joint", "/two/crate/right_wheel": "right_joint", "/rosdistro": "noetic"}
     )
     flat["/two/move_base/base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
-    status, said, found = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
-    assert status == 0, said
-    assert "left_joint, right_joint, according to the controller's file" in said
+    status, output, found = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
+    assert status == 0, output
+    assert "left_joint, right_joint, according to the controller's file" in output
     assert found["move_base"]["files"] == [{"file": "dump.yaml"}]
     assert (found["frames"]["odom"], found["topics"]["scan"]) == ("odom_comb", "scan")
 
 
 def test_the_cart_of_these_tests(make, tmp_path, capsys):
-    status, said, found = make(CART)
-    assert status == 0, said
+    status, output, found = make(CART)
+    assert status == 0, output
     assert found["base"] == {
         "drive": "two_wheel",
         "wheel_radius": 0.05,
@@ -211,7 +211,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
         "noise": 0.005,
     }
     assert found["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
-    assert asked(said) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
+    assert asked(output) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
     assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n", text)
     assert check_robot.main([str(tmp_path / "my_robot")]) == 1
@@ -227,7 +227,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
     assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [False, True]
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
-    assert "only the laser scan, without bumps: correct it before" in said
+    assert "only the laser scan, without bumps: correct it before" in output
 
 
 @pytest.mark.parametrize("frame", ["odom", "map"])
@@ -256,13 +256,13 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
     ids=["pairs", "plugin", "controller", "below a rocker"],
 )
 def test_driven_wheels(make, urdf, more, by):
-    _, said, found = make(urdf, **more)
-    assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", said)
+    _, output, found = make(urdf, **more)
+    assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output)
     base = found["base"]
     assert [base[name] for name in ("drive", "track", "wheel_radius")] == ["two_wheel", 0.24, 0.05]
     if more:
         assert [base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")] == [0.6, 25.0, 0.5]
-        assert "base.max_yaw_rate" in asked(said)
+        assert "base.max_yaw_rate" in asked(output)
         assert "control.yaml" not in [one["file"] for one in found["move_base"]["files"]]
         assert found["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
@@ -295,32 +295,32 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
     ],
 )
 def test_odd_wheels_are_asked_for(make, urdf, more, why):
-    status, said, found = make(urdf, **more)
+    status, output, found = make(urdf, **more)
     assert status == 0
-    assert re.search(f"remark: driven wheels not identified: .*{why}", said), said
+    assert re.search(f"remark: driven wheels not identified: .*{why}", output), output
     assert {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size", "body.bottom"} <= set(
-        asked(said)
+        asked(output)
     )
     assert "drive" not in (found["base"] or {})
 
 
 def test_wheels_that_are_not_drawn_have_a_track_and_no_size(make):
     bare = CART.replace('<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>')
-    _, said, found = make(bare)
+    _, output, found = make(bare)
     assert (found["base"]["drive"], found["base"]["track"], "wheel_radius" in found["base"]) == (
         "two_wheel",
         0.24,
         False,
     )
-    assert {"base.wheel_radius", "base.wheel_width"} <= set(asked(said))
+    assert {"base.wheel_radius", "base.wheel_width"} <= set(asked(output))
 
 
 def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     mark = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
     arm = link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT)
-    _, said, found = make(CART + mark + arm)
+    _, output, found = make(CART + mark + arm)
     assert (found["body"]["size"], found["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
-    assert "the outline excludes moving links: roller, arm" in said
+    assert "the outline excludes moving links: roller, arm" in output
 
 
 BARE = link("base_link")
@@ -336,8 +336,8 @@ BARE = link("base_link")
     ids=["a lost mesh", "on the ground", "a laser alone"],
 )
 def test_an_odd_outline_is_asked_for_with_the_footprint(make, tmp_path, hull, why):
-    _, said, found = make(CART.replace(HULL, hull))
-    assert re.search(f"outline not identified: .*{why}", said)
+    _, output, found = make(CART.replace(HULL, hull))
+    assert re.search(f"outline not identified: .*{why}", output)
     assert found["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
 
@@ -351,29 +351,31 @@ def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
 
 def test_the_laser_is_the_one_that_is_named(make):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
-    _, said, found = make(CART + rear)
+    _, output, found = make(CART + rear)
     assert (found["laser"] or {}) == {}
-    assert "laser not identified: no file names it; give it with --laser LINK; these links have ray sensors: sc" in said
-    assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(said))
+    assert (
+        "laser not identified: no file names it; give it with --laser LINK; these links have ray sensors: sc" in output
+    )
+    assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(output))
 
 
 @pytest.mark.parametrize("by", ["option", "sensor_frame"])
 def test_a_laser_upside_down(make, by):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
     named = {"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")}
-    _, said, found = make(
+    _, output, found = make(
         CART + rear, *(["--laser", "rear"] if by == "option" else []), files=named if by != "option" else {}
     )
     laser = found["laser"]
-    assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == ([-0.2, 0.0, 0.5], -1.4, 1.5), said
+    assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == ([-0.2, 0.0, 0.5], -1.4, 1.5), output
 
 
 def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
-    _, said, found = make(
+    _, output, found = make(
         CART, files={"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: mast,")}
     )
     assert found["laser"] == {"frame": "mast"}
-    assert "has no link mast, the sensor_frame of the costmaps" in said
+    assert "has no link mast, the sensor_frame of the costmaps" in output
 
 
 NO_PLANNER = PLACES[:-1]
@@ -412,18 +414,18 @@ NO_PLANNER = PLACES[:-1]
     ],
 )
 def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
-    status, said, _ = make(urdf, **more)
+    status, output, _ = make(urdf, **more)
     assert status == 1
-    assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", said), said
+    assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", output), output
     assert not (tmp_path / "my_robot").exists()
 
 
 def test_a_link_that_is_not_there_and_a_robot_that_is(make):
-    status, said, _ = make(CART, "--laser", "scaner")
-    assert (status, "has no link scaner: did you mean scanner?\n" in said) == (1, True)
+    status, output, _ = make(CART, "--laser", "scaner")
+    assert (status, "has no link scaner: did you mean scanner?\n" in output) == (1, True)
     assert make(CART)[0] == 0
-    status, said, _ = make(CART)
-    assert (status, said.count("\n"), "robot.yaml already exists" in said) == (1, 1, True)
+    status, output, _ = make(CART)
+    assert (status, output.count("\n"), "robot.yaml already exists" in output) == (1, 1, True)
 
 
 def test_a_round_body_is_no_box(make, tmp_path):

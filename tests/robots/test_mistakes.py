@@ -1,4 +1,4 @@
-"""Mistakes that people make in a robot's folder, and the lines about them: the same ones from every command."""
+"""Common mistakes in a robot's folder, and the messages about them, which are the same for every command."""
 
 import re
 import shutil
@@ -17,7 +17,7 @@ BURGER, LOCAL = "dwa_local_planner_params_burger.yaml", "local_costmap_params.ya
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
-# (file of the jackal, text there, text instead, regular expression of the line)
+# (file of the robot, original text, mistake, regular expression of the message)
 IN_ROBOT_YAML = [
     ("wheel_radius:", "wheel_raduis:", "base: wheel_raduis is unknown: did you mean wheel_radius"),
     ("laser:\n", "lasre:\n", "^lasre is unknown: did you mean laser"),
@@ -142,7 +142,7 @@ REMARKS = [
 
 
 def changed(folder, robot, file, old, new):
-    """Copy a robot's folder with a mistake in one of its files."""
+    """Copy a robot's folder, put a mistake into one of its files, and return the path."""
     shutil.copytree(load(robot).folder, folder)
     text = (folder / file).read_text()
     assert old in text

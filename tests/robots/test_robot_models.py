@@ -1,4 +1,4 @@
-"""The sets and policies in the robots' folders: each is found by the robot's name, and no other robot takes it."""
+"""Parameter sets and policies in the robots' folders: `auto` selects them, and the robots drive with them."""
 
 import shutil
 
@@ -18,7 +18,7 @@ from training.evaluation.trial import plan_trials
 
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_auto_drives_in_two_test_worlds(name):
-    """Each robot arrives, and nothing is touched."""
+    """Each robot arrives without a collision."""
     names = [(world, world) for world in ("generated:8", "generated:35")]
     driver = runner.TrialRunner(TrialSettings(robot=name, monitor=True))
     results = [driver.run(task) for task in plan_trials(names, [("auto", "auto")], 1, seed=0)]

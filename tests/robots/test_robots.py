@@ -1,4 +1,4 @@
-"""Robot descriptions: the four that are included, and one line for each way in which one can be wrong."""
+"""Descriptions of the four included robots, their parameter files and their parameter spaces."""
 
 import os
 import shutil
@@ -40,7 +40,7 @@ def test_jackal_has_the_files_of_the_authors():
 
 
 def with_files(folder, **files):
-    """A copy of the Jackal's description whose further parameter files have these texts, {name: (text, namespace)}."""
+    """Copy the Jackal's folder, add parameter files {name: (text, namespace)}, and return the path."""
     shutil.copytree(os.path.join(HERE, "jackal"), folder)
     description = yaml.safe_load((folder / "robot.yaml").read_text())
     for name, (text, namespace) in files.items():

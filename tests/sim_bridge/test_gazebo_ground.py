@@ -1,4 +1,4 @@
-"""Ground `gazebo`: the Jackal turns, stops and errs as Gazebo 11's did in the mean over its wheels' angles."""
+"""Ground `gazebo`: turns, stops and odometry errors of the Jackal match Gazebo 11, averaged over its wheels' angles."""
 
 from dataclasses import replace
 from math import hypot
@@ -24,7 +24,7 @@ def simulator(request):
 
 
 def turning(simulator, v, w, seed):
-    """(yaw rate over commanded, distance ahead of base_link about which it turns [m]) of a steady turn."""
+    """Return (ratio of yaw rate to command, distance of the centre of rotation ahead of base_link [m]) in a turn."""
     simulator.reset(OPEN, seed)
     before = drive(simulator, v, w, 1.5).pose
     rates, aside = [], []
@@ -38,14 +38,14 @@ def turning(simulator, v, w, seed):
 
 
 def test_it_turns_faster_than_commanded_about_a_point_ahead(simulator):
-    """Gazebo: 1.21 to 1.48, more in faster curves, about a point .129 to .137 m ahead."""
+    """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m ahead."""
     for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
-        found, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
-        assert (found, ahead) == (pytest.approx(gain, abs=0.1), pytest.approx(0.133, abs=0.03))
+        ratio, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
+        assert (ratio, ahead) == (pytest.approx(gain, abs=0.1), pytest.approx(0.133, abs=0.03))
 
 
 def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):
-    """Gazebo from 1.5 m/s, twelve stops: .18 to 1.14 m, mean .47, of which odometry misses .37 in the mean."""
+    """In Gazebo, twelve stops from 1.5 m/s took .18 to 1.14 m, on average .47 m, of which odometry missed .37 m."""
     ways, unseen = [], []
     for seed in range(16):
         simulator.reset(OPEN, seed)
@@ -60,7 +60,7 @@ def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):
 
 
 def set_motion(made, twist, commanded, angles):
-    """Give the robot where it stands a twist (ahead, to the left, turning), a command, and angles of its wheels."""
+    """Set twist (ahead, to the left, yaw rate), command and wheel angles of a robot at its current pose."""
     (u, s, w), (com_x, com_y) = twist, made._mechanics.com
     made._body[kinematic_simulator.U : kinematic_simulator.W + 1] = u - w * com_y, s + w * com_x, w
     made._rolling[[wheels.RAMP_V, wheels.RAMP_W]] = commanded
@@ -68,8 +68,8 @@ def set_motion(made, twist, commanded, angles):
     made.state = replace(made.state, twist=(u, w))
 
 
-def test_it_swings_while_its_wheels_stop():
-    """Gazebo, from .69 m/s with these commands: turned by -.165 rad, though commanded to the left, in .135 m."""
+def test_it_yaws_while_its_wheels_stop():
+    """In Gazebo, these commands from .69 m/s caused a yaw swing of -.165 rad in .135 m, despite a left turn."""
     commands = (0.386, 0.602), (0.282, 0.439), (0.185, 0.288), (0.101, 0.158), (0.006, 0.01), *[(0.0, 0.0)] * 4
     made, swings, ways = sim_bridge.make("kinematic"), [], []
     for left in np.arange(0.0, 6.2, 0.4):
@@ -91,7 +91,7 @@ PLAIN = (0.6217, -0.0005, 0.0012), (1.2671, 0.0529, 0.4032), (1.6070, 0.1975, -0
 
 @pytest.mark.parametrize(("ground", "places"), [(1.0, GAZEBO), (0.0, PLAIN)])
 def test_a_drive_is_what_it_was(ground, places):
-    """Ahead, a turn, a harder one, a stop: a change of the equations or their numbers moves a place by millimetres."""
+    """Any change of the equations or their constants moves these poses by millimetres."""
     made = sim_bridge.make("kinematic", ground=ground)
     made.reset(OPEN, 3)
     for (v, w, seconds), place in zip(((1.5, 0.0, 0.6), (1.0, 1.0, 0.6), (0.5, -1.5, 0.6), (0.0, 0.0, 0.5)), places):
@@ -99,7 +99,7 @@ def test_a_drive_is_what_it_was(ground, places):
 
 
 def test_grounds_may_be_drawn_in_between():
-    """Half of the draws from (0, 2) are Gazebo's own ground; 0 is plain and turns as told."""
+    """Half of the draws from (0, 2) give Gazebo's ground. On ground 0, the robot turns as commanded."""
     drawn = sim_bridge.make("kinematic", ground=(0.0, 2.0))
     gains = [turning(drawn, 0.5, 1.2, seed)[0] for seed in range(12)]
     assert min(gains) < 1.2 < 1.28 < max(gains)
@@ -112,9 +112,9 @@ def test_odometry_lags_by_its_filter():
     state = drive(simulator, 1.0, 0.0, 3.0)
     ahead = state.odom_pose[0]
     assert state.odom_twist[0] == pytest.approx(1.0, abs=0.01)
-    assert drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6  # the command takes .03 s, the filter as long
+    assert drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6  # Command and filter delay by .03 s each.
     rolled = drive(simulator, 0.0, 0.0, 1.0).odom_pose[0] - ahead
-    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)  # delay, lag, and the wheels' ramp
+    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)  # delay, lag, and ramp of the wheels
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])
@@ -134,7 +134,7 @@ def test_a_ground_that_a_robot_cannot_have_is_one_line(name):
     ],
 )
 def test_a_tyre_of_high_friction_jams_and_does_not_push(seed, width, length, limits, friction, ground):
-    """Skidding robots with a friction of .95 to 1.2: they would be thrown off at 10 to 50 times their speed."""
+    """Without the limit, skid-steered robots with a friction of .95 to 1.2 reach 10 to 50 times their speed."""
     wheels = dict(wheel_radius=0.15 * width, wheel_width=0.08 * width, track=0.9 * width, axle_height=0.15 * width)
     wheels.update(zip(("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration"), limits))
     base = Base(drive="skid_steer", **wheels, wheelbase=0.6 * length, wheel_friction=friction)

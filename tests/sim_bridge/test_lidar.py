@@ -1,4 +1,4 @@
-"""The analytic laser against brute force, and its edge cases."""
+"""Exact laser scans compared with brute force, and their edge cases."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from tests.support.seeds import seeds
 
 NOTHING = np.empty((0, 3)), np.empty((0, 5))
 JACKAL = robots.load("jackal").laser
-FULL_TURN = robots.load("turtlebot3_burger").laser  # from 0
-ABOVE_PI = JACKAL.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))  # to the right
+FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
+ABOVE_PI = JACKAL.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))  # fan to the right
 LASERS = [JACKAL, FULL_TURN, ABOVE_PI]
 
 
 def brute_force(laser, circles, edges, x, y, yaw):
-    """(beams,) ranges: every beam against every obstacle."""
+    """Return the ranges (beams,) by intersecting every beam with every obstacle."""
     angles = yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
     beams = np.column_stack([np.cos(angles), np.sin(angles)])
     best = np.full(laser.beams, np.inf)
@@ -36,7 +36,7 @@ def brute_force(laser, circles, edges, x, y, yaw):
 
 
 def grazing(laser, circles, edges, x, y, yaw, beam):
-    """Whether a beam passes an obstacle's rim so closely that rounding decides."""
+    """Return whether a beam passes the rim of an obstacle so closely that rounding decides about a hit."""
     angle = yaw + laser.first_angle + laser.increment * beam
     across = np.array([-np.sin(angle), np.cos(angle)])
     rims = [abs(abs(across @ (cx - x, cy - y)) - r) for cx, cy, r in circles]

@@ -1,4 +1,4 @@
-"""What both simulators promise: speeds as commanded, time-out, contact, odometry, repetition under a seed."""
+"""Common behaviour of both simulators: speeds, time-out, contact, odometry, reproducibility for a seed."""
 
 import subprocess
 import sys
@@ -76,24 +76,24 @@ def test_a_teleported_robot_stands_while_time_and_odometry_go_on(simulator):
 
 
 # -- speeds ----------------------------------------------------------------------------------------
-# shares of the robot's largest speed and turn
+# Shares of the robot's largest speed and yaw rate
 SPEEDS = (0.05, 0.1, 0.25, 0.5, 0.75, 1.0, -0.05, -0.25)
 TURNS = (0.0785, 0.15, 0.25, 0.3925, 0.5, 0.625, 0.785, -0.0785, -0.3925, -0.785)
 CURVES = ((0.05, 0.125, 0.25, 0.5, 0.75, 1.0), (0.05, 0.15, -0.25, 0.3925, 0.785))
 
 
 def commands(robot):
-    """(v, w) over what planners command [m/s, rad/s]; curves up to what the tyres hold (v w <= grip_limit)."""
+    """Return commands (v, w) [m/s, rad/s] like those of planners, with curves up to the friction limit grip_limit."""
     v, w = robot.base.max_speed, robot.base.max_yaw_rate
     curves = [(v * a, w * b) for a in CURVES[0] for b in CURVES[1]]
-    held = [curve for curve in curves if abs(curve[0] * curve[1]) <= robot.simulation.grip_limit]
-    return [(v * a, 0.0) for a in SPEEDS] + [(0.0, w * b) for b in TURNS] + held
+    feasible = [curve for curve in curves if abs(curve[0] * curve[1]) <= robot.simulation.grip_limit]
+    return [(v * a, 0.0) for a in SPEEDS] + [(0.0, w * b) for b in TURNS] + feasible
 
 
 def driven(simulator, v, w, seconds=6.0, seeds=1):
-    """(v, w, drift) from a stand after the first second, the mean over seeds.
+    """Return (v, w, drift) after one second of acceleration, averaged over seeds.
 
-    drift: how far base_link strays while the heading turns once round in place [m].
+    The drift [m] is the largest distance of base_link from its start during the first full turn.
     """
     runs = []
     for seed in range(seeds):
@@ -105,7 +105,7 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
             turn = normalize_angle(state.pose[2] - last.pose[2])
             middle = last.pose[2] + turn / 2
             dx, dy = np.subtract(state.pose[:2], last.pose[:2])
-            # the chord of the arc, made as long as the arc
+            # The chord is scaled to the length of the arc.
             ahead += (dx * cos(middle) + dy * sin(middle)) * (turn / 2 / sin(turn / 2) if turn else 1.0)
             turned, last = turned + turn, state
             if abs(turned) <= 2 * pi:
@@ -115,8 +115,8 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
 
 
 def error(simulator, v, w, **how):
-    """Largest relative error of the speeds commanded."""
-    return max(abs(found / asked - 1.0) for asked, found in zip((v, w), driven(simulator, v, w, **how)) if asked)
+    """Return the largest relative error of the driven speeds."""
+    return max(abs(actual / asked - 1.0) for asked, actual in zip((v, w), driven(simulator, v, w, **how)) if asked)
 
 
 @pytest.mark.parametrize(("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES])
@@ -136,7 +136,7 @@ def test_a_turn_in_place_drifts_by_centimetres(on_plain_ground):
         assert 0.02 < driven(on_plain_ground, 0.0, w, seconds=8.0)[2] < 0.2
 
 
-def test_curves_beyond_grip_slide_outwards(simulator):
+def test_curves_beyond_the_friction_limit_slide_outwards(simulator):
     v, w, _ = driven(simulator, 2.0, 3.14)
     assert v * w < 5.5
     assert v < 1.9
@@ -147,8 +147,8 @@ def test_curves_beyond_grip_slide_outwards(simulator):
 def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
     simulator.reset(small_world(), 1)
     drive(simulator, v, w, 1.0)
-    assert hypot(*simulator.advance(0.20).twist) > 0.1  # still going on the last command
-    simulator.advance(0.55)  # 2 m/s take .41 s to brake at the tyres' limit
+    assert hypot(*simulator.advance(0.20).twist) > 0.1  # The last command is still in force.
+    simulator.advance(0.55)  # Braking from 2 m/s takes .41 s at the friction limit.
     assert hypot(*simulator.state.twist) < 0.01
     pose = simulator.state.pose
     simulator.advance(1.0)
@@ -174,8 +174,8 @@ def test_a_wall_stops_the_robot_and_is_reported(simulator):
     assert not state.flipped
     assert state.pose[0] == pytest.approx(0.9 - geometry.bounding_box(JACKAL)[1], abs=0.02)
     assert abs(state.twist[0]) < 0.05
-    assert not drive(simulator, -0.5, 0.0, 1.0).contact  # and lets it go again
-    assert state.odom_pose[0] > 1.2  # the wheels went on turning
+    assert not drive(simulator, -0.5, 0.0, 1.0).contact  # The contact ends in reverse.
+    assert state.odom_pose[0] > 1.2  # The wheels kept turning at the wall.
 
 
 def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
@@ -205,7 +205,7 @@ def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
     assert any(touched)
     assert not any(touched[:60])
     x, y, _ = simulator.state.pose
-    assert x < -0.3 or abs(y) > 0.3  # shoved along, or aside
+    assert x < -0.3 or abs(y) > 0.3  # The robot is pushed along or aside.
     assert hypot(x, y) > 0.68
 
 
@@ -243,10 +243,10 @@ def test_imu(on_plain_ground):
     simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
-    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # what friction .5 can do
+    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # limit of friction .5
     state = drive(simulator, 0.0, 1.0, 1.0)
     assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
-    assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # uneven ground
+    assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # The ground is uneven.
 
 
 # -- laser -----------------------------------------------------------------------------------------
@@ -259,7 +259,7 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     assert (scans[:, 0] == np.inf).all()
     simulator.reset(small_world([(0.0, 3.0, 0.4)]), 0)
     left = int(round((pi / 2 - JACKAL.laser.first_angle) / JACKAL.laser.increment))
-    assert simulator.scan()[left] == pytest.approx(2.6, abs=0.05)  # angles rise anticlockwise
+    assert simulator.scan()[left] == pytest.approx(2.6, abs=0.05)  # Angles increase anticlockwise.
 
 
 # -- repetition ------------------------------------------------------------------------------------
@@ -324,7 +324,7 @@ def test_commands_that_are_not_finite_are_one_line(simulator):
         refused(lambda: simulator.command(v, w), "command", kind=SimulatorError)  # noqa: B023
 
 
-# -- the kinematic one against pybullet ------------------------------------------------------------
+# -- kinematic simulator compared with pybullet ----------------------------------------------------
 def test_kinematic_drives_like_pybullet():
     pair = sim_bridge.make("pybullet"), sim_bridge.make("kinematic")
     for v, w in ((1.0, 0.0), (0.0, 1.57), (0.5, 1.0), (-0.5, 0.0)):
@@ -340,7 +340,7 @@ def test_kinematic_drives_like_pybullet():
 
 
 def among_obstacles(simulator, seed):
-    """Two random commands among random cylinders, or before a wall askew: poses (k, 3), whether there was contact."""
+    """Run two random commands among random obstacles, and return poses (k, 3) and whether there was contact."""
     rng = np.random.default_rng(seed)
     spots = rng.uniform(-1.1, 1.1, (16, 2))
     scene = small_world([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
@@ -377,7 +377,7 @@ def test_kinematic_contacts_end_like_pybullets():
 def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     robot = robots.load(name)
     v, w = 0.5 * robot.base.max_speed, 0.3 * robot.base.max_yaw_rate
-    wall = 1.5 * geometry.bounding_box(robot)[1] + v  # where the robot is after less than 3 s
+    wall = 1.5 * geometry.bounding_box(robot)[1] + v  # The robot reaches the wall in less than 3 s.
     ends = []
     for simulator in (sim_bridge.make("kinematic", robot=robot), sim_bridge.make("pybullet", robot=name)):
         simulator.reset(small_world(), 3)

@@ -1,4 +1,4 @@
-"""When a robot has arrived: the finish line, the circle, and the planner's word."""
+"""Conditions of arrival: finish line, circle around the goal, and the planner's report."""
 
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ def course(length, finish_y=None, planner_ends=True):
 
 
 @pytest.mark.parametrize(("length", "off"), [(4.0, 0.5), (10.0, 0.8), (20.0, 1.6)])
-def test_the_planners_word_counts_where_odometry_may_be_off_by_as_much(length, off):
-    """By 0.5 m, or by 8 % of a longer route, beyond the planner's tolerance of 0.25 m."""
+def test_the_planners_report_counts_within_the_error_of_odometry(length, off):
+    """The allowed error is 0.5 m, or 8 % of a longer route, beyond the planner's tolerance of 0.25 m."""
     there = course(length)
     for side in (-1.0, 1.0):
         sent = min(length, 19.7)
@@ -25,14 +25,14 @@ def test_the_planners_word_counts_where_odometry_may_be_off_by_as_much(length, o
     assert not course(length, planner_ends=False).arrived(0.31, length, 0.25)
 
 
-def test_the_planners_word_is_about_the_goal_that_it_was_sent():
-    """A goal 20 m ahead is sent 19.7 m ahead, where the planner's map still is."""
+def test_the_planners_report_refers_to_the_goal_that_was_sent():
+    """A goal 20 m ahead is moved to 19.7 m, inside the planner's map."""
     there = course(20.0)
     assert there.arrived(0.0, 19.7 - 1.84, 0.25)
     assert not there.arrived(0.0, 19.7 - 1.86, 0.25)
 
 
-def test_a_course_with_a_finish_of_its_own_does_not_hear_the_planner():
+def test_a_course_with_a_finish_of_its_own_ignores_the_planner():
     line = course(10.0, finish_y=9.0, planner_ends=False)
     assert line.arrived(3.0, 9.01)
     assert not line.arrived(0.5, 9.0, 0.25)

@@ -1,4 +1,4 @@
-"""Moving obstacles: DynaBARN's table of key frames, places over time, rooms of our own and the movers' pace there."""
+"""Moving obstacles: DynaBARN's table of key frames, positions over time, and speeds in generated rooms."""
 
 import math
 from pathlib import Path
@@ -18,13 +18,15 @@ def table(folder, *rows):
 
 
 def test_places_over_time_are_gazebos(tmp_path):
-    """By hand: Catmull-Rom tangents, tension 0, between key frames; repeated every 10 s."""
+    """Catmull-Rom tangents with tension 0 between key frames, computed by hand. The animation repeats every 10 s."""
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     file = Path(table(tmp_path, *rows))
-    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))  # as Windows writes it
+    file.write_bytes(
+        b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n")
+    )  # byte order mark and line ends of Windows
     (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
     assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
-    # half way: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the start and (2, 2) after it
+    # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and (2, 2) at the next
     assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
     assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
     assert mover.position(6.0) == pytest.approx((2.0 + (-2.0 - -2.0) / 8, 6.0 + (4.0 - 2.0) / 8))
@@ -35,7 +37,7 @@ def test_places_over_time_are_gazebos(tmp_path):
 
 def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     closed = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (2.0, 2.0, 2.0), (3.0, 0.0, 0.0)))
-    # tangents at the first point: half the chord from the last but one to the second
+    # The tangent at the first point is half the chord from the last point but one to the second point.
     assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
     jump = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)))
     assert (jump.position(1.0), jump.position(1.0 + 1e-9)) == ((1.0, 0.0), pytest.approx((5.0, 5.0)))
@@ -45,14 +47,14 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
 
 def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
-    cells = np.column_stack([np.full(66, 15), np.arange(66)])  # of BARN's world of the same number
+    cells = np.column_stack([np.full(66, 15), np.arange(66)])  # path of BARN's world with the same number
     course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)).course
     assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
     assert not course.arrived(-7.9, 0.0)
     assert course.arrived(-8.1, 0.0)
     assert not course.planner_ends
-    assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # on a map that ends 20 m from the start
+    assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # The map ends 20 m from the start.
 
 
 @pytest.mark.parametrize("number", range(6))

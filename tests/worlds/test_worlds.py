@@ -1,4 +1,4 @@
-"""Worlds of any recipe: names, splits and scale, their picture and their map, and the commands that write them."""
+"""Worlds of all recipes: names, splits, scale, and the commands that write pictures and files."""
 
 import numpy as np
 import pytest
@@ -30,18 +30,20 @@ def test_splits_share_no_world():
     assert names["validation"] | names["learn"] == names["train"]
     assert not names["validation"] & names["learn"]
     assert not names["train"] & names["test"]
-    assert [f"generated:{n}" for n in (5, 14, 24)] == worlds.specs("generated:validation")[:3]  # never other ones
+    assert [f"generated:{n}" for n in (5, 14, 24)] == worlds.specs("generated:validation")[
+        :3
+    ]  # The numbers must never change.
     assert len(names["validation"]) == 31
     assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
     assert [w.name for w in worlds.Worlds("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
 
 
 def test_barns_training_worlds_come_in_two_halves(tmp_path):
-    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds
+    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds.
         (tmp_path / ("world_%d.world" % number)).write_text("")
     (tmp_path / "other_5.world").write_text("")
     halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
-    names = {half: [path.rpartition("_")[2] for path in found] for half, found in halves.items()}
+    names = {half: [path.rpartition("_")[2] for path in files] for half, files in halves.items()}
     assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
     refused(lambda: worlds.specs(f"{tmp_path.parent}:choose"), "choose: the folder contains no world_2.world")
 
@@ -68,7 +70,9 @@ def test_everything_of_a_world_scales(spec):
     assert np.allclose(half.course.path, 0.5 * world.course.path)
     assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
     assert (half.course.start[2], half.course.goal[0]) == (world.course.start[2], 0.5 * world.course.goal[0])
-    assert (worlds.scaled(world, 1.3) is world) == (spec == "dynamic:0")  # a room of moving obstacles never grows
+    assert (worlds.scaled(world, 1.3) is world) == (
+        spec == "dynamic:0"
+    )  # A room with moving obstacles is never enlarged.
 
 
 def test_the_path_of_the_physical_course_keeps_from_its_boxes():
@@ -76,7 +80,6 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
     assert clearance(world, world.course.path).min() >= 0.3
 
 
-# -- pictures and maps
 # -- commands
 def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
     for main, name, begin in ((draw.main, "out.png", b"\x89PNG"), (sdf_writer.main, "out.world", b"<?xml")):

@@ -1,4 +1,4 @@
-"""The generator follows BARN's recipe, the built-in worlds are what it makes, and a robot can pass all of them."""
+"""Generator of BARN worlds: its recipe, the built-in worlds, and the passability of all of them."""
 
 import numpy as np
 import pytest
@@ -84,14 +84,14 @@ def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
 
 
 def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
-    """No other name has one of them, and a change of the recipe or of the seed is noticed."""
+    """No other recipe contains a final world, and a change of the recipe or of the seed fails this test."""
     assert len(worlds.specs("final:0-99")) == 100
     refused(lambda: worlds.load("final:100"), "final:100")
-    found = list(worlds.Worlds("final:0-5,final:99"))
+    final = list(worlds.Worlds("final:0-5,final:99"))
     others = list(worlds.Worlds("fresh:0-19")) + [barn.world(number) for number in range(0, 300, 3)]
-    assert not {w.cylinders.tobytes() for w in found} & {w.cylinders.tobytes() for w in others}
+    assert not {w.cylinders.tobytes() for w in final} & {w.cylinders.tobytes() for w in others}
     assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted({barn.kind(n) for n in range(300)})
-    assert [len(w.cylinders) for w in found] == [205, 202, 192, 223, 188, 202, 325]
+    assert [len(w.cylinders) for w in final] == [205, 202, 192, 223, 188, 202, 325]
 
 
 def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):

@@ -1,4 +1,4 @@
-"""World files that are missing, malformed, hostile or without a passage: one line each, and nothing is executed."""
+"""Messages about world files that are missing, malformed, hostile or impassable, none of which executes code."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Gazebo worlds are read as Gazebo would place them, and what we write reads back the same."""
+"""Reader of Gazebo worlds, which composes poses like Gazebo, and the round trip through the writer."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,9 @@ from worlds import barn, sdf_writer
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
-    read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))  # first point doubled
+    read = worlds.load(
+        put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path]))
+    )  # The first point occurs twice.
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
     assert (read.course.start, read.course.goal) == (world.course.start, world.course.goal)
@@ -26,7 +28,7 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
         <collision name='c'><pose>0 1 0 0 0 0.5</pose><geometry><box><size>2 1 1</size></box></geometry></collision>
         <visual name='v'><geometry><mesh><uri>model://x.dae</uri></mesh></geometry></visual></link></model>"""
     world = worlds.load(put(tmp_path, sdf(body), "w.world"))
-    # model turns by 90 degrees: link at (1, 3), collision one to its left: (0, 3)
+    # The model is rotated by 90 degrees, so the link is at (1, 3) and the collision at (0, 3).
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
 
@@ -49,8 +51,8 @@ def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
           <model name='b'><pose>2 2 0 0 0 0</pose><scale>2 2 1</scale></model>
         </state>"""
     )
-    found = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
-    assert np.allclose(found, [(5, 5, 0.075), (2, 2, 0.075)])
+    cylinders = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
+    assert np.allclose(cylinders, [(5, 5, 0.075), (2, 2, 0.075)])
     assert "not read: the scale of model 'b'; the rest" in caplog.text
 
 
@@ -96,7 +98,7 @@ def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
     assert world.movers == read.movers
     assert np.array_equal(world.course.path, read.course.path)
     assert {**vars(world.course), "path": None} == {**vars(read.course), "path": None}
-    assert worlds.scaled(read, 0.5) is read  # a world from a file keeps its size
+    assert worlds.scaled(read, 0.5) is read  # A world from a file keeps its size.
 
 
 def test_folder_in_the_order_of_numbers(tmp_path):
