@@ -50,7 +50,7 @@ def patience(monkeypatch):
         ("/TOKEN", "127.0.0.1:PORT", "http://evil.example", "another website"),
         ("/TOKEN", "127.0.0.1:PORT", "http://127.0.0.1:1", "another website"),
         ("/TOKEN", "127.0.0.1:PORT", "null", "another website"),
-        ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "no name of this computer"),
+        ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "not a name of this computer"),
     ],
 )
 def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(viewer, path, host, origin, reason):
@@ -116,9 +116,9 @@ def test_what_does_not_answer_is_said(viewer):
     assert "no scan: nothing on /front/scan" in text
     assert "no applr node" in text
     said = []
-    viewer.pilot._say = said.append
+    viewer.pilot._report = said.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
-    assert said == ["nobody listens on /applr/set_parameters"]
+    assert said == ["no subscribers on /applr/set_parameters"]
 
 
 def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):

@@ -56,7 +56,7 @@ def page():
             made.on("pageerror", lambda error: complaints.append(str(error)))
             made.on("console", lambda message: message.type == "error" and complaints.append(message.text))
             made.goto(address + ("&" if "?" in address else "?") + FEW_PIXELS)
-            reads(made, "waits for a goal")
+            reads(made, "waiting for a goal")
             reads(made, "parameters by policy")
             yield made
             assert complaints == []
@@ -100,7 +100,7 @@ def test_the_robot_goes_to_a_click_and_stops(page):
 
 def test_a_clock_that_stands_is_said_and_nobody_is_blamed_for_it(page):
     rospy.ServiceProxy("/gazebo/pause_physics", Empty)()
-    reads(page, "the clock stands still")
+    reads(page, "the clock has stopped")
     assert not page.get_by_text("does not answer").count()
     rospy.ServiceProxy("/gazebo/unpause_physics", Empty)()
-    page.get_by_text("the clock stands still").last.wait_for(state="hidden")
+    page.get_by_text("the clock has stopped").last.wait_for(state="hidden")

@@ -1,5 +1,5 @@
-"""The node viewer: the robot, its planner and its parameters as a page in a browser, made with viser.
+"""The node viewer: a web page with the robot, its planner and its parameters, made with viser.
 
-It subscribes to what the other nodes publish and calls what they offer to everybody.
+The node uses only public topics and services of the other nodes.
 """
-# Imports policy, robots and what nodes share.
+# Imports policy, robots and the shared modules of nodes.

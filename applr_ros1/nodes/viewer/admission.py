@@ -1,7 +1,8 @@
-"""Admission to the page: for whoever knows its address, which ends in a random token, under a name of this computer.
+"""Access control of the page: a request needs the random token in the page's address and a local host name.
 
-A browser names the page that a request comes from (Origin) and the name by which it found this computer (Host). Another
-website's page has another origin, and one whose own name was pointed at this computer (DNS rebinding) has that name.
+A browser sends the origin of the page that makes a request (Origin) and the host name under which it reached this
+computer (Host). Pages of other websites have another origin. A website whose name was pointed at this computer (DNS
+rebinding) has another host name.
 """
 
 from __future__ import annotations
@@ -19,31 +20,31 @@ TOKEN = "APPLR_VIEWER_TOKEN"  # environment variable that sets the token
 
 
 def token() -> str:
-    """Return the token that the environment sets, otherwise a new one."""
+    """Return the token from the environment, or a new one."""
     return os.environ.get(TOKEN) or secrets.token_urlsafe(16)
 
 
 def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
-    """Return why a request is refused, or None if it is admitted."""
+    """Return the reason why a request is refused, or None if it is admitted."""
     given = headers.get("Host", "")
     name = re.sub(r":\d*$", "", given).strip("[]").lower()
     try:
-        ipaddress.ip_address(name)  # nobody can point an address elsewhere
+        ipaddress.ip_address(name)  # Unlike a name, an address cannot be rebound.
     except ValueError:
         if name != "localhost":
-            return f"{name!r} is no name of this computer: open the page by its address, such as 127.0.0.1"
+            return f"{name!r} is not a name of this computer: open the page by its address, such as 127.0.0.1"
     if "Origin" in headers and headers["Origin"].partition("://")[2] != given:
-        return "a page of another website may not use this one"
+        return "a page of another website may not use this page"
     if not hmac.compare_digest(re.split("[/?]", path.lstrip("/"))[0].encode(errors="replace"), token.encode()):
-        return "the address lacks the token: take the one that the viewer prints"
+        return "the address lacks the token: use the address that the viewer prints"
     return None
 
 
 @contextlib.contextmanager
 def guarded(token: str) -> Iterator[None]:
-    """A context in which a viser server is started that answers no request without asking `refusal`."""
-    # viser 1.1.1 (requirements/viewer.txt) has no way to refuse a request. It serves with this function of websockets,
-    # whose process_request has one; tests/live/test_viewer.py fails where another version serves otherwise.
+    """Apply `refusal` to every request of a viser server that is started inside this context."""
+    # viser 1.1.1 (requirements/viewer.txt) cannot refuse requests itself, but process_request of websockets.serve can.
+    # tests/live/test_viewer.py fails if another version of viser does not use this function.
     from websockets.asyncio import server
 
     serve = server.serve

@@ -1,10 +1,10 @@
-"""The ROS node viewer: a page in a browser with the robot, its planner and its parameters.
+"""The ROS node viewer: a web page with the robot, its planner and its parameters.
 
-Started as `rosrun applr_ros1 viewer.py`. While no page is open it subscribes to nothing.
+Started as `rosrun applr_ros1 viewer.py`. The node has no subscriptions while no page is open.
 
-Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix and ~port
-(8080, or the next free one). The page is served on 127.0.0.1. Sets ~address, where the page is, with the token without
-which every request is refused: a new one at each start, unless the environment variable APPLR_VIEWER_TOKEN sets it.
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether the robot drives on a map), ~tf_prefix and
+~port (8080, or the next free one). The page is served on 127.0.0.1. The node sets ~address to the page's address, with
+the token that every request needs. The token is new at each start unless APPLR_VIEWER_TOKEN sets it.
 """
 
 from __future__ import annotations
@@ -29,18 +29,22 @@ from applr_ros1.robots import Robot
 from . import admission, panel, pilot, scene
 from .listening import Listener, by_hand, publish
 
-RATE_HZ = 10.0  # of wall time with a page open
-IDLE_S = 0.2  # between looks for a page
-ACCENT = (28, 126, 214)
+RATE_HZ = 10.0  # frame rate while a page is open, in wall time [Hz]
+IDLE_S = 0.2  # interval between checks for an open page [s]
+ACCENT = (28, 126, 214)  # brand colour of the page
 HOST = "127.0.0.1"
-HINT = "Cancels all goals (key S). A click on the ground sets a goal."
+HINT = "Cancel all goals (key S). A click on the ground sets a goal."
 STARTS = "starting; the first start on a computer compiles kernels, about a minute"
 
 
 class Viewer:
-    """Web page, shared by all clients, served on port or the next free one.
+    """Web page, shared by all clients.
 
-    The names of the robot's frames begin with prefix; everything is drawn in the frame fixed.
+    Args:
+        robot: Description of the robot.
+        prefix: Prefix of the robot's frames.
+        fixed: Frame in which everything is drawn.
+        port: Port of the page; the next free one is used if it is taken.
     """
 
     def __init__(self, robot: Robot, prefix: str, fixed: str, port: int):
@@ -53,8 +57,8 @@ class Viewer:
         self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
-        gui.main_panel.dock_right()  # the scene has the rest of the window
-        self.pilot = pilot.MethodSelector(robot, self.listener, self.say)
+        gui.main_panel.dock_right()  # The scene fills the rest of the window.
+        self.pilot = pilot.MethodSelector(robot, self.listener, self.report)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._ready, self._clock = False, Clock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
@@ -71,21 +75,21 @@ class Viewer:
         self.server.scene.on_click()(self.clicked)
 
     def clicked(self, ray: Any) -> None:
-        """Send as a goal the point where a click's ray meets the ground, with the heading from the robot to it."""
+        """Send the point at which a click's ray meets the ground as a goal, with the heading from the robot to it."""
         (x, y, z), (dx, dy, dz) = ray.ray_origin, ray.ray_direction
         if dz < -1e-3:
             x, y = x - z / dz * dx, y - z / dz * dy
             pose = self.scene.pose
             yaw = math.atan2(y - pose[1], x - pose[0]) if pose else 0.0
             goal = pose_stamped((x, y, yaw), self.listener.fixed, rospy.Time.now())
-            publish(self.say, self._goal, goal)
+            publish(self.report, self._goal, goal)
 
     def stop(self) -> None:
         """Cancel all goals."""
-        publish(self.say, self._cancel, GoalID())
+        publish(self.report, self._cancel, GoalID())
 
-    def say(self, text: str) -> None:
-        """Show one line to everybody who looks."""
+    def report(self, text: str) -> None:
+        """Show one line to all clients."""
         rospy.loginfo("viewer: %s", text)
         for client in self.server.get_clients().values():
             client.add_notification("applr_ros1", text, auto_close_seconds=8.0, color="orange")
@@ -101,35 +105,35 @@ class Viewer:
             try:
                 with self.server.atomic():
                     self.draw()
-            except Exception as problem:  # one message that cannot be drawn does not end the page
+            except Exception as problem:  # The page must survive a message that cannot be drawn.
                 rospy.logerr_throttle(10.0, f"viewer: {type(problem).__name__}: {problem}")
             time.sleep(max(0.0, began + 1.0 / RATE_HZ - time.monotonic()))
 
     def draw(self) -> None:
-        """Bring the page up to date."""
+        """Update the page."""
         if self._clock.went_back():
             self.listener.close()
             self.scene.forget()
-        odometry = self.listener.newest(self._robot.topics.odometry, Odometry)
+        odometry = self.listener.latest(self._robot.topics.odometry, Odometry)
         speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
         goal = panel.goal_status(self.listener)
         driving = goal is not None and goal.status in panel.UNDER_WAY
-        self.panel.look()
+        self.panel.update()
         self.scene.draw(driving)
         for client in self.server.get_clients().values():
             self.scene.follow(client)
         self._write_status(goal, speed, driving)
 
     def _write_status(self, goal: Any, speed: float, driving: bool) -> None:
-        """Bring the lines above the tabs up to date."""
+        """Update the lines above the tabs."""
         silence = self.panel.silence()
         if self._ready and self._clock.stands(panel.SILENT_S):
-            silence.insert(0, "the clock stands still")
+            silence.insert(0, "the clock has stopped")
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [self._robot.name] + ([] if self._ready else [STARTS])
         lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
         lines += [f"parameters by {self.pilot.who}"]
-        lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
+        lines += [self.panel.monitor()] if driving else []  # Without commands, the monitor always reports a stop.
         text = "\n".join([*lines, *silence])
         if text != self.text:
             self.text = text
@@ -138,13 +142,13 @@ class Viewer:
             self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         self.listener.close()
         self.server.stop()
 
 
 def main() -> int:
-    """Runs until shutdown. Raises ApplrError, one line, for parameters that cannot be used."""
+    """Run the node until shutdown. Raises ApplrError if a parameter is invalid."""
     init_node("viewer")
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)

@@ -1,6 +1,7 @@
-"""The viewer's scene: world, robot, scan, costmaps, plans, trajectories and goal, in the frame of the odometry.
+"""The viewer's scene: world, robot, scan, costmaps, plans, trajectories and goal.
 
-With a map everything is drawn in the map's frame. Places [m]; the ground is z = 0.
+Everything is drawn in the odometry frame, or in the map frame if there is a map. Positions are in [m], and the ground
+is z = 0.
 """
 
 from __future__ import annotations
@@ -24,23 +25,23 @@ from .listening import Listener
 from .shapes import Costmap, Lines, Model, colours, lifted, put
 
 PLAN, GOAL = "move_base/NavfnROS/plan", "move_base/current_goal"
-CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # of the local planner
+CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # topics below the local planner's name
 COSTMAPS = {"local costmap": "move_base/local_costmap/costmap", "global costmap": "move_base/global_costmap/costmap"}
 OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
 LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories")
-HIDDEN = ("global costmap",)  # at first
-JUMP_M = 0.5  # distance between two points of different sampled trajectories [m]
+HIDDEN = ("global costmap",)  # layers that are hidden at the start
+JUMP_M = 0.5  # distance between successive points above which a new trajectory begins [m]
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
-SIDES = 20  # of a drawn cylinder
-VIEW = (3.5, 2.5, 1.0)  # camera: distance behind the robot, height, and distance ahead of the point looked at [m]
+SIDES = 20  # number of sides of a drawn cylinder
+VIEW = (3.5, 2.5, 1.0)  # camera: distance behind the robot, height, and distance of the target ahead of it [m]
 
 
 class Scene:
-    """Draws what the listener has heard, each time `draw` is called. base: the robot's frame.
+    """3D scene of the latest messages, updated by `draw`. base: Base frame of the robot.
 
     Attributes:
-        pose: (x, y, yaw) of the robot, None where it is not known.
-        layers: {name: viser's handle of all that is drawn below it}, for each of LAYERS.
+        pose: Pose (x, y, yaw) of the robot, or None if it is unknown.
+        layers: Parent handles of viser by name, for each of LAYERS.
     """
 
     def __init__(self, server: Any, robot: Robot, listener: Listener, base: str):
@@ -49,7 +50,7 @@ class Scene:
         self._robot, self._listener, self._base = robot, listener, base
         self._planner = "move_base/" + robot.local_planner
         self._scene = scene = server.scene
-        # without a GPU, shadows and light from an environment map would take two thirds of the pictures a second
+        # Without a GPU, shadows and environment lighting would cost two thirds of the frame rate.
         scene.configure_default_lights(cast_shadow=False)
         scene.configure_environment_map(None)
         scene.add_light_ambient("/light", intensity=0.8)
@@ -69,11 +70,11 @@ class Scene:
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose: Any = None
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
-        self._standing: Dict[str, Any] = {}  # viser's handles of obstacles
-        self._aims: Dict[int, Tuple[float, float]] = {}  # by page: what its camera looks at, from the robot [m]
+        self._standing: Dict[str, Any] = {}  # viser's handles of obstacles by name
+        self._aims: Dict[int, Tuple[float, float]] = {}  # camera target relative to the robot by client [m]
 
     def draw(self, driving: bool) -> None:
-        """Bring everything up to date. driving: whether goal and plans hold."""
+        """Update everything. driving: Whether goal and plans are valid."""
         self.pose = self._listener.frame_pose(self._base)
         self._model.put(self.pose)
         self._draw_world()
@@ -85,7 +86,7 @@ class Scene:
             shown.visible = False
 
     def forget(self) -> None:
-        """Hide all that was drawn before the clock began anew, and turn the cameras to the robot again."""
+        """Hide old data after the clock jumped back, and reset the cameras to the robot."""
         self._aims.clear()
         self._scan.visible = False
         for shown in (*self._of_goal, *(costmap.handle for costmap in self._costmaps.values())):
@@ -95,7 +96,7 @@ class Scene:
         place = self._listener.frame_pose("world")
         if place is None:
             return
-        put(self._world, place)  # it changes where the robot begins once more
+        put(self._world, place)  # The world moves in the odometry frame when the robot is reset.
         for topic, cylinder in ((OBSTACLES, CYLINDER), (MOVERS, MOVER)):
             message = self._listener.news(topic, MarkerArray)
             for kind, colour in ((Marker.CYLINDER, cylinder), (Marker.CUBE, BOX)) if message is not None else ():
@@ -103,13 +104,13 @@ class Scene:
                 self._stand(f"/world/{topic.split('/')[1]}/{kind}", kind, there, colour)
 
     def _stand(self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]) -> None:
-        """The same shape, of unit size, once for each marker."""
+        """Draw a unit shape, scaled, for each marker."""
         poses = [m.pose for m in markers]
         places = np.array([(p.position.x, p.position.y, p.position.z) for p in poses], np.float32)
         turns = np.array([(q.w, q.x, q.y, q.z) for q in (p.orientation for p in poses)], np.float32)
         sizes = np.array([(m.scale.x, m.scale.y, m.scale.z) for m in markers], np.float32)
         old = self._standing.get(name)
-        if old is not None and np.array_equal(old.batched_scales, sizes):  # they move
+        if old is not None and np.array_equal(old.batched_scales, sizes):  # Only the poses change.
             old.batched_positions, old.batched_wxyzs = places, turns
             return
         if old is not None:
@@ -141,7 +142,7 @@ class Scene:
             self._goal.position, self._goal.visible = (x, y, 0.12), True
 
     def _draw_samples(self) -> None:
-        """Trajectories, one after the other: points of the same cost that are near each other are joined."""
+        """Draw the trajectories. Successive points with the same cost and a small distance are joined."""
         message, place = self._listener.placed(self._planner + SAMPLES, PointCloud2)
         if message is None or message.width < 2:
             return
@@ -164,7 +165,7 @@ class Scene:
                 costmap.draw(self._listener)
 
     def follow(self, client: Any) -> None:
-        """Move a page's camera with the robot, behind which it begins."""
+        """Move a client's camera with the robot. The camera starts behind the robot."""
         if self.pose is None:
             return
         x, y, yaw = self.pose
@@ -179,5 +180,5 @@ class Scene:
 
 
 def _moved(place: Any, points: np.ndarray) -> np.ndarray:
-    """Points (n, 2) of the frame at `place`, in the fixed frame."""
+    """Transform points (n, 2) from the frame at `place` to the fixed frame."""
     return np.column_stack(transform_point(place, points[:, 0], points[:, 1]))

@@ -1,4 +1,4 @@
-"""Shapes of the viewer's scene: colours, lines, the robot's model, and a costmap as a texture on the ground."""
+"""Elements of the viewer's scene: colours, lines, the robot's model, and costmaps as textures on the ground."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from applr_ros1.robots.geometry import wheel_places
 
 from .listening import Listener
 
-RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # from low to high
-PICTURE_PERIOD_S = 0.5  # of wall time between two pictures of a costmap
+RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # colours, low to high
+PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 
 def colours(share: Any) -> np.ndarray:
-    """(n, 3) uint8 for shares (n,) from 0, blue, to 1, red."""
+    """Return colours (n, 3) uint8 for shares (n,) from 0 (blue) to 1 (red)."""
     share = np.clip(np.asarray(share, np.float64), 0.0, 1.0) * (len(RAMP) - 1)
     return np.stack([np.interp(share, range(len(RAMP)), RAMP[:, k]) for k in range(3)], axis=1).astype(np.uint8)
 
 
 def lifted(points: np.ndarray, z: float) -> np.ndarray:
-    """(n, 3) float32 of points (n, 2) at height z [m]."""
+    """Return points (n, 2) as (n, 3) float32 at height z [m]."""
     return np.column_stack([points, np.full(len(points), z)]).astype(np.float32)
 
 
 def put(handle: Any, pose: Pose, z: float = 0.0) -> None:
-    """Put something of the scene at pose (x, y, yaw), at height z [m]."""
+    """Move a handle to the pose (x, y, yaw) at height z [m]."""
     x, y, sine, cosine = quaternion_of(pose[2])
     handle.position, handle.wxyz = (*pose[:2], z), (cosine, x, y, sine)
 
 
 class Lines:
-    """Line segments that change."""
+    """Line segments that can be updated."""
 
     def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
         self._colour = np.array(colour, np.uint8)
@@ -43,12 +43,12 @@ class Lines:
         self.handle = scene.add_line_segments(name, *nothing, thickness=thickness, visible=False)
 
     def path(self, points: np.ndarray, z: float) -> None:
-        """Draw a line through points (n, 2) [m] at height z."""
+        """Draw a line through points (n, 2) at height z [m]."""
         flat = lifted(points, z)
         self.segments(np.stack([flat[:-1], flat[1:]], axis=1))
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
-        """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""
+        """Draw segments (n, 2, 3) [m] with optional colours `shades` (n, 2, 3) uint8."""
         self.handle.visible = len(points) > 0
         if len(points):
             shades = np.broadcast_to(self._colour, points.shape).copy() if shades is None else shades
@@ -56,15 +56,15 @@ class Lines:
 
 
 class Model:
-    """The robot by its description: body, wheels and laser."""
+    """Model of the robot from its description: body, wheels and laser."""
 
     def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int]):
         base, body = robot.base, robot.body
-        self._height = base.wheel_radius - base.axle_height  # of the base frame above the ground
+        self._height = base.wheel_radius - base.axle_height  # height of the base frame above the ground [m]
         self._frame = scene.add_frame(name, show_axes=False, visible=False)
         middle = (*body.centre, body.bottom + body.size[2] / 2)
         scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle)
-        aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # about x: a cylinder's axis along y
+        aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # rotation about x that turns a cylinder's axis to y
         for k, (x, y) in enumerate(wheel_places(base)):
             wheel, place = f"{name}/wheel{k}", (x, y, base.axle_height)
             size = base.wheel_radius, base.wheel_width
@@ -73,19 +73,19 @@ class Model:
         scene.add_cylinder(name + "/laser", 0.04, 0.06, color=(20, 20, 25), position=place)
 
     def put(self, pose: Optional[Pose]) -> None:
-        """Put it at pose (x, y, yaw), or nowhere."""
+        """Move the model to the pose (x, y, yaw), or hide it if the pose is None."""
         self._frame.visible = pose is not None
         if pose is not None:
             put(self._frame, pose, self._height)
 
 
-SHADES = np.zeros((256, 4), np.uint8)  # of each occupancy, -1 (unknown) last; cheap cells are faint, lethal ones strong
+SHADES = np.zeros((256, 4), np.uint8)  # colour and opacity by occupancy, with -1 (unknown) last
 SHADES[1:99, :3], SHADES[1:99, 3] = colours(np.linspace(0.1, 0.75, 98)), np.linspace(50, 170, 98)
 SHADES[99], SHADES[100] = (230, 80, 60, 190), (120, 20, 90, 220)
 
 
 class Costmap:
-    """A costmap, kept up to date from whole maps and updates, and drawn where anything but free space is."""
+    """Costmap that is updated from whole maps and windows. Only the bounding box of nonfree cells is drawn."""
 
     def __init__(self, scene: Any, name: str, z: float):
         self._z = z
@@ -93,19 +93,19 @@ class Costmap:
         self.handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
 
     def take(self, message: Any) -> None:
-        """A nav_msgs/OccupancyGrid."""
+        """Replace the costmap by a nav_msgs/OccupancyGrid."""
         self._info, self._frame, self._changed = message.info, message.header.frame_id, True
         self._cells = np.array(message.data, np.int8).reshape(message.info.height, message.info.width)
 
     def update(self, message: Any) -> None:
-        """A map_msgs/OccupancyGridUpdate."""
+        """Apply a map_msgs/OccupancyGridUpdate."""
         x, y, n, m = message.x, message.y, message.width, message.height
         if self._cells is not None and y + m <= self._cells.shape[0] and x + n <= self._cells.shape[1]:
             self._cells[y : y + m, x : x + n] = np.reshape(message.data, (m, n))
             self._changed = True
 
     def draw(self, listener: Listener) -> None:
-        """Draw what is new, at most once in PICTURE_PERIOD_S."""
+        """Draw the costmap if it has changed, at most once per PICTURE_PERIOD_S."""
         due = self._changed and time.monotonic() - self._drawn >= PICTURE_PERIOD_S
         place = listener.frame_pose(self._frame) if due else None
         if place is None:
