@@ -70,7 +70,7 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
         driver = runner.TrialRunner(settings)
         assert driver.run(replace(task, method_spec=spec)) == measured
         assert measured.decisions == 10
-    with pytest.raises(ValueError, match="set period in the settings"):
+    with pytest.raises(ValueError, match="decision period"):
         runner.TrialRunner(TrialSettings(**options))
 
 
