@@ -107,8 +107,8 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
     """
     on = {"physicsClientId": client}
     base, body = robot.base, robot.body
-    found = mechanics(robot)
-    com_x, com_y, com_z = found.body_com
+    mechanics_of = mechanics(robot)
+    com_x, com_y, com_z = mechanics_of.body_com
     length, width, height = body.size
     box = p.createCollisionShape(
         p.GEOM_CYLINDER if body.round else p.GEOM_BOX,
@@ -129,9 +129,9 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
     places = [(x - com_x, y - com_y, base.axle_height - com_z) for x, y in geometry.wheel_places(base)]
     shapes = [wheel] * n
     if k:
-        radius = max((found.base_height + body.bottom) / 2, 0.1 * base.wheel_radius)
+        radius = max((mechanics_of.base_height + body.bottom) / 2, 0.1 * base.wheel_radius)
         shapes += [p.createCollisionShape(p.GEOM_SPHERE, radius=radius, **on)] * k
-        places += [(x - com_x, y - com_y, radius - found.base_height - com_z) for x, y in base.casters]
+        places += [(x - com_x, y - com_y, radius - mechanics_of.base_height - com_z) for x, y in base.casters]
     made = p.createMultiBody(
         body.mass - k * CASTER_MASS_KG,
         box,
@@ -154,10 +154,10 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
         kept = {"linearDamping": 0, "angularDamping": 0, **more, **on}
         p.changeDynamics(made, link, localInertiaDiagonal=inertia, lateralFriction=friction, **kept)
 
-    dynamics(-1, found.body_inertia, body.friction)
+    dynamics(-1, mechanics_of.body_inertia, body.friction)
     ground = robot.simulation
     soft: Any = dict(contactStiffness=ground.ground_stiffness, contactDamping=ground.ground_damping, jointDamping=0)
-    kinds = [(found.wheel_inertia, base.wheel_friction)] * n + [((1e-8, 1e-8, 1e-8), base.caster_friction)] * k
+    kinds = [(mechanics_of.wheel_inertia, base.wheel_friction)] * n + [((1e-8, 1e-8, 1e-8), base.caster_friction)] * k
     for link, kind in enumerate(kinds):
         dynamics(link, *kind, **soft)
     return made

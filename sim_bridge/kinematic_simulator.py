@@ -139,10 +139,10 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
 
 
 @kernel
-def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
-    """Write the contacts of the outline at (x, y) with heading (c, s) into `found`, and return their number.
+def _contacts(x, y, c, s, parts, reach, circles, boxes, contacts):
+    """Write the contacts of the outline at (x, y) with heading (c, s) into `contacts`, and return their number.
 
-    No part (k, 4) of Mechanics extends beyond `reach`. The columns of `found` (_MOST_CONTACTS, 8) are depth, point,
+    No part (k, 4) of Mechanics extends beyond `reach`. The columns of `contacts` (_MOST_CONTACTS, 8) are depth, point,
     direction, part (0: body, from 1: wheels) and velocity of the obstacle, all in the body frame.
     """
     n = 0
@@ -157,7 +157,7 @@ def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
             depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], parts[k])
             if depth > -_MARGIN_M and n < _MOST_CONTACTS:
                 its_u, its_s = c * circles[i, 3] + s * circles[i, 4], c * circles[i, 4] - s * circles[i, 3]
-                found[n] = depth, qx, qy, nx, ny, float(k), its_u, its_s
+                contacts[n] = depth, qx, qy, nx, ny, float(k), its_u, its_s
                 n += 1
     for i in range(boxes.shape[0]):
         dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
@@ -171,13 +171,13 @@ def _contacts(x, y, c, s, parts, reach, circles, boxes, found):
         for k in range(parts.shape[0]):
             depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, parts[k])
             if depth > -_MARGIN_M and n < _MOST_CONTACTS:
-                found[n] = depth, qx, qy, nx, ny, float(k), 0.0, 0.0
+                contacts[n] = depth, qx, qy, nx, ny, float(k), 0.0, 0.0
                 n += 1
     return n
 
 
 @kernel
-def _press(u, s, w, found, n, rims, scalars):
+def _press(u, s, w, contacts, n, rims, scalars):
     """Return the velocity (u, s, w) after the impulses of n contacts, and whether any contact pressed.
 
     Normal impulses prevent an approach beyond the gap and resolve a share UNDO of an overlap. Coulomb friction acts
@@ -188,7 +188,7 @@ def _press(u, s, w, found, n, rims, scalars):
     push, hold = np.zeros(n), np.zeros(n)
     for _ in range(_SWEEPS):
         for i in range(n):
-            depth, x, y, nx, ny, part, its_u, its_s = found[i]
+            depth, x, y, nx, ny, part, its_u, its_s = contacts[i]
             arm = x * ny - y * nx
             soft = 1.0 / mass + arm * arm / inertia
             speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
@@ -239,7 +239,7 @@ def drive(
     span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
     circles = _near(circles, circles[:, 2], state[X], state[Y], span)
     boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), state[X], state[Y], span)
-    found, lift, rims = np.empty((_MOST_CONTACTS, 8)), np.ones(supports.shape[0]), np.empty(2)
+    contacts, lift, rims = np.empty((_MOST_CONTACTS, 8)), np.ones(supports.shape[0]), np.empty(2)
     x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
     contact, rolled, k_target = False, 0.0, 0
     for step in range(steps):
@@ -252,9 +252,9 @@ def drive(
         du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)
         u, s, w = u + du, s + ds, w + dw
         c, sn = cos(yaw), sin(yaw)
-        n = _contacts(x, y, c, sn, parts, reach, circles, boxes, found)
+        n = _contacts(x, y, c, sn, parts, reach, circles, boxes, contacts)
         if n > 0:
-            u, s, w, pressed = _press(u, s, w, found, n, rims, scalars)
+            u, s, w, pressed = _press(u, s, w, contacts, n, rims, scalars)
             contact |= pressed
         for i in range(circles.shape[0]):
             circles[i, 0] += STEP * circles[i, 3]

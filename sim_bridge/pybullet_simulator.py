@@ -135,13 +135,13 @@ class PybulletSimulator(Simulator):
 def _find_near(circles, x, y, span, near):
     """Mark in `near` (bodies,) the bodies with a circle (n, 4) within span [m] of (x, y); return whether any is."""
     near[:] = False
-    found = False
+    any_near = False
     for k in range(circles.shape[0]):
         dx, dy, far = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + span
         if dx * dx + dy * dy < far * far:
             near[int(circles[k, 3])] = True
-            found = True
-    return found
+            any_near = True
+    return any_near
 
 
 @kernel

@@ -243,7 +243,7 @@ class RealTimeRate:
 
 
 def _clear_costmaps() -> None:
-    """Ask move_base, if there is one, to clear its costmaps."""
+    """Ask move_base to clear its costmaps if it runs."""
     name = rospy.resolve_name("move_base/clear_costmaps")
     try:
         rospy.wait_for_service(name, 0.1)

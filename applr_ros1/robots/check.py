@@ -110,7 +110,7 @@ def fields(robot: Robot) -> Iterator[str]:
             place = _list(body.centre_of_mass)
             yield f"body.com is {place}: it lies outside the wheels and casters; correct body.com or base.casters"
     if simulation.ground == "gazebo" and not (skids and simulation.track_multiplier):
-        yield "simulation.ground is gazebo: only a skid_steer base with simulation.track_multiplier has it, give plain"
+        yield "simulation.ground is gazebo, which needs a skid_steer base with simulation.track_multiplier: give plain"
     for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
         least, most = getattr(laser, low), getattr(laser, high)
         if most <= least:
@@ -199,7 +199,7 @@ def _space_limits(setup: _Setup) -> Iterator[str]:
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
-    """Yield the first value of each parameter of a robot's space that the servers of a complete tree would refuse."""
+    """Yield the first error of each parameter of a robot's space, compared with the servers of a complete tree."""
     known = servers(full)
     for parameter in robot.space:
         problem = next(filter(None, (_refusal(parameter, one, known) for one in parameter.sets)), "")
@@ -221,7 +221,8 @@ def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
     if declared is None or declared.type not in ("double", "int"):
         return f"{where} has no number {one.name}; docs/reference/parameters.md lists its parameters"
     if (declared.type == "int") != parameter.integer:
-        return f"give integer: {str(declared.type == 'int').lower()}, as in {where}"
+        kind = f"integer is {str(parameter.integer).lower()}, but {one.name} of {where} is of type {declared.type}"
+        return f"{kind}: give integer: {str(declared.type == 'int').lower()}"
     low, high = (-parameter.high, -parameter.low) if one.negated else (parameter.low, parameter.high)
     if not declared.min <= low <= high <= declared.max:
         return f"{where} takes {declared.min:g} to {declared.max:g}; stay within it"

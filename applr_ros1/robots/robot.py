@@ -97,12 +97,12 @@ class Base(Section):
 class Body(Section):
     """Box around everything except the wheels, for contacts with obstacles."""
 
-    size: Length3 = value("m", "[length, width, height] of the box")
+    size: Length3 = value("m", "[length, width, height] of the box around everything except the wheels")
     mass: float = real("kg", 0.01, 5000.0, "mass of everything except the driven wheels")
     centre: Place2 = value("m", "centre of the box along x and y", (0.0, 0.0))
     bottom: float = real("m", -2.0, 2.0, "height of the underside of the box above the base frame", 0.0)
     round: bool = value("", "whether the body is an upright cylinder, round or oval, that fills the box", False)
-    com: Optional[Place3] = value("m", "centre of mass, by default the centre of the box", None)
+    com: Optional[Place3] = value("m", "centre of mass of the body, by default the centre of the box", None)
     inertia: Optional[Inertia3] = value(
         "kg m^2", "moments of inertia about x, y, z through the centre of mass; by default of a solid box", None
     )
@@ -128,7 +128,7 @@ class Laser(Section):
     rate: float = real("Hz", 0.5, 200.0, "scans per second")
     noise: float = real("m", 0.0, 1.0, "standard deviation of a range", 0.0)
     no_return: Optional[float] = real(
-        "m", 0.0, 1000.0, "range that the driver publishes without a return, such as 0.0, if it is not +inf", None
+        "m", 0.0, 1000.0, "range that the driver publishes without a return, such as 0.0, if this is not +inf", None
     )
 
     @property

@@ -162,15 +162,15 @@ FILLED = {
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     words, parameters, wanted = MAKERS[name]
     urdf = next((OWNERS / f"{name}_description/urdf").iterdir())
-    status, output, found = run(urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words)
+    status, output, values = run(urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words)
     assert status == 0, output
     assert asked(output) == wanted
     included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
     for section in ("base", "body", "laser"):
-        for key, value in found[section].items():
+        for key, value in values[section].items():
             if key not in ("noise", "centre", "bottom"):
                 assert value == pytest.approx(included[section][key], abs=2e-3), key
-    assert found["world_scale"] == included["world_scale"]
+    assert values["world_scale"] == included["world_scale"]
     fill(tmp_path, **FILLED)
     assert check_robot.main([str(tmp_path)]) == 0, capsys.readouterr()
 
@@ -183,26 +183,26 @@ def test_what_roslaunch_dumps_is_one_file(make):
         {"/two/crate/left_wheel": "left_joint", "/two/crate/right_wheel": "right_joint", "/rosdistro": "noetic"}
     )
     flat["/two/move_base/base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
-    status, output, found = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
+    status, output, values = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
     assert status == 0, output
     assert "left_joint, right_joint, according to the controller's file" in output
-    assert found["move_base"]["files"] == [{"file": "dump.yaml"}]
-    assert (found["frames"]["odom"], found["topics"]["scan"]) == ("odom_comb", "scan")
+    assert values["move_base"]["files"] == [{"file": "dump.yaml"}]
+    assert (values["frames"]["odom"], values["topics"]["scan"]) == ("odom_comb", "scan")
 
 
 def test_the_cart_of_these_tests(make, tmp_path, capsys):
-    status, output, found = make(CART)
+    status, output, values = make(CART)
     assert status == 0, output
-    assert found["base"] == {
+    assert values["base"] == {
         "drive": "two_wheel",
         "wheel_radius": 0.05,
         "wheel_width": 0.02,
         "track": 0.24,
         "axle_height": 0.05,
     }
-    assert found["body"] == {"size": [0.3, 0.2, 0.16], "centre": [-0.05, 0.0], "bottom": 0.06}
+    assert values["body"] == {"size": [0.3, 0.2, 0.16], "centre": [-0.05, 0.0], "bottom": 0.06}
     laser = {"frame": "scanner", "pose": [0.05, 0.0, 0.0], "height": 0.2, "beams": 722, "first_angle": -1.5}
-    assert found["laser"] == {
+    assert values["laser"] == {
         **laser,
         "last_angle": 1.4,
         "range_min": 0.1,
@@ -210,7 +210,7 @@ def test_the_cart_of_these_tests(make, tmp_path, capsys):
         "rate": 20.0,
         "noise": 0.005,
     }
-    assert found["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
+    assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     assert asked(output) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
     assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n", text)
@@ -256,15 +256,15 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
     ids=["pairs", "plugin", "controller", "below a rocker"],
 )
 def test_driven_wheels(make, urdf, more, by):
-    _, output, found = make(urdf, **more)
+    _, output, values = make(urdf, **more)
     assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output)
-    base = found["base"]
+    base = values["base"]
     assert [base[name] for name in ("drive", "track", "wheel_radius")] == ["two_wheel", 0.24, 0.05]
     if more:
         assert [base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")] == [0.6, 25.0, 0.5]
         assert "base.max_yaw_rate" in asked(output)
-        assert "control.yaml" not in [one["file"] for one in found["move_base"]["files"]]
-        assert found["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
+        assert "control.yaml" not in [one["file"] for one in values["move_base"]["files"]]
+        assert values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 
 PLANAR = "<gazebo><plugin name='p' filename='planar_move.so'/></gazebo>"
@@ -295,19 +295,19 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
     ],
 )
 def test_odd_wheels_are_asked_for(make, urdf, more, why):
-    status, output, found = make(urdf, **more)
+    status, output, values = make(urdf, **more)
     assert status == 0
     assert re.search(f"remark: driven wheels not identified: .*{why}", output), output
     assert {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size", "body.bottom"} <= set(
         asked(output)
     )
-    assert "drive" not in (found["base"] or {})
+    assert "drive" not in (values["base"] or {})
 
 
 def test_wheels_that_are_not_drawn_have_a_track_and_no_size(make):
     bare = CART.replace('<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>')
-    _, output, found = make(bare)
-    assert (found["base"]["drive"], found["base"]["track"], "wheel_radius" in found["base"]) == (
+    _, output, values = make(bare)
+    assert (values["base"]["drive"], values["base"]["track"], "wheel_radius" in values["base"]) == (
         "two_wheel",
         0.24,
         False,
@@ -318,8 +318,8 @@ def test_wheels_that_are_not_drawn_have_a_track_and_no_size(make):
 def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     mark = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
     arm = link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT)
-    _, output, found = make(CART + mark + arm)
-    assert (found["body"]["size"], found["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
+    _, output, values = make(CART + mark + arm)
+    assert (values["body"]["size"], values["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
     assert "the outline excludes moving links: roller, arm" in output
 
 
@@ -336,23 +336,23 @@ BARE = link("base_link")
     ids=["a lost mesh", "on the ground", "a laser alone"],
 )
 def test_an_odd_outline_is_asked_for_with_the_footprint(make, tmp_path, hull, why):
-    _, output, found = make(CART.replace(HULL, hull))
+    _, output, values = make(CART.replace(HULL, hull))
     assert re.search(f"outline not identified: .*{why}", output)
-    assert found["body"] == {"centre": [-0.05, 0.0]}
+    assert values["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
 
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
     mesh = trimesh.creation.box((300, 200, 100)).export(file_type="dae").decode()
     (tmp_path / "hull.dae").write_text(mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>'))
-    _, _, found = make(CART.replace('<box size=".3 .2 .1"/>', '<mesh filename="hull.dae"/>'))
-    assert found["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
+    _, _, values = make(CART.replace('<box size=".3 .2 .1"/>', '<mesh filename="hull.dae"/>'))
+    assert values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
 
 
 def test_the_laser_is_the_one_that_is_named(make):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
-    _, output, found = make(CART + rear)
-    assert (found["laser"] or {}) == {}
+    _, output, values = make(CART + rear)
+    assert (values["laser"] or {}) == {}
     assert (
         "laser not identified: no file names it; give it with --laser LINK; these links have ray sensors: sc" in output
     )
@@ -363,18 +363,18 @@ def test_the_laser_is_the_one_that_is_named(make):
 def test_a_laser_upside_down(make, by):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
     named = {"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")}
-    _, output, found = make(
+    _, output, values = make(
         CART + rear, *(["--laser", "rear"] if by == "option" else []), files=named if by != "option" else {}
     )
-    laser = found["laser"]
+    laser = values["laser"]
     assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == ([-0.2, 0.0, 0.5], -1.4, 1.5), output
 
 
 def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
-    _, output, found = make(
+    _, output, values = make(
         CART, files={"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: mast,")}
     )
-    assert found["laser"] == {"frame": "mast"}
+    assert values["laser"] == {"frame": "mast"}
     assert "has no link mast, the sensor_frame of the costmaps" in output
 
 

@@ -39,7 +39,7 @@ IN_ROBOT_YAML = [
         "inflation_radius: there is no server .*inflation_layer.*; did you mean local_costmap/inflater_layer",
     ),
     ("name: path_distance_bias", "name: path_distance", "pdist_scale: server .* has no number path_distance; "),
-    ("range: [4, 60], integer: true", "range: [4, 60]", "vtheta_samples: give integer: true, as in server Traj"),
+    ("range: [4, 60], integer: true", "range: [4, 60]", "vtheta_samples: integer is false, .* int: give integer: true"),
     ("range: [0.1, 1.5]", "range: [0.1, 15.0]", "pdist_scale: server .* takes 0 to 5; stay within it"),
     ("axle_height: 0.0345", "axle_height: 0.5", "base.axle_height is 0.5: .*0.402"),
     ("pose: [0.055, 0.0, 0.0]", "pose: [5.5, 0.0, 0.0]", r"laser.pose is \[5.5, 0, 0\]: .*0.229 .*0.208"),

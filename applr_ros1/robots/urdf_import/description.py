@@ -164,7 +164,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
     low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
     problem = "" if shapes else "no fixed collision shapes above the axles are known"
     if urdf.lost:
-        problem = f"meshes are missing: put the packages of {', '.join(sorted(urdf.lost))} beside that of the URDF"
+        problem = f"{', '.join(sorted(urdf.lost))} is missing (put its package beside that of the URDF)"
     elif shapes and low[2] < axle - base.get("wheel_radius", inf) + CLEARANCE_M:
         problem = "the fixed collision shapes reach down to the ground, as casters do"
     elif shapes and high[1] - low[1] < base["track"] / 2:
@@ -185,7 +185,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
 
 
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
-    """Fill the section laser with its pose, and with the scans of Gazebo's ray sensor on its link.
+    """Fill the section laser with its pose, and with the settings of Gazebo's ray sensor on its link.
 
     By default, the laser is the link `sensor_frame` of the costmap's source, or that of the only ray sensor.
     """

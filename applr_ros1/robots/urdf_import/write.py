@@ -171,6 +171,6 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         known = [(x, f"the planner's {name}") for name in names if (x := number_at(planner, "", (name,))) is not None]
         hints.update({("base", field): max(known)} if known else {})
         if known and field in BRAKES:
-            usual = getattr(Monitoring(), BRAKES[field]), "the default, less than the planner's limit"
+            usual = getattr(Monitoring(), BRAKES[field]), "the default, which is below the planner's limit"
             hints["monitor", BRAKES[field]] = min(max(known), usual)
     return hints
