@@ -149,7 +149,7 @@ class Course:
         return self.start[0] + dx / beyond, self.start[1] + dy / beyond, self.goal[2]
 
     def arrived(self, x: float, y: float, called_within: Optional[float] = None) -> bool:
-        """Return True if a robot at the true position (x, y) has arrived. Every decision about success uses this method.
+        """Return True if a robot at the true position (x, y) has arrived. All decisions about success use this method.
 
         - Finish line: the paper's in BARN's worlds (y = 10). The paper only writes that the physical course is driven
           from end to end, so the line and the circle of that course are our own.
