@@ -29,8 +29,7 @@ LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] 
 def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlanner:
     """Return the local planner named by base_local_planner, with the values in force.
 
-    Parameters that a planner reads only at start-up, like the footprint of TrajectoryPlannerROS, have their start-up
-    values.
+    Parameters that a planner reads only once, like TrajectoryPlannerROS's footprint, have their start-up values.
 
     Args:
         full: complete parameter tree.

@@ -7,7 +7,7 @@ pluginlib does in C++. tests/planner/test_local_planner_contract.py checks every
 from __future__ import annotations
 
 import abc
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -38,7 +38,9 @@ class LocalPlanner(abc.ABC):
         """Follow the plan (n, 3) x, y, yaw from now on and clear goal_reached. n may be 0."""
 
     @abc.abstractmethod
-    def compute_velocity(self, pose, twist, costmap, local_origin: Optional[Pose] = None) -> Tuple[bool, Command]:
+    def compute_velocity(
+        self, pose: Sequence[float], twist: Sequence[float], costmap: Any, local_origin: Optional[Pose] = None
+    ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) for this cycle.
 
         Args:
@@ -69,7 +71,7 @@ class LocalPlanner(abc.ABC):
         """Stop backing out and choose among all velocities again, because the way back is blocked."""
         return  # Planners that never back out have nothing to do.
 
-    def refusals(self, costmap) -> Dict[str, int]:
+    def refusals(self, costmap: Any) -> Dict[str, int]:
         """Return why the last cycle's samples gave no command: their number, and how many each critic rejected.
 
         Empty if there was a command or nothing was sampled. `costmap` must be the one of that cycle.
@@ -82,9 +84,9 @@ class LocalPlanner(abc.ABC):
         """Points (k, 3) x, y, yaw of the chosen trajectory, empty if none was chosen."""
 
     @abc.abstractmethod
-    def cost_cloud(self, costmap) -> np.ndarray:
+    def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the last cycle's cells, for display."""
 
-    def trajectory_cloud(self, costmap) -> np.ndarray:
+    def trajectory_cloud(self, costmap: Any) -> np.ndarray:
         """Return points (k, 5) float32 x, y, z, theta, cost of the last cycle's legal trajectories."""
         return np.zeros((0, 5), np.float32)

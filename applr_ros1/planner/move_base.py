@@ -7,7 +7,7 @@ random source: the time is an argument of each call, the seed one of `reset`. st
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -147,8 +147,7 @@ class MoveBase:
         Args:
             now: time [s].
             restore: whether to restore the start-up parameters, too.
-            seed: int or sequence of ints with which the planner fidelity "drawn" is drawn anew. None keeps the last
-                seed.
+            seed: int or sequence of ints with which "drawn" draws the planner fidelity anew, None to keep the last one.
         """
         self._seed = self._seed if seed is None else seed
         if restore:
@@ -200,11 +199,11 @@ class MoveBase:
             self._maps[topic] = given
         self._show_map(topic, given)
 
-    def _show_map(self, topic, given) -> None:
+    def _show_map(self, topic: str, given: StaticMap) -> None:
         for costmap in self.costmaps.values():
             costmap.set_map(topic, given)
 
-    def _check_frame(self, topic, given) -> None:
+    def _check_frame(self, topic: str, given: StaticMap) -> None:
         for name, costmap in self.costmaps.items():
             listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
             if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
@@ -242,8 +241,7 @@ class MoveBase:
                 global costmap in another frame then takes no observations.
             twist: driven velocity (v, w).
             scan: new observation on the first source's topic, or {topic: observation}. None if there is nothing new.
-            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, from localisation. None if
-                both are the same frame.
+            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, None if they are the same.
         """
         cycle = Cycle()
         self.local_origin = local_origin
@@ -257,7 +255,7 @@ class MoveBase:
         self._machine.step(CycleInput(now, pose, global_pose, local_origin, twist, settings, stale), cycle)
         return cycle
 
-    def _update_maps(self, now, pose, cycle) -> None:
+    def _update_maps(self, now: float, pose: Optional[Pose], cycle: Cycle) -> None:
         if pose is None or self.goal is None and self._config[""]["shutdown_costmaps"]:
             return
         local, world = self._timers["local_costmap"].due(now), self._timers["global_costmap"].due(now)
@@ -337,7 +335,7 @@ class MoveBase:
             plan = self._plan_near(start, goal, tolerance, settings["make_plan_add_unreachable_goal"])
         return plan
 
-    def _plan_near(self, start, goal, tolerance, append_goal) -> np.ndarray:
+    def _plan_near(self, start: Pose, goal: Pose, tolerance: float, append_goal: bool) -> np.ndarray:
         unknown = self.parameters["NavfnROS"]["allow_unknown"]
         for x, y in reachable_near(self.global_costmap, start, goal, tolerance, unknown):
             plan = self.plan(start, (x, y, goal[2]))
@@ -383,11 +381,10 @@ class MoveBase:
         """Return the start-up values of a server: theta_0 as far as the parameter files set it."""
         return self._config.start_up(server)
 
-    def set_footprint(self, name: str, vertices) -> None:
+    def set_footprint(self, name: str, vertices: Iterable[Sequence[float]]) -> None:
         """Set the unpadded footprint (n, 2) [m] of a costmap, as received on its footprint topic.
 
-        As in C++, it applies until `footprint` or `robot_radius` changes, or until the start-up parameters are
-        restored.
+        As in C++, it applies until `footprint` or `robot_radius` changes or the start-up parameters are restored.
         """
         self._outlines[name] = footprint.parse([list(map(float, point)) for point in vertices])
         self._show_footprint(name)
@@ -400,7 +397,7 @@ class MoveBase:
             outline = footprint.padded(self._config[name])
         self.costmaps[name].set_footprint(outline)
 
-    def _reconfigure_costmap(self, name, changed) -> None:
+    def _reconfigure_costmap(self, name: str, changed: Set[str]) -> None:
         now = self._config[name]
         self._timers[name] = Timer()  # C++ restarts the thread that updates the map.
         self._timers[name].set_frequency(now["update_frequency"])

@@ -1,7 +1,4 @@
-"""Router of sensor observations to the obstacle layers by topic, with detection of silent sources.
-
-Called by MoveBase.
-"""
+"""Router of sensor observations to the obstacle layers by topic, with detection of silent sources, for MoveBase."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class ClearCostmapRecovery:
 
 
 class RotateRecovery:
-    """One anticlockwise rotation in place (rotate_recovery.cpp:93). Its limits are read only once.
+    """Anticlockwise rotation in place, one full turn (rotate_recovery.cpp:93). Its limits are read only once.
 
     Half a turn and a full turn are detected within `tolerance`, as in C++ at its 20 Hz, and also if a slower control
     rate steps over them. With like_cpp, a rotation that does not complete goes on forever.

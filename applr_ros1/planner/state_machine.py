@@ -70,7 +70,7 @@ NO_CONTROL, NO_PATH, OSCILLATING = (
     for cause in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
 )
 NEARER = 0.5  # decrease of the distance to the goal from which on a recovery counts as progress [m]
-# share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
+# Share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
 # It skipped due recoveries for 6 to 11 s and reported success 12 to 18 s late, so about one cycle in 200.
 LATE = 1.0 / 200.0
 
@@ -147,7 +147,7 @@ class StateMachine:
         self.state = PLANNING
         self._trigger = PLANNING
         self._index = 0  # index of the next recovery
-        self._behaviour: Optional[Behaviour] = None  # the recovery under way
+        self._behaviour: Optional[Behaviour] = None  # recovery under way
         self._run_planner = self._woken = self._new_plan = False
         self._cancelled = self._announce_stop = False
         self._refused: Optional[str] = None
@@ -363,7 +363,7 @@ class StateMachine:
         self._rounds += 1
         return 0 < self._components.recovery_rounds < self._rounds
 
-    def _end(self, cycle, status, text) -> None:
+    def _end(self, cycle: Cycle, status: str, text: str) -> None:
         """End the goal with a result: reset the state and stop the robot."""
         cycle.command, cycle.result, cycle.state = STOP, (status, text), IDLE
         self.goal, self._behaviour, self._refused = None, None, None

@@ -16,11 +16,7 @@ FOOTPRINT = "[[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]"  # vertices o
 
 
 def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
-    """Exercise all functions of a throw-away MoveBase with default parameters and a laser.
-
-    Args:
-        base_local_planner: local planner that is going to drive.
-    """
+    """Exercise all functions of a throw-away MoveBase with this local planner, default parameters and a laser."""
     dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
     costmap = {"observation_sources": "scan", "scan": {"data_type": "LaserScan"}, "footprint": FOOTPRINT}
     move_base = MoveBase(

@@ -210,7 +210,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
-    assert router.silent(now) == ("scan", 0.5)  # The source is silent by the new time, too.
+    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent, whatever the new time is.
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None

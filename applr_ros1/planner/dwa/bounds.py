@@ -27,7 +27,7 @@ from applr_ros1.planner.dwa.samples import (
 from applr_ros1.planner.sampling_planner import LARGEST_TURN, sift_down, small_turn
 
 ROUNDING = 1.01 * 2.0**-24  # relative rounding error of one float32 value, plus a margin for the closed forms
-FORMULA = 1e-9  # error bound of the closed forms [m]; their actual error is about 1e-12
+FORMULA = 1e-9  # error bound of the closed forms, whose actual error is about 1e-12 [m]
 AT_BORDER = -(1 << 40)  # marker for a pose too close to a cell border to decide on one of the cells
 
 

@@ -90,8 +90,8 @@ def clear(state):
     state.rotating_pos = state.rotating_neg = 0
 
 
-OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0
-NOTHING_LEGAL = -7.0
+OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0  # values of rejecting critics
+NOTHING_LEGAL = -7.0  # cost of a cycle without a legal sample
 REFUSED = -1.0  # cost of a sample rejected by the generator
 # names of the critics in C++
 CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")

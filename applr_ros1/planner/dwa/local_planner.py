@@ -145,7 +145,7 @@ class Step(NamedTuple):
     """Outcome of one cycle."""
 
     ok: bool
-    command: Tuple[float, float, float]  # vx, vy [m/s], w [rad/s]; zero if not ok
+    command: Tuple[float, float, float]  # command (vx, vy [m/s], w [rad/s]), zero if not ok
     phase: str
     cut: np.ndarray  # part (k, 3) of the plan that was followed
     cost: float = 0.0  # cost of the chosen or checked trajectory, negative if illegal
@@ -156,11 +156,8 @@ class Step(NamedTuple):
 class DWALocalPlanner(LocalPlanner):
     """Local planner DWAPlannerROS. The footprint is the costmap's of each cycle.
 
-    `reconfigure` applies all server parameters at once. The control period, sum_scores, cheat_factor and the latch
-    change only with a restart.
-
-    Args:
-        params: values of the server and static parameters of DWAPlannerROS by name.
+    params: values of the server and static parameters of DWAPlannerROS by name. `reconfigure` applies all of the
+    server's at once. The control period, sum_scores, cheat_factor and the latch change only with a restart.
     """
 
     def __init__(self, params: Mapping[str, Any]):

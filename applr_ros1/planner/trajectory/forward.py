@@ -25,7 +25,7 @@ from applr_ros1.planner.trajectory.scoring import (
     terms,
 )
 
-MARGIN = 1e-6  # distance to a border that makes a cell certain [cells]; closed forms are accurate to about 1e-10
+MARGIN = 1e-6  # distance to a border from which on a cell is certain, with closed forms accurate to 1e-10 [cells]
 
 
 @kernel

@@ -99,8 +99,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     ) -> Tuple[bool, Tuple[float, float]]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
-        goal_reached holds until the next plan or reconfigure. It must be read at once, because in C++ a new plan comes
-        in between.
+        goal_reached holds until the next plan or reconfigure. Read it at once: in C++, a new plan comes in between.
         """
         self.cropped_plan, self._choice, self._is_blocked = EMPTY, None, False
         x, y, yaw = (float(v) for v in pose)

@@ -23,9 +23,8 @@ from applr_ros1.planner.trajectory.sampling import (
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-# Scratch memory of one cycle. vs (vx_samples,) and ws (vtheta_samples,) are the sampled velocities, start (6,) is the
-# start of all samples. bases (lower bounds of path and goal terms), keys (lower bounds of the cost), heap and probed
-# (whether it was probed) have one entry per forward sample.
+# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled velocities. start (6,): start of samples.
+# Per forward sample: bases, keys (lower bounds of path and goal terms, of the cost), heap, probed (whether probed).
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
