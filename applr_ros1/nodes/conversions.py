@@ -103,6 +103,8 @@ def points_of(message: Any) -> np.ndarray:
     """
     if hasattr(message, "points"):
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
+    if message.width * message.height == 0:
+        return np.zeros((0, 3), np.float32)
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
     if not all(axis in offsets for axis in "xyz"):
         given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)

@@ -48,11 +48,12 @@ class Transforms:
         most_ahead: float = MAX_AHEAD_S,
         hint: str = "is localisation running?",
     ) -> Any:
-        """Return the latest geometry_msgs/TransformStamped of `source` in `target`.
+        """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, or else the latest, as C++ does.
 
         Raises ObservationError if it is older than `oldest` [s], or more than `most_ahead` [s] ahead of the clock.
         """
-        transform = self.at(target, source, rospy.Time(0))
+        known = self.buffer.can_transform_core(target.lstrip("/"), source.lstrip("/"), now)[0]
+        transform = self.at(target, source, now if known else rospy.Time(0))
         stamp = transform.header.stamp
         age = 0.0 if stamp.is_zero() else (now - stamp).to_sec()  # Static transforms have stamp 0.
         if -age > max(MAX_AGE_S, most_ahead):

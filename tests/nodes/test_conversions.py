@@ -124,6 +124,7 @@ def test_points_of_clouds():
     message.fields = message.fields[:2]
     with pytest.raises(MessageError, match="give x, y and z as FLOAT32"):
         conversions.points_of(message)
+    assert conversions.points_of(PointCloud2()).shape == (0, 3)  # A cloud without points needs no fields.
 
 
 def test_maps():

@@ -63,6 +63,16 @@ def test_no_scan_is_lost_while_tf_is_late(robot):
     assert len(used) >= 49
 
 
+def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
+    for k in range(20):
+        robot.tf(100.5 + 0.05 * k)
+    pose = robot.sensors.pose(robot.time(101.0), 0.3)
+    assert pose is not None, robot.sensors.pose_trouble
+    assert pose[0] == pytest.approx(1.0)
+    assert robot.sensors.pose(robot.time(102.0), 0.3) is None
+    assert "0.55 s old" in robot.sensors.pose_trouble
+
+
 def test_of_several_the_newest_that_can_be_placed_counts_and_newer_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)
