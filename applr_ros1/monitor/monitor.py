@@ -33,7 +33,7 @@ Slips = List[Tuple[float, float, float]]  # possible velocities of the base: v [
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE_FACTOR = 2.0  # multiple of the fastest command above which a measured speed is rejected
 STOP_WITHIN_M = 2.0  # longest stopping distance that is allowed; faster commands are limited [m]
-HELD_M_S, HELD_RAD_S = 0.05, 0.15  # speed and turn rate below which a limited command counts as blocked [m/s, rad/s]
+BLOCKED_M_S, BLOCKED_RAD_S = 0.05, 0.15  # velocities below which a limited command counts as blocked [m/s, rad/s]
 TINY_SPEED = 1e-6  # speed below which a command counts as zero [m/s, rad/s]
 BEATS = 10  # number of latest command intervals that are kept
 LATE_S = 0.05  # delay beyond the longest interval that counts as silence, and delay of a stop to the wheels [s]
@@ -62,7 +62,7 @@ class Verdict:
     def blocked(self) -> bool:
         """Whether the command was limited to almost zero."""
         v, w = self.command
-        return self.action != PASS and abs(v) < HELD_M_S and abs(w) < HELD_RAD_S
+        return self.action != PASS and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
 
 
 class _Laser:
@@ -299,7 +299,7 @@ class CollisionMonitor:
     def _freezing(self, stamp: float, pose: Pose, twist: Twist) -> str:
         """Return the fault if the pose stays the same, under any stamps, while the velocity is not zero."""
         # The measured velocity of a base at rest is seldom exactly 0.
-        stands = abs(twist[0]) < HELD_M_S and abs(twist[1]) < HELD_RAD_S
+        stands = abs(twist[0]) < BLOCKED_M_S and abs(twist[1]) < BLOCKED_RAD_S
         if pose != self._pose[1] or stamp < self._pose[0] or stands:
             self._pose = stamp, pose
         since = stamp - self._pose[0]

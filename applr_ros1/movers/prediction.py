@@ -29,7 +29,7 @@ class Prediction:
 
     Attributes:
         movers: moving obstacles in the latest scan.
-        marks: (n, 3) float32, predicted obstacle points in the frame of that scan's pose [m].
+        points: (n, 3) float32, predicted obstacle points in the frame of that scan's pose [m].
         room: smallest distance of a predicted disc from the robot's centre [m]. Nearer points would only block it.
     """
 
@@ -45,7 +45,7 @@ class Prediction:
         self._tracker.reset()
         self._until = -math.inf
         self.movers = Movers(*(np.empty(0) for _ in Movers._fields))
-        self.marks = np.empty((0, 3), np.float32)
+        self.points = np.empty((0, 3), np.float32)
 
     def add_scan(self, scan: LaserScan) -> SensorCloud:
         """Track and predict with a scan, and return the points for the costmaps in the frame of the scan's pose.
@@ -57,10 +57,10 @@ class Prediction:
         robot, points = compose(scan.sensor_pose, self._laser), [np.empty((0, 3), np.float32)]
         for time in np.arange(STEP_S, HORIZON_S + 1e-9, STEP_S) if len(self.movers.x) else ():
             points.append(project(replace(scan, ranges=self._seen(scan, robot, time))).points)
-        self.marks = np.concatenate(points)
+        self.points = np.concatenate(points)
         if len(self.movers.x):
             self._until = scan.stamp + CLEARED_S
-        points = [self.marks]
+        points = [self.points]
         if scan.stamp < self._until:
             beams = np.where(scan.ranges >= scan.range_max, np.float32(FAR_M), np.float32(np.inf))
             points.append(project(replace(scan, ranges=beams, range_max=2.0 * FAR_M)).points)

@@ -125,10 +125,8 @@ def has_moved(points, history, ranges, fans, depth, fan):
     Args:
         points: (6,) three points of the cluster [m].
         history: (SCANS, 6) their previous positions; NaN without a cluster.
-        ranges: (SCANS, at least n) of FreeSpace.
-        fans: (SCANS, 10) of FreeSpace.
-        depth: (n,) free depth of the latest scan [m].
-        fan: (10,) of the latest scan.
+        ranges, fans: FreeSpace's.
+        depth, fan: (n,) free depth [m] and (10,) fan of the latest scan.
     """
     for s in range(SCANS):
         swept = max(fan[SWEPT], fans[s, SWEPT])

@@ -176,15 +176,12 @@ SPECIFICATIONS = "%s, a policy (.safetensors), a set (.json), or module:Class or
 
 
 def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
-    """Make the method of a specification for a robot.
+    """Make the method of a specification. Raises ApplrError if it is unknown, invalid or for another robot.
 
     Args:
         spec: One of SPECIFICATIONS.
         robot: Robot that the method drives.
         user_code: Whether a user's module or file may be imported.
-
-    Raises:
-        ApplrError: The method is unknown, cannot be made, or is for another robot.
     """
     user = USER_METHOD.match(spec)
     if spec in METHODS:

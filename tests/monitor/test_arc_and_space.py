@@ -1,4 +1,4 @@
-"""The monitor's rules about the way: arcs, what is forgotten, sideways motion, odometry that contradicts poses."""
+"""Rules of the collision monitor on motion: arcs, forgotten points, lateral slip, odometry that contradicts poses."""
 
 import math
 from dataclasses import replace
@@ -22,9 +22,9 @@ SETTINGS = MonitorSettings.of(JACKAL)
 HERE = (0.0, 0.0, 0.0)
 
 
-def test_creeping_and_stopping_keep_the_arc_of_the_command():
-    """Figures of a drive in which the robot left a turn straight on and hit a wall."""
-    monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # it turns as it is commanded
+def test_creeping_and_stopping_follow_the_arc_of_the_command():
+    """The values are from a drive in which the robot left a turn straight on and hit a wall."""
+    monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # The turn rate equals the commanded one.
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
     v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), turning)
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
@@ -33,7 +33,7 @@ def test_creeping_and_stopping_keep_the_arc_of_the_command():
 
 
 @pytest.mark.parametrize("command", [(0.5, 1.0), (0.5, -1.0), (0.5, 0.2)])
-def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_turning(command):
+def test_a_braking_base_turns_no_faster_than_commanded_now_or_before(command):
     monitor = CollisionMonitor()
     monitor.braked(0.0, 2.0, (2.0, 0.4))
     v, w = monitor.braked(0.05, 2.0, command, SETTINGS.turn_gain * command[1])
@@ -42,17 +42,17 @@ def test_a_planner_that_slows_down_to_turn_turns_no_faster_than_it_asked_or_was_
     assert w * command[1] > 0.0
 
 
-def test_while_it_brakes_it_is_commanded_a_turn_that_it_can_soon_have():
-    """Tyres that are to turn the body by much do not brake it: 3.3 rad/s^2 for a tenth of a second, and no way back."""
+def test_a_braking_base_gets_only_reachable_turn_rates():
+    """The turn rate changes by at most 3.3 rad/s^2 for a tenth of a second, and never reverses."""
     for turning, asked, turned in ((0.0, 4.0, 0.33), (1.35, 4.0, 1.33), (-1.35, 4.0, 0.0), (2.7, 0.5, 1.67)):
         monitor = CollisionMonitor()
         monitor.braked(0.0, 2.0, (2.0, asked))
         assert monitor.braked(0.05, 2.0, (1.0, asked), turning) == pytest.approx((1.905, turned))
-        assert monitor.braked(0.1, 2.0, (2.0, asked)) == (2.0, asked), "it does not brake any more"
+        assert monitor.braked(0.1, 2.0, (2.0, asked)) == (2.0, asked), "the base no longer brakes"
 
 
-def test_a_rare_command_is_judged_by_the_time_for_which_it_stays():
-    """A planner with five commands a second; silence is noticed sooner where the base brakes."""
+def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
+    """The planner sends five commands a second. Silence is detected sooner if the base brakes."""
     reached = {}
     for period in (0.05, 0.2):
         monitor = seen_all_around(wall(1.4))
@@ -70,15 +70,15 @@ def test_a_rare_command_is_judged_by_the_time_for_which_it_stays():
     assert monitor.silence == pytest.approx(0.1)
 
 
-def test_what_a_turn_about_a_point_far_ahead_reaches_is_looked_at():
-    """Three times as fast as commanded about a point .5 m ahead: a rear corner comes .7 m from the origin."""
+def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts():
+    """The base turns at three times the command about a point .5 m ahead, and a rear corner reaches .7 m."""
     changed = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
     assert seen_all_around([(0.17, -0.7)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == SLOW
     assert seen_all_around([(0.17, -2.0)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == PASS
 
 
-def test_a_base_that_brakes_in_a_turn_may_leave_it_outwards():
-    """In a steady turn to the left a post stands straight ahead, out of the way of the whole and a faster turn."""
+def test_a_braking_base_may_leave_its_turn_outwards():
+    """In a steady left turn a post stands straight ahead, outside the paths of the commanded and of a faster turn."""
     planes, turning, post = half_planes(SETTINGS.body), (1.0, 1.5), np.array([[0.65, -0.2]])
     rest = (planes, 0.03, turning, turning, (0.0, 0.15), (1.9, 3.3), EVERYTHING, (1.5, 1.35, 0.13, 0.0))
     assert 0.0 < safe_scale(post, *rest)[0] < 1.0
@@ -86,12 +86,12 @@ def test_a_base_that_brakes_in_a_turn_may_leave_it_outwards():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_outline_may_swing_at_rest(side):
-    """By .15 rad after .3 m/s or more, about the point ahead: a rear corner comes .05 m aside; less after less."""
+def test_the_outline_may_swing_at_the_end_of_a_stop(side):
+    """The yaw swing is .15 rad after .3 m/s or more, and moves a rear corner .05 m aside. It is less at lower speed."""
     planes, free = half_planes(SETTINGS.body), {}
     for speed in (0.15, 0.3, 0.6):
         for gap in np.arange(0.032, 0.07, 0.002):
-            post = np.array([[x, side * (0.208 + gap)] for x in np.arange(-0.3, 0.8, 0.01)])  # a rail beside its way
+            post = np.array([[x, side * (0.208 + gap)] for x in np.arange(-0.3, 0.8, 0.01)])  # rail beside the path
             rest = (planes, 0.03, (speed, 0.0), (speed, 0.0), (0.0, 0.1), (1.9, 3.3), EVERYTHING)
             if safe_scale(post, *rest, (0.0, 1.0, 0.13, 0.0))[0] == 1.0:
                 free[speed] = gap
@@ -104,8 +104,8 @@ def test_the_outline_may_swing_at_rest(side):
 numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 
 
-def test_a_stop_in_a_turn_keeps_its_arc_until_it_stands():
-    """Without a command, or without odometry to be believed: then nobody knows how fast it turns by now."""
+def test_a_stop_in_a_turn_follows_its_arc_to_the_end():
+    """Without a command or valid odometry the current turn rate is unknown."""
     monitor, speed = CollisionMonitor(), 1.0
     monitor.filter(0.0, HERE, (1.0, 1.35 * 1.5), (1.0, 1.5))
     monitor.braked(0.0, 1.0, (1.0, 1.5))
@@ -117,10 +117,10 @@ def test_a_stop_in_a_turn_keeps_its_arc_until_it_stands():
 
 
 @examples(60)
-@example([(1.0, 0.0, 1.0), *[(0.0, 0.0, 1.0)] * 3, (1.0, 1.0, 1.0), (0.0, 0.0, 1.0)])  # odometry that stood still
+@example([(1.0, 0.0, 1.0), *[(0.0, 0.0, 1.0)] * 3, (1.0, 1.0, 1.0), (0.0, 0.0, 1.0)])  # constant odometry
 @given(st.lists(st.tuples(numbers, numbers, st.floats(0.3, 3.0)), min_size=2, max_size=6))
-def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(commands):
-    """Or turns less than that, or as it turns already, where it brakes."""
+def test_every_output_stays_on_the_arc_of_this_or_the_previous_command(commands):
+    """A braking base may also turn less, or keep its turn rate."""
     monitor, before = CollisionMonitor(), (0.0, 0.0)
     for step, (v, w, distance) in enumerate(commands):
         now, turning = 0.05 * step, SETTINGS.turn_gain * before[1]
@@ -143,8 +143,8 @@ def test_whatever_becomes_of_a_command_stays_on_its_arc_or_on_the_one_before(com
 
 @pytest.mark.parametrize("radius", [0.02, 0.1], ids=["4 cm", "20 cm"])
 @pytest.mark.parametrize("forgets", ["time", "distance", "capacity"])
-def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
-    """A post is looked at and left behind; the robot turns its back to it, and may then only creep to it."""
+def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
+    """A post is observed, and the robot turns its back to it. Once the post is forgotten, the robot may creep there."""
     if forgets == "capacity":
         monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1500)
     monitor, post = CollisionMonitor(), np.array([-0.65, 0.0])
@@ -158,13 +158,13 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
     cell = tuple(np.floor(edge[len(edge) // 2] / CELL_M).astype(int) % len(monitor.seen.cells))
     assert monitor.seen.cells[cell] == 1
     stamp, noise = 0.1, np.random.default_rng(0)
-    # it waits, goes 9 m away and comes back, or sees too much: ranges change so that no image counts as frozen
+    # The robot waits, goes 9 m away and returns, or observes too many points. Varying ranges avoid frozen images.
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
     for x in places.get(forgets, [0.0] * 6):
         stamp += 100.0 if forgets == "time" else 0.1
-        far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # nearer ones hide those before
+        far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # Nearer points occlude old ones.
         ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
-        monitor.matcher.clear()  # the made-up ranges are those of no room
+        monitor.matcher.clear()  # The synthetic ranges match no room.
         assert monitor.add_scan(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
@@ -174,7 +174,7 @@ def test_what_is_forgotten_is_unseen_again(radius, forgets, monkeypatch):
 
 
 @pytest.mark.parametrize(("beams", "range_max"), [(BEAMS, 3.5), (181, 30.0)], ids=["too far", "too thin"])
-def test_what_the_scanner_passes_by_from_afar_stays_and_is_gone_where_it_looks_from_near(beams, range_max):
+def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams, range_max):
     memory, left = ObstacleMemory(), []
     for stamp, x in enumerate((0.0, -4.0, 0.5)):
         ranges = np.full(beams, np.inf, np.float32)
@@ -186,15 +186,15 @@ def test_what_the_scanner_passes_by_from_afar_stays_and_is_gone_where_it_looks_f
 
 
 @pytest.mark.parametrize(("range_max", "radius"), [(0.2, 8.0), (1.0, 8.0), (30.0, 1.0)])
-def test_space_is_shown_as_far_as_the_scanner_measures_and_the_memory_reaches(range_max, radius):
+def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, radius):
     monitor = CollisionMonitor(replace(SETTINGS, memory_radius=radius))
     monitor.add_scan(scan_of(wall(1.6), HERE, range_max=range_max))
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (1.5, 0.0)).action == SLOW
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_post_in_the_way_of_a_slide_slows_the_command(side):
-    """At 1 m/s ahead and .6 m/s aside the body meets a post beside its way that it would pass without sliding."""
+def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
+    """At 1 m/s forward and .6 m/s of lateral slip the body touches a post that it would pass without slip."""
     points, planes = np.array([[0.5, side * (0.208 + 0.06)]]), half_planes(SETTINGS.body)
     rest = (points, planes, 0.03, (1.0, 0.0), (1.0, 0.0), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
     assert safe_scale(*rest, (0.0, 1.0, 0.0, 0.0))[0] == 1.0
@@ -202,8 +202,8 @@ def test_a_post_in_the_way_of_a_slide_slows_the_command(side):
     assert safe_scale(*rest, (0.0, 1.0, 0.0, -side * 0.6))[0] == 1.0
 
 
-def test_a_turn_moves_the_body_about_the_stated_point_and_as_fast_as_stated():
-    """Turning to the left about a point ahead the body goes to the right, where a post stands beyond its own circle."""
+def test_turn_ahead_and_turn_gain_change_the_swept_area():
+    """In a left turn about a point ahead the body moves right, to a post outside its circumscribed circle."""
     planes, command = half_planes(SETTINGS.body), (0.0, 1.5)
     post = np.array([[-0.2, -0.33]])
     args = (post, planes, 0.03, command, command, (0.0, 0.15), (1.9, 3.3), EVERYTHING)
@@ -213,26 +213,26 @@ def test_a_turn_moves_the_body_about_the_stated_point_and_as_fast_as_stated():
     assert safe_scale(*wide, (0.0, 3.0, 0.0, 0.0))[0] <= safe_scale(*wide, (0.0, 1.0, 0.0, 0.0))[0]
 
 
-def test_a_turn_about_a_point_ahead_sweeps_what_a_turn_about_it_sweeps():
-    """Turning at 1.5 rad/s about a point .3 m ahead, with .15 s and 3.3 rad/s^2 until it stands: posts at its side."""
+def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
+    """The base turns at 1.5 rad/s about a point .3 m ahead, and stops after .15 s at 3.3 rad/s^2, beside posts."""
     planes, w, ahead = half_planes(SETTINGS.body), 1.5, 0.3
     turned = np.linspace(0.0, 0.15 * w + w**2 / (2 * 3.3), 200)
     front, side = SETTINGS.body[0][0] + 0.03, SETTINGS.body[0][1] + 0.03
 
-    def meets(x, y):  # the post in the robot's frame, which turns about the point
+    def meets(x, y):  # Moves the post in the robot's frame, which turns about the point.
         dx, c, s = x - ahead, np.cos(turned), np.sin(turned)
         px, py = ahead + c * dx + s * y, c * y - s * dx
         return bool(np.any((abs(px) < front) & (abs(py) < side)))
 
     for x in (-0.15, 0.0, 0.15):
         for y in np.arange(-0.6, -0.25, 0.04):
-            if meets(x, y - 0.012) == meets(x, y + 0.012):  # not just at the edge
+            if meets(x, y - 0.012) == meets(x, y + 0.012):  # Posts right at the edge are skipped.
                 arguments = (np.array([[x, y]]), planes, 0.03, (0.0, w), (0.0, w), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
                 free = safe_scale(*arguments, (0.0, 1.0, ahead, 0.0))[0] == 1.0
                 assert free != meets(x, y), (x, y)
 
 
-def test_poses_give_the_velocity_ahead_aside_and_of_the_turn():
+def test_poses_give_forward_lateral_and_turn_velocity():
     motion, yaw = PoseMotion(), 0.0
     for step in range(10):
         stamp, yaw = 0.05 * step, math.pi / 2 + 0.3 * 0.05 * step
@@ -243,27 +243,27 @@ def test_poses_give_the_velocity_ahead_aside_and_of_the_turn():
     assert motion.contradicts((-1.5, 0.3))
     assert motion.contradicts((0.3, 0.3))
     assert not motion.contradicts((1.6, 0.3))
-    for step in range(1, 6):  # it stops at once, and stands for a quarter of a second
+    for step in range(1, 6):  # The base stops at once, and stands for a quarter of a second.
         motion.take(stamp + 0.0501 * step, (-0.2 * stamp, 1.5 * stamp, yaw))
     assert motion.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    motion.take(0.1, HERE)  # the clock was set back
+    motion.take(0.1, HERE)  # The clock was set back.
     assert motion.velocity == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("stated", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
-def test_a_stated_velocity_that_poses_contradict_does_not_hide_the_wall(stated, action):
-    """At 2 m/s by its poses, .9 m before a wall, what the odometry states is -2, .3 or 2 m/s."""
+@pytest.mark.parametrize(("reported", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
+def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(reported, action):
+    """The base drives at 2 m/s by its poses, .9 m before a wall, while odometry reports -2, .3 or 2 m/s."""
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         now, x = 0.05 * step, 0.1 * step
         monitor.add_scan(scan_of(wall(2.2, 2.0), (x, 0.0, 0.0), now))
-        verdict = monitor.filter(now, (x, 0.0, 0.0), (stated, 0.0), (2.0, 0.0))
+        verdict = monitor.filter(now, (x, 0.0, 0.0), (reported, 0.0), (2.0, 0.0))
     assert verdict.action == action
-    assert stated < 0.0 or verdict.command[0] > 1.0, "the commanded speed falls from that of the poses"
+    assert reported < 0.0 or verdict.command[0] > 1.0, "the commanded speed falls from that of the poses"
 
 
-def test_a_base_that_rolls_back_may_be_turned_round_at_once():
-    """Before a wall it gets no more than from where it stands, though to brake first would take the reaction time."""
+def test_a_base_that_rolls_back_may_reverse_at_once():
+    """Before a wall the command is no larger than from standstill, although braking first takes the reaction time."""
     commands = []
     for v in (0.0, -0.33):
         monitor = CollisionMonitor()
@@ -281,7 +281,7 @@ FLOATS = st.one_of(st.floats(), st.sampled_from([5e-324, -5e-324, -0.0, 1e308, -
 @given(
     st.tuples(FLOATS, FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS), st.tuples(FLOATS, FLOATS)
 )
-def test_no_number_ends_a_command(pose, twist, command, ages):
+def test_no_input_makes_a_command_invalid(pose, twist, command, ages):
     monitor = seen_all_around(wall(3.0))
     monitor.filter(0.0, HERE, (1.0, 0.1), (1.0, 0.1))
     for where, moving, asked in (
@@ -296,8 +296,8 @@ def test_no_number_ends_a_command(pose, twist, command, ages):
 
 @examples(300)
 @given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
-def test_no_number_ends_a_scan(numbers, ranges, field):
-    """One field at a time, and all; the same with the ranges. What cannot be is refused in a line."""
+def test_no_input_makes_a_scan_fail(numbers, ranges, field):
+    """One field at a time and all fields are invalid, and also ranges. The fault is reported in one line."""
     good = (0.05, -2.0, 0.5, 0.1, 10.0, 0.1, 0.2)
     one = [*good[:field], numbers[field], *good[field + 1 :]]
     for stamp, first, increment, least, most, x, yaw in (one, numbers, good):

@@ -1,4 +1,4 @@
-"""The collision monitor without ROS: what passes, what is remembered, which scanners are not believed."""
+"""The collision monitor without ROS: limited commands, obstacle memory and scanner faults."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ LASER = 0.12
 
 
 def scan_of(points, pose, stamp=0.0, **changes):
-    """What a Jackal's laser at `pose` sees of discs of 5 cm radius at points (n, 2) in the odometry frame."""
+    """Return the scan of a Jackal at `pose` among discs of 5 cm radius at points (n, 2) in the odometry frame."""
     place = pose[0] + LASER * math.cos(pose[2]), pose[1] + LASER * math.sin(pose[2]), pose[2]
     discs = [(*point, 0.05) for point in points]
     ranges = Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*place)
@@ -37,7 +37,7 @@ def wall(x, half_width=1.0):
 
 
 def seen_all_around(points, settings=None):
-    """A monitor at (0, 0, 0) whose scanner has looked ahead and, before, back, at the points (n, 2); time is 0."""
+    """Return a monitor at (0, 0, 0) and time 0 that has scanned discs at points (n, 2) behind and then ahead."""
     monitor = CollisionMonitor(settings)
     for stamp, yaw in ((-0.1, math.pi), (0.0, 0.0)):
         monitor.add_scan(scan_of(points, (0.0, 0.0, yaw), stamp))
@@ -48,19 +48,19 @@ def seen_all_around(points, settings=None):
     ("command", "action", "blocked"),
     [((0.04, -0.1), SLOW, True), ((0.0, 0.0), STOP, True), ((0.0, 0.2), SLOW, False), ((-0.06, 0.0), SLOW, False)],
 )
-def test_a_command_of_which_next_to_nothing_passes_is_blocked(command, action, blocked):
+def test_a_command_limited_to_almost_zero_is_blocked(command, action, blocked):
     assert Verdict(command, action).blocked is blocked
     assert not Verdict(command).blocked
 
 
-def test_nothing_near_changes_no_command():
+def test_without_obstacles_commands_pass_unchanged():
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of([(4.0, 0.0)] * 2, (0, 0, 0))) == ""
     assert monitor.filter(0.0, (0, 0, 0), (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_brakes_and_stops_as_its_wheels_can_without_locking(way):
+def test_braking_stays_within_the_friction_limit(way):
     for points, asked, expected in (
         ([(9.0, 0.0)], [0.5, 1.7, -1.0], [1.8, 1.7, 1.6]),
         ([(way * 1.2, 0.0)], [0, 0, 0], [1.8, 1.6, 1.5]),
@@ -71,14 +71,14 @@ def test_brakes_and_stops_as_its_wheels_can_without_locking(way):
             monitor.filter(t, (0, 0, 0), (2.0 * way, 0.0), (way * v, 0.0)) for t, v in zip((0.1, 0.2, 0.25), asked)
         ]
         assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
-    assert monitor.braked(0.35, 1.0 * way)[0] == pytest.approx(0.8 * way), "its wheels are slower than commanded"
+    assert monitor.braked(0.35, 1.0 * way)[0] == pytest.approx(0.8 * way), "the wheels are slower than commanded"
     assert monitor.braked(0.40, -0.5 * way) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * way) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_stop_keeps_the_arc(way):
-    """Of the command before it, whose way was found free; a turn that is asked for is turned as asked."""
+def test_a_stop_follows_the_arc(way):
+    """The arc is that of the previous command, which was free. A requested turn keeps its turn rate."""
     monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, deceleration=2.0))
     for asked, given in (((0.0, 0.0), 0.9), ((0.0, 0.5), 0.5)):
         monitor._given = 0.0, 2.0 * way, 1.0
@@ -88,20 +88,20 @@ def test_a_stop_keeps_the_arc(way):
 
 @pytest.mark.parametrize(("twist", "command"), [((1.0, 0.0), (1.0, 2.5)), ((1.0, 2.5), (1.0, 0.0))])
 @pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
-def test_a_new_turn_is_free_where_the_robot_may_turn_at_once_and_where_it_may_not_yet(twist, command, post):
-    """One post stands straight on, one at the inside of the turn; a robot may go either way before it follows."""
+def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
+    """One post stands straight ahead, one at the inside of the turn. The robot may go either way before it responds."""
     points, planes = np.array([post]), half_planes(SETTINGS.body)
     rest = ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
     assert 0.0 < safe_scale(points, planes, 0.03, twist, command, *rest)[0] < 1.0
     turning = (1.0, 2.5)
-    assert safe_scale(points, planes, 0.03, turning, turning, *rest)[0] < 1.0, "it may not follow the turn any more"
+    assert safe_scale(points, planes, 0.03, turning, turning, *rest)[0] < 1.0, "the robot may leave the turn"
     if post[1] > 0.0:
         assert safe_scale(points, planes, 0.03, (1.0, 0.0), (1.0, 0.0), *rest)[0] == 1.0
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
-def test_drives_up_to_a_wall_and_stands_before_it(speed):
-    """A base that accelerates at once and brakes as the settings promise never touches the wall, and gets near it."""
+def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
+    """A base that accelerates at once and brakes at the specified deceleration gets near the wall without contact."""
     monitor, x, v = CollisionMonitor(), 0.0, 0.0
     obstacles = wall(2.0)
     for step in range(400):
@@ -117,14 +117,14 @@ def test_drives_up_to_a_wall_and_stands_before_it(speed):
     assert verdict.reason
 
 
-def test_a_tighter_turn_is_let_through_where_straight_on_is_not():
+def test_a_tighter_turn_passes_if_straight_on_is_blocked():
     monitor, pose = seen_all_around(wall(0.55, 0.1), BRAKES_WELL), (0, 0, 0)
     assert monitor.filter(0.0, pose, (1.0, 0.0), (1.0, 0.0)).action == SLOW
     assert monitor.filter(0.0, pose, (0.0, 0.0), (0.0, 2.0)).action == PASS
 
 
-def test_backs_out_along_a_long_way_only_as_far_as_what_was_seen_there_allows():
-    """What was passed and lay three metres behind still stands there when the robot has backed up to it."""
+def test_backing_up_a_long_way_stops_before_remembered_obstacles():
+    """An obstacle three metres behind is remembered until the robot has backed up to it."""
     monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
     monitor.add_scan(scan_of(behind, (0, 0, math.pi)))
     there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
@@ -136,7 +136,7 @@ def test_backs_out_along_a_long_way_only_as_far_as_what_was_seen_there_allows():
     assert verdict.action != PASS
 
 
-def test_a_long_time_before_edges_does_not_fill_the_memory():
+def test_noisy_edges_do_not_fill_the_memory():
     rng, monitor, pose = np.random.default_rng(0), CollisionMonitor(), (0.0, 0.0, 0.0)
     discs = [(0.8, y) for y in np.arange(-0.9, 0.9, 0.18)]
     clean = scan_of(discs + wall(1.6, 1.5), pose)
@@ -148,7 +148,7 @@ def test_a_long_time_before_edges_does_not_fill_the_memory():
     assert counts[-1] < 1.5 * counts[0]
 
 
-TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}  # a TurtleBot3's laser, whose ends meet ahead
+TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}  # TurtleBot3's laser, whose ends meet straight ahead
 
 
 @pytest.mark.parametrize("geometry", [{}, TURN], ids=["270 degrees", "a full turn"])
@@ -162,9 +162,9 @@ def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry):
     assert counts[-1] < 1.1 * counts[0]
 
 
-def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
+def test_obstacles_gone_at_the_ends_of_a_scan_are_cleared():
     memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
-    empty = np.full(360, 1.2, np.float32)  # seen through by little more than a range may differ
+    empty = np.full(360, 1.2, np.float32)  # longer than the post's range by little more than TOLERANCE_M
     post = empty.copy()
     post[[-2, -1, 0, 1]] = 1.0
     for stamp, ranges, left in ((0.0, post, 4), (0.1, empty, 0)):
@@ -172,7 +172,7 @@ def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
         assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.1) == left
 
 
-def test_what_is_hidden_by_something_a_little_nearer_is_kept():
+def test_occluded_points_are_kept():
     memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
     for stamp, distance in ((0.0, 1.0), (0.1, 0.85)):
         memory.update(scan_of([], pose, stamp, ranges=np.full(360, distance, np.float32), **TURN))
@@ -181,7 +181,7 @@ def test_what_is_hidden_by_something_a_little_nearer_is_kept():
 
 
 @pytest.mark.parametrize(("beside", "left"), [(-1, 1), (1, 1), (2, 0)])
-def test_a_point_is_gone_only_where_the_beams_beside_it_pass_too(beside, left):
+def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, left):
     memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
     post, nearer = np.full((2, 360), 1.4, np.float32)
     post[180], nearer[180 + beside] = 1.0, 0.5
@@ -191,10 +191,10 @@ def test_a_point_is_gone_only_where_the_beams_beside_it_pass_too(beside, left):
     assert np.sum(np.abs(away - 1.0) < 0.01) == left
 
 
-def test_a_full_memory_forgets_the_oldest(monkeypatch):
+def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory, newest = ObstacleMemory(), ObstacleMemory()
-    for x in (0.0, 2.0, 4.0, 6.0, 8.0):  # each time far beyond what the scan before has shown
+    for x in (0.0, 2.0, 4.0, 6.0, 8.0):  # Each pose is outside the space observed by the previous scan.
         pose = (x, 0.0, 0.0)
         scan = scan_of([], pose, x, ranges=np.full(BEAMS, 0.9, np.float32))
         memory.update(scan)
@@ -203,7 +203,7 @@ def test_a_full_memory_forgets_the_oldest(monkeypatch):
     assert np.array_equal(memory.points[-len(newest.points) :], newest.points)
 
 
-def test_a_robot_in_touch_may_leave_and_not_press():
+def test_a_robot_in_contact_may_only_drive_away():
     monitor, pose = seen_all_around([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)]), (0, 0, 0)
     assert monitor.filter(0.0, pose, (0, 0), (0.3, 0.0)).action == STOP
     assert monitor.filter(0.0, pose, (0, 0), (-0.3, 0.0)).action == PASS
@@ -221,7 +221,7 @@ def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     assert monitor.filter(0.2, pose, (1.0, 0), (1.0, 0)).action == PASS
 
 
-def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
+def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
     monitor = CollisionMonitor()
     image = scan_of(wall(3.0), (0, 0, 0)).ranges
     faults = []
@@ -244,7 +244,7 @@ def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
         ((0, 0, 0.004), False),
     ],
 )
-def test_an_image_repeats_where_it_is_the_same_though_the_robot_moved_or_turned(pose, repeats):
+def test_an_identical_image_is_a_repeat_if_the_robot_moved_or_turned(pose, repeats):
     check, scan = ScannerCheck(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
     assert not check.fault(scan)
     assert not check.repeats
@@ -252,7 +252,7 @@ def test_an_image_repeats_where_it_is_the_same_though_the_robot_moved_or_turned(
     assert check.repeats == repeats
 
 
-def test_a_sector_is_believed_again_once_its_beams_return():
+def test_a_failed_sector_recovers_once_its_beams_return():
     check, scan = ScannerCheck(), scan_of([], (0.0, 0.0, 0.0), ranges=np.full(BEAMS, 1.5, np.float32))
     failed = scan.ranges.copy()
     failed[200:400] = np.inf
@@ -265,7 +265,7 @@ def test_a_sector_is_believed_again_once_its_beams_return():
     assert np.flatnonzero(np.isnan(check.believed(replace(scan, ranges=failed)).ranges)).tolist() == [*range(300, 400)]
 
 
-def test_no_scan_old_scan_and_nonsense_commands_stop():
+def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     monitor, pose = CollisionMonitor(), (0, 0, 0)
     assert monitor.filter(0.0, pose, (0, 0), (1, 0)).action == STOP
     monitor.add_scan(scan_of([], pose))
@@ -273,12 +273,12 @@ def test_no_scan_old_scan_and_nonsense_commands_stop():
     assert "scan is 0.60 s old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
     assert "pose is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.6, 0.0)).reason
     assert "odometry is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.0, 0.6)).reason
-    assert "0.45 s ahead of the clock" in monitor.filter(-0.45, pose, (0, 0), (1, 0)).reason  # it was set back
+    assert "0.45 s ahead of the clock" in monitor.filter(-0.45, pose, (0, 0), (1, 0)).reason
     assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
     assert monitor.filter(0.1, pose, (0, 0), (1e-7, -1e-7)) == Verdict((0.0, 0.0))
 
 
-def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():
+def test_absurd_commands_are_limited_to_a_speed_that_can_be_stopped():
     monitor, pose, command = CollisionMonitor(), (0, 0, 0), (1e300, 1e300)
     monitor.add_scan(scan_of(wall(5.0), pose))
     verdict = monitor.filter(0.0, pose, (0, 0), command)
@@ -287,13 +287,13 @@ def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():
     assert verdict.command != (0.0, 0.0)
     v, _ = monitor.fastest
     assert v * 0.15 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
-    v, _ = monitor.filter(0.0, pose, (0, 0), (1e3, 0.0), (0.0, 0.3)).command  # by odometry of .3 s ago
+    v, _ = monitor.filter(0.0, pose, (0, 0), (1e3, 0.0), (0.0, 0.3)).command  # The odometry is .3 s old.
     assert v * 0.45 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
-    assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # odometry that cannot be
+    assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # The odometry is impossible.
 
 
-def test_scale_is_the_largest_safe_one():
-    """Against plain sampling: a scale a little larger is not safe, for random points and commands."""
+def test_the_scale_is_the_largest_safe_one():
+    """For random points and commands, a slightly larger scale is not safe."""
     rng = np.random.default_rng(5)
     planes, rest = half_planes(SETTINGS.body), ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
     scales = []
@@ -322,8 +322,8 @@ def test_settings_are_checked():
 
 
 @pytest.mark.parametrize("world", ["generated:3", "generated:299"])
-def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
-    """Full speed straight ahead through a course: with the monitor the Jackal stands before the first obstacle."""
+def test_a_faulty_planner_causes_no_collision_in_simulation(world):
+    """The planner commands full speed straight ahead. The monitor stops the Jackal before the first obstacle."""
     pytest.importorskip("gymnasium")
     import sim_bridge
     import worlds
@@ -346,13 +346,13 @@ def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
 
 
 def posts(seed):
-    """Places (n, 2) [m] of posts, none of them at the robot."""
+    """Return random positions (n, 2) [m] of posts, none of them at the robot."""
     places = np.random.default_rng(seed).uniform(-4.0, 4.0, (40, 2))
     return places[np.hypot(*places.T) > 0.8]
 
 
 def turned_away_from(behind):
-    """A monitor that has seen posts at these places (n, 2) [m] before the robot turned to yaw 0, at time 3.9 s."""
+    """Return a monitor that has observed posts at (n, 2) [m] before the robot turned to yaw 0, at time 3.9 s."""
     monitor = CollisionMonitor()
     for step, yaw in enumerate(np.linspace(-math.pi, 0.0, 40)):
         monitor.add_scan(scan_of(behind, (0.0, 0.0, yaw), 0.1 * step))
@@ -364,8 +364,8 @@ CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
 
 
 @pytest.mark.parametrize("odometry_jumps", [False, True])
-def test_another_place_begins_the_memory_afresh(odometry_jumps):
-    """The robot is set to another place, or only its odometry is."""
+def test_another_place_clears_the_memory(odometry_jumps):
+    """The robot is moved to another place, or only its odometry is."""
     monitor = turned_away_from(before := [*posts(0), *CLOSE_BEHIND])
     place, after = ((1.9, 0.3, 0.5), before) if odometry_jumps else ((0.0, 0.0, 0.0), posts(1))
     scan = scan_of(after, (0.01, 0.0, 0.0), 4.0, sensor_pose=compose(place, (LASER, 0.0, 0.0)))
@@ -375,10 +375,10 @@ def test_another_place_begins_the_memory_afresh(odometry_jumps):
     assert len(monitor.memory.points) == len(only.points)
     assert "another place" in monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).reason
     monitor.add_scan(replace(scan, stamp=4.1))
-    assert monitor.filter(4.1, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # nor seen free
+    assert monitor.filter(4.1, place, (0, 0), (-0.5, 0.0)).command == pytest.approx((-0.1, 0.0))  # unknown space
 
 
-def test_scans_of_two_robots_in_turns_are_a_stop():
+def test_alternating_scans_of_two_robots_stop_the_robot():
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     for step in range(10):
         monitor.add_scan(scan_of(posts(step % 2), pose, 0.05 * step))
@@ -390,8 +390,8 @@ def test_scans_of_two_robots_in_turns_are_a_stop():
     ("twist", "steps", "action"),
     [((1.0, 0.0), 8, STOP), ((0.0, 0.5), 8, STOP), ((0.0, 0.0), 8, PASS), ((0.002, 0.006), 400, PASS)],
 )
-def test_a_pose_that_stands_while_the_velocity_says_that_the_base_moves_is_a_stop(twist, steps, action):
-    """A base at rest whose encoders say nothing new, though its gyroscope drifts, stays free for however long."""
+def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
+    """A base at rest, with constant encoders and a drifting gyroscope, is never stopped for this."""
     monitor = seen_all_around([(9.0, 0.0)])
     for step in range(steps):
         monitor.add_scan(scan_of([(9.0, 0.0)], (0, 0, 0), 0.05 * step))
@@ -400,8 +400,8 @@ def test_a_pose_that_stands_while_the_velocity_says_that_the_base_moves_is_a_sto
     assert ("frozen" in verdict.reason) == (action == STOP)
 
 
-def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
-    """Nothing is measured by nine beams; and more beams than can be remembered are no scan."""
+def test_space_between_widely_spaced_beams_is_unknown():
+    """Nine beams have no return. A scan with more beams than the memory holds points is rejected."""
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     few = scan_of([], pose, angle_increment=2 * ANGLE / 8, ranges=np.full(9, np.inf, np.float32))
     assert monitor.add_scan(few) == ""
@@ -410,8 +410,8 @@ def test_what_stands_between_beams_that_are_far_apart_was_not_seen():
     assert "20000 beams" in monitor.add_scan(many)
 
 
-def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone():
-    """However long it waits; a robot that turns and finds the way behind it free may go."""
+def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
+    """Waiting does not free the robot. After it has turned and observed the free space behind it, it may drive."""
     monitor, pose = turned_away_from(obstacles := [*posts(0), *CLOSE_BEHIND]), (0.0, 0.0, 0.0)
     for now in np.arange(4.0, 104.0, 1.0):
         monitor.add_scan(scan_of(obstacles, pose, now))
@@ -422,18 +422,18 @@ def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone(
 
 
 @pytest.mark.fault("11d")
-def test_what_vanishes_ahead_does_not_make_forget_what_is_behind():
-    """A door 1 m ahead, most of what is seen, opens from one scan to the next."""
+def test_an_obstacle_that_vanishes_ahead_does_not_clear_those_behind():
+    """A door 1 m ahead, which returns most of the beams, opens from one scan to the next."""
     monitor = turned_away_from(before := [*wall(1.0, 1.5), (3.0, 3.0), (3.0, -3.0), *CLOSE_BEHIND])
     monitor.add_scan(scan_of([place for place in before if place[0] != 1.0], (0.0, 0.0, 0.0), 4.0))
     assert monitor.filter(4.0, (0, 0, 0), (0, 0), (-0.5, 0.0)).blocked
 
 
 @pytest.mark.fault("11e")
-def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen():
+def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     verdict = None
-    for step in range(30):  # 1.45 m ahead
+    for step in range(30):  # The robot drives 1.45 m ahead.
         pose, now = (0.05 * step, 0.0, 0.0), 0.05 * step
         monitor.add_scan(scan_of(posts(0), pose, now))
         verdict = verdict or monitor.filter(now, pose, (0, 0), (-0.5, 0.0))
@@ -443,7 +443,7 @@ def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen
     assert CollisionMonitor(replace(SETTINGS, creep_speed=0.05)).settings.creep_speed == 0.05
 
 
-def test_what_lies_behind_an_obstacle_or_the_robot_has_not_been_seen():
+def test_space_behind_an_obstacle_or_the_robot_is_unknown():
     seen = SeenSpace(8.0)
     seen.update(scan_of(wall(1.0), (0.0, 0.0, 0.0)))
     places = np.array([(0.8, 0.0), (1.15, 0.0), (-0.6, 0.0), (0.0, 1.5), (7.0, 0.0)])
@@ -458,8 +458,8 @@ def test_what_lies_behind_an_obstacle_or_the_robot_has_not_been_seen():
 
 @pytest.mark.fault("11c")
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
-    """The quarter ahead, where a wall is 1.4 m away: no return there from one scan to the next is not believed."""
+def test_obstacles_in_a_failed_sector_are_kept(value):
+    """A quarter turn ahead, with a wall 1.4 m away, loses all returns from one scan to the next."""
     monitor, pose = seen_all_around(wall(1.4, 2.0)), (0.0, 0.0, 0.0)
     for stamp in (0.1, 0.2):
         failed = scan_of(wall(1.4, 2.0), pose, stamp)
@@ -470,8 +470,8 @@ def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
     assert monitor.filter(0.3, pose, (0, 0), (1.5, 0.0)).action == PASS
 
 
-def test_a_sector_in_which_something_stood_in_less_than_half_of_it_is_not_believed_either():
-    """A wall of .7 m, 1.4 m ahead, and 28 m to everything else, which is too far to be expected again."""
+def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
+    """A wall of .7 m is 1.4 m ahead. All else is 28 m away, too far for an expected return."""
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     clean = np.minimum(scan_of(wall(1.4, 0.35), pose).ranges, np.float32(28.0))
     failed = clean.copy()
@@ -482,8 +482,8 @@ def test_a_sector_in_which_something_stood_in_less_than_half_of_it_is_not_believ
 
 
 @pytest.mark.parametrize(("late", "ages"), [(0.3, (0.3, 0.0)), (0.0, (0.0, 0.3)), (0.0, (0.0, 0.0))])
-def test_what_is_old_counts_as_far_as_the_robot_may_have_come_since(late, ages):
-    """A wall 1.1 m ahead of the body: with the old pose behind or in the body of 300 ms, 2 m/s do not pass as fresh."""
+def test_stale_poses_shorten_the_free_distance(late, ages):
+    """A wall is 1.1 m ahead of the body. With a pose or twist 300 ms old, the command is limited more."""
     v, looks = 1.6, [((0.0, 0.0, 0.0), (0.0, 0.0)), ((-1.6 * late, 0.0, 0.0), ages)]
     here, seen = (
         seen_all_around(wall(1.379, 1.0)).filter(0.0, pose, (v, 0.0), (2.0, 0.0), old).command[0] for pose, old in looks

@@ -1,4 +1,4 @@
-"""Drives of a simulated Jackal on Gazebo's ground by what a planner may send: nothing that was measured is hit."""
+"""Simulated drives of a Jackal on Gazebo's ground with adverse commands: no observed obstacle is hit."""
 
 import itertools
 from dataclasses import replace
@@ -14,7 +14,7 @@ from applr_ros1.robots import JACKAL
 from tests.support.scenes import small_world
 
 STEP_S = 0.02
-TOUCHED_M_S = 0.15  # a wheel without grip slides on for some centimetres; without the rules below .3 to 1 m/s
+TOUCHED_M_S = 0.15  # largest speed of a contact, from wheels that slide some centimetres; unprotected: .3 to 1 [m/s]
 WALLS = [(4.5, y, 0.1) for y in np.arange(-2.2, 2.3, 0.15)] + [
     (x, side * 2.2, 0.1) for x in np.arange(-2.0, 4.5, 0.3) for side in (-1, 1)
 ]
@@ -23,13 +23,13 @@ WALLS = [(4.5, y, 0.1) for y in np.arange(-2.2, 2.3, 0.15)] + [
 def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0):
     """Return the speed [m/s] at which the robot touches a cylinder, 0 if it touches none, and its largest speed.
 
-    commands: yields (time [s], (v, w)). late: age [s] of scan, pose and twist when they come.
+    commands yields (time [s], (v, w)). late is the age of scan, pose and twist on arrival [s].
     """
     simulator, monitor, laser = sim_bridge.make("kinematic", robot=robot), CollisionMonitor(), robot.laser
     geometry = laser.first_angle, laser.increment, laser.range_min, laser.range_max
     state = simulator.reset(small_world(cylinders), seed)
     due, command = next(commands)
-    told, fastest, on_the_way, known = 0.0, 0.0, [], None
+    sent, fastest, on_the_way, known = 0.0, 0.0, [], None
     while state.time < seconds:
         now = state.time
         scan = LaserScan(now, *geometry, simulator.scan(), compose(state.odom_pose, laser.pose))
@@ -40,8 +40,8 @@ def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0
         if known is not None and now >= due - 1e-9:
             ages = (now - known.time,) * 2
             simulator.command(*monitor.filter(now, known.odom_pose, known.odom_twist, command, ages).command)
-            told, (due, command) = now, next(commands)
-        elif known is not None and now - told > monitor.silence:
+            sent, (due, command) = now, next(commands)
+        elif known is not None and now - sent > monitor.silence:
             simulator.command(*monitor.braked(now, known.odom_twist[0]))
         speed, state = abs(state.twist[0]), simulator.advance(STEP_S)
         if state.contact:
@@ -51,19 +51,19 @@ def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0
 
 
 def in_turn(period, *commands):
-    """Yield these commands in turn."""
+    """Yield the commands in turn, one per `period` [s]."""
     return ((step * period, command) for step, command in enumerate(itertools.cycle(commands)))
 
 
 def at_random(seed):
-    """Yield any commands, five to fifty a second."""
+    """Yield random commands, five to fifty a second."""
     rng, due = np.random.default_rng(seed), 0.0
     while True:
         yield due, tuple(rng.uniform(-2.0, 2.0, 2))
         due += rng.uniform(0.02, 0.2)
 
 
-MAD = (2.0, 4.0), (-2.0, -4.0), (2.0, -4.0), (2.0, 0.0)  # none can be followed before the next one comes
+MAD = (2.0, 4.0), (-2.0, -4.0), (2.0, -4.0), (2.0, 0.0)  # commands that change faster than the base can follow
 
 
 @pytest.mark.parametrize(
@@ -78,15 +78,15 @@ MAD = (2.0, 4.0), (-2.0, -4.0), (2.0, -4.0), (2.0, 0.0)  # none can be followed 
     ],
     ids=["alternating", "alternating and late", "alternating and rare", "rare", "rare and late", "at random"],
 )
-def test_whatever_a_planner_sends_walls_are_not_hit(commands, late, seeds):
+def test_no_command_sequence_hits_a_wall(commands, late, seeds):
     drives = [touched(commands(seed), seed, late) for seed in seeds]
     assert max(speed for speed, _ in drives) <= TOUCHED_M_S
     assert min(fastest for _, fastest in drives) > 0.6, "it drives"
 
 
 @pytest.mark.parametrize("beams", [60, 90])
-def test_a_leg_between_the_beams_of_a_coarse_laser_is_not_run_into(beams):
-    """A leg of 2 cm straight ahead, which a drive with a straight course has between two beams all the time."""
+def test_a_leg_between_the_beams_of_a_coarse_laser_is_not_hit(beams):
+    """A leg of 2 cm straight ahead stays between two beams on the whole straight drive."""
     laser = JACKAL.laser.model_copy(update=dict(beams=beams, first_angle=-3.1, last_angle=3.1))
     legs = [(1.0, 0.11 * (k - 1) + 0.013, 0.01) for k in range(4)]
     for leg in legs:

@@ -1,4 +1,4 @@
-"""The collision monitor's scan matching: the robot's true motion is found where the odometry has slipped."""
+"""Scan matching of the collision monitor: it recovers the true motion if the wheels slip."""
 
 import math
 from dataclasses import replace
@@ -19,8 +19,8 @@ NOTHING = np.zeros((0, 3)), np.zeros((0, 5))
 
 
 def scan(true, odometry, stamp, rng, discs=NOTHING[0], walls=NOTHING[1]):
-    """What a robot at pose `true` measures of discs and walls (x, y, yaw, length, thickness), stated where the odometry
-    believes to be; the laser is in its middle.
+    """Return the scan of discs and walls (x, y, yaw, length, thickness) from pose `true`, labelled with the pose
+    `odometry`. The laser is in the robot's centre.
     """
     laser = JACKAL.laser
     ranges = Lidar(laser, discs, walls).scan(*true) + rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
@@ -34,8 +34,8 @@ def pillars(rng, count=60):
 
 
 @seeds(5)
-def test_slip_and_wrong_headings_of_a_drive_are_found(seed):
-    """Every tenth step the wheels slip by up to 8 cm; the headings are off by .003 rad. At the end it is there."""
+def test_slip_and_heading_errors_are_corrected(seed):
+    """Every tenth step the wheels slip by up to 8 cm, and headings have an error of .003 rad."""
     rng = np.random.default_rng(seed)
     discs, matcher = pillars(rng), ScanMatcher()
     true, slipped = (0.0, 0.0, 0.0), 0.0
@@ -46,17 +46,17 @@ def test_slip_and_wrong_headings_of_a_drive_are_found(seed):
         slipped += slip
         true = compose(true, (move[0] + slip, move[1], move[2]))
         believed = compose(believed, move)
-        stated = (*believed[:2], believed[2] + float(rng.normal(0.0, 0.003)))
-        matcher.add_scan(scan(true, stated, 0.05 * step, rng, discs))
-        x, y, yaw = compose(inverse(true), matcher.corrected(stated))
+        reported = (*believed[:2], believed[2] + float(rng.normal(0.0, 0.003)))
+        matcher.add_scan(scan(true, reported, 0.05 * step, rng, discs))
+        x, y, yaw = compose(inverse(true), matcher.corrected(reported))
         assert math.hypot(x, y) < 0.015
         assert abs(yaw) < 0.01
     assert math.hypot(believed[0] - true[0], believed[1] - true[1]) > 0.015
 
 
 @seeds(5)
-def test_a_base_that_slides_on_while_its_wheels_turn_backwards_is_followed(seed):
-    """It brakes from 2 m/s at 4.8 m/s^2 between rows of posts 15 cm apart, which look alike every 15 cm."""
+def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
+    """The base brakes from 2 m/s at 4.8 m/s^2 between rows of posts that repeat every 15 cm."""
     rng = np.random.default_rng(seed)
     rows = [(0.15 * i, side, 0.075) for side in (-0.9, 0.9) for i in range(-10, 50) if rng.random() < 0.8]
     discs, matcher = np.array([*rows, (3.2, 0.3, 0.075), (4.0, -0.4, 0.075)]), ScanMatcher()
@@ -74,7 +74,7 @@ def test_a_base_that_slides_on_while_its_wheels_turn_backwards_is_followed(seed)
     assert believed[0] < true[0] - 0.5
 
 
-def test_along_a_bare_corridor_the_odometry_stands():
+def test_along_a_bare_corridor_the_odometry_decides():
     rng, matcher = np.random.default_rng(0), ScanMatcher()
     walls = np.array([[0.0, side, 0.0, 80.0, 0.01] for side in (-1.0, 1.0)])
     for step in range(40):
@@ -85,7 +85,7 @@ def test_along_a_bare_corridor_the_odometry_stands():
         assert abs(x - true[0]) < 0.05
 
 
-def test_a_person_who_walks_past_does_not_carry_the_robot_along():
+def test_a_passing_person_does_not_shift_the_pose():
     rng, matcher = np.random.default_rng(1), ScanMatcher()
     discs, pose = pillars(rng, 20), (0.0, 0.0, 0.0)
     for step in range(60):
@@ -94,8 +94,8 @@ def test_a_person_who_walks_past_does_not_carry_the_robot_along():
         assert np.hypot(*matcher.corrected(pose)[:2]) < 0.01
 
 
-def test_a_scene_that_has_changed_altogether_is_not_believed():
-    """Someone carried the robot, or it is another scan: the pose stays the odometry's, and the next scan fits again."""
+def test_a_completely_changed_scene_does_not_change_the_pose():
+    """If the scene changes completely, the pose stays that of the odometry, and the next scan fits again."""
     rng, matcher = np.random.default_rng(2), ScanMatcher()
     pose, first, second = (
         (0.0, 0.0, 0.0),
@@ -109,8 +109,8 @@ def test_a_scene_that_has_changed_altogether_is_not_believed():
     assert matcher.add_scan(scan(pose, pose, 0.3, rng, walls=second))
 
 
-def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels_believe_it_to_be():
-    """What it saw behind leaves room to back out, until the wheels lock and it slides back by 9 cm unnoticed."""
+def test_backing_up_uses_the_corrected_pose():
+    """The obstacles behind leave room to back up, until the wheels lock and the base slides back by 9 cm."""
     rng = np.random.default_rng(3)
     discs = np.array([(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
     verdicts = []
@@ -129,12 +129,12 @@ def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels
 @pytest.mark.parametrize(
     ("first", "increment", "count"), [(-2.356, 0.00654, 721), (2.0, -0.05, 60), (0.0, 0.0175, 359)]
 )
-def test_the_beam_towards_a_point_is_the_same_from_whichever_beam_the_search_begins(first, increment, count):
+def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
     random = np.random.default_rng(count)
     beams, surface = (first, increment), lines(np.full(count, 2.0, np.float32), (first, increment))
     for _ in range(300):
         bearing, r = random.uniform(-np.pi, np.pi), random.uniform(0.2, 8.0)
         expected = beam_at(*beams, bearing)
         last = (random.integers(-1, count + 1), int(expected) + random.integers(-9, 10))[random.integers(2)]
-        found = _beam_near(surface, beams, r * np.cos(bearing), r * np.sin(bearing), float(last))
-        assert found == pytest.approx(expected, abs=1e-9)
+        beam = _beam_near(surface, beams, r * np.cos(bearing), r * np.sin(bearing), float(last))
+        assert beam == pytest.approx(expected, abs=1e-9)

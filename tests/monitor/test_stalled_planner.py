@@ -1,4 +1,4 @@
-"""A planner beside the monitor that stands, or is held back: when the monitor moves in its place, and when never."""
+"""Escape motions of the monitor for a planner that stands or is blocked: when they begin and end."""
 
 import math
 
@@ -15,7 +15,7 @@ TOLERANCE = 0.3
 
 
 class Drive:
-    """Twenty commands a second; what is driven instead, of which `held` says whether the monitor holds it back."""
+    """Drive with twenty commands a second. `held` returns whether the monitor blocks a command."""
 
     def __init__(self, held=lambda driven: False):
         self.planner, self.time, self._held = StalledPlanner(TOLERANCE), 0.0, held
@@ -29,15 +29,15 @@ class Drive:
         return motions
 
 
-def test_a_planner_that_stands_for_two_seconds_is_moved_until_it_moves_by_itself():
+def test_a_planner_stalled_for_two_seconds_gets_escape_motions_until_it_drives():
     drive = Drive()
     assert set(drive(1.95)) == {None}
     assert not drive.planner.has_stalled
     motions = drive(0.3)
     assert motions[-1] == MOTIONS[0]
     assert drive.planner.has_stalled
-    assert drive(0.05, GO) == [None], "it has a command: it drives, at once"
-    assert set(drive(1.9)) == {None}, "and is given its time again"
+    assert drive(0.05, GO) == [None], "the planner's own command passes at once"
+    assert set(drive(1.9)) == {None}, "the waiting time begins again"
     assert drive(0.3)[-1] == MOTIONS[1]
     assert set(drive(1.2, GO)) == {None}
     assert not drive.planner.has_stalled
@@ -46,45 +46,45 @@ def test_a_planner_that_stands_for_two_seconds_is_moved_until_it_moves_by_itself
 @pytest.mark.parametrize(
     "state",
     [
-        {"goal": None},  # none, one that is cancelled, or a move_base that is gone
-        {"left": None},  # it plans, or recovers
-        {"left": TOLERANCE},  # it has arrived
+        {"goal": None},  # no goal, a cancelled goal, or no move_base
+        {"left": None},  # planning or recovering
+        {"left": TOLERANCE},  # arrived
         {"command": (math.nan, 0.0)},
     ],
     ids=["no goal", "no plan", "arrived", "absurd"],
 )
-def test_a_planner_that_need_not_drive_is_left_alone_and_a_motion_under_way_ends_at_once(state):
+def test_a_planner_without_need_to_drive_is_not_overridden(state):
     assert set(Drive(held=lambda driven: driven != STOP)(9.0, **state)) == {None}
     drive = Drive()
     assert drive(2.2)[-1] is not None
     assert set(drive(9.0, **state)) == {None}
-    assert set(drive(1.9)) == {None}, "it begins anew"
+    assert set(drive(1.9)) == {None}, "the waiting time begins again"
     assert drive(0.3)[-1] is not None
 
 
-def test_a_silent_planner_of_which_nothing_was_ever_driven_is_moved():
+def test_a_planner_silent_from_the_start_gets_escape_motions():
     planner = StalledPlanner(TOLERANCE)
     assert [planner.instead(t, STOP, "a", 5.0) for t in (0.0, 2.1)] == [None, MOTIONS[0]]
 
 
-def test_another_goal_begins_anew():
+def test_another_goal_restarts_the_detector():
     drive = Drive()
     assert drive(2.2)[-1] is not None
     assert set(drive(1.9, goal="b")) == {None}
     assert drive(0.3, goal="b")[-1] == MOTIONS[0]
 
 
-def test_what_is_held_back_is_tried_otherwise_after_half_a_second():
+def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
     drive = Drive(held=lambda driven: driven != MOTIONS[2])
     motions = drive(3.0, GO)
     assert set(motions[:10]) == {None}
     assert [motion for i, motion in enumerate(motions) if i and motion != motions[i - 1]][:3] == list(MOTIONS[:3])
     assert 10 <= motions.count(MOTIONS[2]) <= 11, "for half a second"
     after = len(motions) - motions[::-1].index(MOTIONS[2])
-    assert set(motions[after : after + 9]) == {None}, "then the planner chooses again"
+    assert set(motions[after : after + 9]) == {None}, "then the planner's commands pass again"
 
 
-def test_it_gives_up_after_so_many_motions_until_the_planner_drives_by_itself():
+def test_escape_motions_end_after_a_number_of_tries_until_the_planner_drives():
     drive = Drive(held=lambda driven: driven != STOP)
     drive(TRIES * 0.2 + 1.0, GO)
     assert set(drive(60.0, GO)) == {None}
@@ -94,8 +94,8 @@ def test_it_gives_up_after_so_many_motions_until_the_planner_drives_by_itself():
     assert drive(1.0, GO)[-1] is not None
 
 
-def test_a_motion_of_the_monitors_own_never_creeps_into_what_no_scan_has_shown():
-    """A laser that looks ahead: back is unseen, ahead is free."""
+def test_escape_motions_never_creep_into_unobserved_space():
+    """The laser covers the front only: space behind is unknown, and space ahead is free."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
     back = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0))

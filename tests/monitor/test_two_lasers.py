@@ -1,4 +1,4 @@
-"""A second laser: what only it sees counts, what it cannot see is not forgotten, and without it the base stands."""
+"""A second laser: its obstacles count, it does not clear those of the first laser, and without it the base stops."""
 
 import math
 
@@ -13,7 +13,7 @@ BACK = (-0.5, 0.0)
 
 
 def behind(points, stamp=0.0, **changes):
-    """What a laser that looks back sees."""
+    """Return the scan of a laser that faces backwards."""
     return scan_of(points, (0.0, 0.0, math.pi), stamp, **changes)
 
 
@@ -24,7 +24,7 @@ def seen_both(ahead, back):
     return monitor
 
 
-def test_it_drives_back_as_far_as_the_second_laser_shows():
+def test_the_robot_backs_up_as_far_as_the_second_laser_observes():
     one = CollisionMonitor()
     one.add_scan(scan_of(wall(3.0), HERE))
     assert "creeping" in one.filter(0.0, HERE, (0.0, 0.0), BACK).reason
@@ -37,7 +37,7 @@ def test_it_drives_back_as_far_as_the_second_laser_shows():
 
 
 @pytest.mark.parametrize("name", ["", "rear"])
-def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
+def test_each_silent_or_blind_laser_stops_the_robot(name):
     monitor = CollisionMonitor(more_scans=["rear"])
     other = "rear" if not name else ""
 
@@ -57,8 +57,8 @@ def test_each_laser_that_is_silent_or_blind_is_a_stop(name):
     assert verdict.reason.startswith("rear: the scanner is blind" if name else "the scanner is blind")
 
 
-def test_what_one_laser_sees_through_stays_where_another_saw_it():
-    """A low step ahead is in the plane of the first one alone."""
+def test_a_laser_does_not_clear_the_memory_of_another():
+    """A low step ahead is in the scan plane of the first laser only."""
     monitor = CollisionMonitor(more_scans=["high"])
     monitor.add_scan(scan_of(wall(1.0), HERE))
     for stamp in (0.0, 0.1):
@@ -67,7 +67,7 @@ def test_what_one_laser_sees_through_stays_where_another_saw_it():
     assert monitor.filter(0.1, HERE, (0.0, 0.0), (2.0, 0.0)).action != PASS
 
 
-def test_another_place_clears_what_all_lasers_remember():
+def test_another_place_clears_the_memories_of_all_lasers():
     monitor = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
     monitor.reset()
     monitor.add_scan(scan_of(wall(3.0), HERE, 1.0))
@@ -75,8 +75,8 @@ def test_another_place_clears_what_all_lasers_remember():
     assert monitor.filter(1.0, HERE, (0.0, 0.0), BACK).action == PASS
 
 
-def test_a_laser_that_comes_along_later_counts_from_then_on():
-    """As one that shares the first one's topic, with a frame of its own."""
+def test_a_laser_may_be_added_later():
+    """Such a laser shares the topic of the first one and has its own frame."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
     monitor.add_scan(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
@@ -85,7 +85,7 @@ def test_a_laser_that_comes_along_later_counts_from_then_on():
     assert "scan on scan of rear is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
 
 
-def test_a_scan_whose_range_has_no_end_is_one():
+def test_an_infinite_range_max_is_valid():
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (2.0, 0.0)).action == SLOW

@@ -1,4 +1,4 @@
-"""The ways that the monitor keeps free, in metres and radians, as the sums of physics have them."""
+"""Stopping distances and angles of the collision monitor, compared with closed-form physics."""
 
 import math
 from dataclasses import replace
@@ -26,17 +26,17 @@ from tests.monitor.test_collision_monitor import scan_of, seen_all_around, wall
 SETTINGS = replace(MonitorSettings.of(JACKAL), turn_gain=1.0, turn_ahead=0.0)
 FRONT, SIDE, MARGIN = 0.229, 0.208, 0.03
 HERE = (0.0, 0.0, 0.0)
-TOLERANCE = 0.045  # [m] of the ways: the time between two checked poses at 2 m/s
+TOLERANCE = 0.045  # tolerance of a stopping distance [m], from the step between two checked poses at 2 m/s
 
 
 def braking_way(speed, deceleration):
-    """Return the way [m] of a base that brakes at most by .6 m/s^2 below .3 m/s."""
+    """Return the braking distance [m] of a base that brakes with at most .6 m/s^2 below .3 m/s."""
     last = min(speed, 0.3)
     return (speed**2 - last**2) / (2 * deceleration) + last**2 / (2 * 0.6)
 
 
 def least(low, high, passes):
-    """The least number for which `passes` is true, which it is from there on."""
+    """Return the smallest number for which the monotone predicate `passes` is true."""
     for _ in range(10):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if passes(middle) else (middle, high)
@@ -45,16 +45,16 @@ def least(low, high, passes):
 
 @pytest.mark.parametrize(
     ("measured", "commanded", "old", "way"),
-    [  # braking at 4 m/s^2 after 0.15 s
+    [  # braking with 4 m/s^2 after 0.15 s
         (2.0, 2.0, 0.0, 2.0 * 0.15 + braking_way(2.0, 4.0)),
-        (0.0, 2.0, 0.0, 2.0 * 0.15 + braking_way(2.0, 4.0)),  # gains speed at once
-        (2.0, 0.5, 0.0, braking_way(2.0, 4.0)),  # loses it as it brakes
+        (0.0, 2.0, 0.0, 2.0 * 0.15 + braking_way(2.0, 4.0)),  # The base gains speed at once.
+        (2.0, 0.5, 0.0, braking_way(2.0, 4.0)),  # The base loses speed as in braking.
         (1.0, 1.0, 0.3, 1.0 * 0.45 + braking_way(1.0, 4.0)),
         (1.0, 2.0, 0.3, 1.0 * 0.3 + 2.0 * 0.15 + braking_way(2.0, 4.0)),
     ],
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_way_to_a_stop(measured, commanded, old, way, side):
+def test_the_stopping_distance(measured, commanded, old, way, side):
     planes = half_planes(SETTINGS.body)
 
     def passes(distance):
@@ -67,8 +67,8 @@ def test_the_way_to_a_stop(measured, commanded, old, way, side):
 
 
 @pytest.mark.parametrize(("deceleration", "way"), [(1.9, 0.3**2 / 1.2), (0.5, 0.3**2 / 1.0)])
-def test_the_last_of_its_speed_is_lost_gently(deceleration, way):
-    """Wheels that nearly stand may hold less than they did at speed: the Jackal touched walls at up to .26 m/s."""
+def test_the_last_part_of_braking_is_gentle(deceleration, way):
+    """The friction of nearly stopped wheels may be lower than at speed: the Jackal touched walls at up to .26 m/s."""
     planes = half_planes(SETTINGS.body)
 
     def passes(distance):
@@ -78,17 +78,17 @@ def test_the_last_of_its_speed_is_lost_gently(deceleration, way):
     assert least(0.0, 1.0, passes) == pytest.approx(0.3 * 0.1 + way, abs=0.01)
 
 
-def test_braking_ends_gently_whatever_the_base_can_at_speed():
+def test_braking_ends_gently_for_any_deceleration():
     assert braking_time(2.0, 1.9) == pytest.approx(1.7 / 1.9 + 0.3 / 0.6)
     assert braking_time(0.2, 1.9) == pytest.approx(0.2 / 0.6)
     assert braking_time(1.0, 0.5) == pytest.approx(1.0 / 0.5)
 
 
 @pytest.mark.parametrize("gain", [1.0, 1.6])
-def test_the_turn_to_a_stop(gain):
-    """A post beside the robot, .28 m from its middle: a corner comes to it, at 2 rad/s with .15 s and 4 rad/s^2."""
+def test_the_stopping_angle(gain):
+    """A corner turns towards a post .28 m from the robot's centre, at 2 rad/s with .15 s and 4 rad/s^2 to stop."""
     planes, radius, turning = half_planes(SETTINGS.body), 0.28, (0.0, 2.0 / gain)
-    first = math.asin((SIDE + MARGIN) / radius)  # direction in which the outline, widened, is so far away
+    first = math.asin((SIDE + MARGIN) / radius)  # direction in which the widened outline is `radius` away [rad]
 
     def passes(turn):
         points = np.array([[radius * math.cos(first + turn), radius * math.sin(first + turn)]])
@@ -99,8 +99,8 @@ def test_the_turn_to_a_stop(gain):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_slide_ends_with_the_drive(side):
-    """At 1 m/s ahead and .6 m/s aside: .15 s of it, then both fall to 0 as the speed ahead does."""
+def test_lateral_slip_ends_with_the_forward_motion(side):
+    """At 1 m/s forward and .6 m/s of slip, both are constant for .15 s and then fall to 0 together."""
     planes = half_planes(SETTINGS.body)
 
     def passes(distance):
@@ -111,8 +111,8 @@ def test_a_slide_ends_with_the_drive(side):
     assert least(0.0, 1.0, passes) == pytest.approx(0.6 * (0.15 + braking_way(1.0, 1.9)), abs=0.02)
 
 
-def test_a_slide_may_end_in_a_turn_that_is_faster_than_commanded():
-    """It slides to the left, away from a post, and turns to the right."""
+def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
+    """The base slides to the left, away from a post, and turns to the right."""
     post, planes = np.array([[0.5, -0.3]]), half_planes(SETTINGS.body)
     rest = (post, planes, MARGIN, (1.0, 0.0), (1.0, -0.5), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
     assert safe_scale(*rest, (0.0, 1.0, 0.0, 0.6))[0] == 1.0
@@ -120,29 +120,29 @@ def test_a_slide_may_end_in_a_turn_that_is_faster_than_commanded():
 
 
 def moving(velocity, **changes):
-    """A monitor of an empty room whose poses show this velocity (v, w, s)."""
+    """Return a monitor in an empty room whose poses imply the velocity (v, w, s)."""
     monitor = seen_all_around(wall(9.0), replace(SETTINGS, **changes))
     monitor.motion.take, monitor.motion.velocity = lambda *_: None, velocity
     return monitor
 
 
-def test_a_slide_is_what_poses_show_beyond_their_own_turn():
-    """About a point .13 m ahead of the origin; the odometry's turn, which is newer, has no part in it."""
+def test_lateral_slip_excludes_the_turn_of_the_poses():
+    """The turn is about a point .13 m ahead. The odometry's turn rate, which is newer, is not used."""
     monitor = moving((1.0, 1.0, 0.2), turn_ahead=0.13)
     assert monitor._twists((1.0, 1.3)) == [(1.0, 1.3, pytest.approx(0.33))]
 
 
-def test_wheels_that_slip_are_braked_from_the_speed_of_the_poses():
-    """Commanded 1 m/s a tenth of a second ago; the wheels nearly stand, or turn back."""
-    for stated in (0.2, -0.1):
+def test_slipping_wheels_are_braked_from_the_speed_of_the_poses():
+    """1 m/s was commanded a tenth of a second ago, and the wheels nearly stand or turn backwards."""
+    for reported in (0.2, -0.1):
         monitor = moving((-1.0, 0.0, 0.0))
         monitor._given = -0.1, -1.0, 0.0
-        verdict = monitor.filter(0.0, HERE, (-stated, 0.0), (0.0, 0.0))
+        verdict = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0))
         assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
 
 
-def test_poses_faster_than_any_command_are_a_stop_at_once():
-    """The odometry was set to a place 1 km away; reckoning with that speed would take minutes."""
+def test_poses_faster_than_any_command_stop_the_robot_at_once():
+    """The odometry was set to a place 1 km away. Judging a command at this speed would take minutes."""
     monitor = seen_all_around(wall(9.0), SETTINGS)
     for stamp, x in ((-0.1, 0.0), (0.0, 1000.0)):
         verdict = monitor.filter(stamp, (x, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
@@ -152,14 +152,14 @@ def test_poses_faster_than_any_command_are_a_stop_at_once():
 
 @pytest.mark.parametrize(
     ("scan", "ages", "way"),
-    [  # at 1 m/s; what is old adds to the reaction, the pose's age also to what was driven since
+    [  # The speed is 1 m/s. Ages add to the reaction time, and the pose's age also to the distance driven since.
         (0.0, (0.0, 0.0), 0.15),
         (0.3, (0.0, 0.0), 0.45),
         (0.0, (0.0, 0.3), 0.45),
         (0.0, (0.3, 0.0), 0.75),
     ],
 )
-def test_the_way_that_a_command_needs_by_the_ages_of_what_it_is_judged_by(scan, ages, way):
+def test_the_stopping_distance_depends_on_the_ages_of_the_inputs(scan, ages, way):
     def passes(distance):
         monitor = seen_all_around(wall(FRONT + MARGIN + distance + 0.05), SETTINGS)
         return monitor.filter(scan, HERE, (1.0, 0.0), (1.0, 0.0), ages).action == PASS
@@ -167,8 +167,8 @@ def test_the_way_that_a_command_needs_by_the_ages_of_what_it_is_judged_by(scan, 
     assert least(0.0, 2.0, passes) == pytest.approx(way + braking_way(1.0, 1.9), abs=TOLERANCE)
 
 
-def test_a_fast_base_is_stopped_for_what_only_its_own_speed_reaches():
-    """2 m/s measured, .3 m/s commanded, a wall after .75 m: it lies beyond the stopping distance of the command."""
+def test_a_fast_base_stops_for_an_obstacle_that_only_its_current_speed_reaches():
+    """At 2 m/s, with .3 m/s commanded, a wall is .75 m ahead, beyond the stopping distance of the command."""
     monitor = seen_all_around(wall(1.0), SETTINGS)
     verdict = monitor.filter(0.0, HERE, (2.0, 0.0), (0.3, 0.0))
     assert (verdict.action, verdict.reason) == (STOP, "braking: an obstacle is too near to stop")
@@ -176,21 +176,21 @@ def test_a_fast_base_is_stopped_for_what_only_its_own_speed_reaches():
 
 @pytest.mark.parametrize(
     ("changes", "command", "age", "post"),
-    [  # the robot turns up to three times as fast as commanded, for 2.6 s; the pose is 1.5 s old
+    [  # The robot turns up to three times as fast as commanded, for 2.6 s. The pose is 1.5 s old.
         ({"turn_gain": 3.0, "yaw_deceleration": 0.3}, (1.0, 0.26), 0.0, (1.28, 0.82)),
         ({"scan_timeout": 2.0}, (0.3, 0.0), 1.5, (1.2, 0.0)),
     ],
     ids=["turn", "age"],
 )
-def test_points_are_looked_for_as_far_as_the_body_may_come(changes, command, age, post):
+def test_obstacle_points_count_as_far_as_the_body_may_reach(changes, command, age, post):
     for points, action in (([post], SLOW), ([], PASS)):
         monitor = seen_all_around(points, replace(SETTINGS, **changes))
-        monitor.seen.cells[:] = 1  # as it would be from other places
+        monitor.seen.cells[:] = 1  # The space was observed from other places.
         assert monitor.filter(0.0, HERE, command, command, (age, 0.0)).action == action
 
 
-def test_turning_into_the_unseen_is_as_slow_as_creeping():
-    """The corner of the body moves at creep_speed."""
+def test_turning_into_unobserved_space_is_limited_to_creep_speed():
+    """The fastest corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)
     monitor.add_scan(scan_of(wall(2.0), HERE))
     verdict = monitor.filter(0.0, HERE, (0.0, 0.0), (0.0, 1.5))
@@ -199,8 +199,8 @@ def test_turning_into_the_unseen_is_as_slow_as_creeping():
     assert verdict.command == pytest.approx((0.0, SETTINGS.creep_speed / math.hypot(FRONT, SIDE)))
 
 
-def test_what_is_computed_in_rows_is_what_one_point_at_a_time_gives():
-    """To the last bit: points in the body, cells under its edge, the beam to a bearing."""
+def test_vectorised_kernels_equal_the_scalar_computation():
+    """Points in the body, cells under its edge, and the beam towards a bearing are equal to the last bit."""
     random, planes, edge = np.random.default_rng(3), half_planes(SETTINGS.body), edge_points(SETTINGS.body)
     n, outcomes = 60, set()
     for _ in range(300):

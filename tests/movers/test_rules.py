@@ -1,4 +1,4 @@
-"""Single rules of the tracker, for which no scene is needed: free space, hidden edges, where the robot is."""
+"""Unit tests of the tracker's rules without a scene: free space, occluded edges, pose correction, tracks."""
 
 import math
 
@@ -9,28 +9,28 @@ from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.free_space import SCANS, STAMP, SWEPT, depths, sees_through
 from applr_ros1.movers.slip import shift, slip
 
-FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # of a laser at (1, 2, 0.5): beam 100 is ahead
+FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # fan of a laser at (1, 2, 0.5), beam 100 ahead
 
 
 @pytest.mark.parametrize(
-    ("beams", "says", "through"),
+    ("beams", "value", "through"),
     [
         ([], 0.0, True),
         ([100], 2.10, False),
-        ([100], 2.15, True),  # 12 cm behind the point at least
-        ([95], 1.9, False),  # 6 cm and 0.02 rad beside it, these are 5 beams
+        ([100], 2.15, True),  # at least 12 cm behind the point
+        ([95], 1.9, False),  # within 6 cm and 0.02 rad, which is 5 beams
         ([105], 1.9, False),
         ([93], 1.9, True),
         (range(94, 99), np.nan, True),
-        (range(94, 101), np.nan, False),  # more than half are not measured
+        (range(94, 101), np.nan, False),  # more than half are invalid
         (range(94, 101), 0.05, False),
         (range(94, 101), -np.inf, False),
         (range(94, 107), np.inf, True),
     ],
 )
-def test_a_point_is_seen_through_if_the_beams_about_it_go_on(beams, says, through):
+def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, through):
     ranges, depth = np.full(201, 4.0, np.float32), np.empty(201, np.float32)
-    ranges[list(beams)] = says
+    ranges[list(beams)] = value
     depths(ranges, 0.1, 10.0, depth)
     ahead = FAN[1] + 2.0 * math.cos(FAN[3]), FAN[2] + 2.0 * math.sin(FAN[3])
     assert sees_through(depth, FAN, *ahead, 0.0) == through
@@ -40,8 +40,8 @@ def test_a_point_is_seen_through_if_the_beams_about_it_go_on(beams, says, throug
 @pytest.mark.parametrize(
     ("free", "swept", "moved"), [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)]
 )
-def test_two_of_three_points_tell_what_moved_in_scans_that_are_not_bent(free, swept, moved):
-    """They are where the earlier scan saw free space, or leave it to the newest; all else is a wall 2 m away."""
+def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, moved):
+    """The points are in free space of the earlier scan, or were in free space of the latest. A wall is 2 m away."""
     beams = np.array([50, 100, 150])
     angles = FAN[3] + FAN[4] + FAN[5] * beams
     points = np.column_stack([FAN[1] + 2.0 * np.cos(angles), FAN[2] + 2.0 * np.sin(angles)]).ravel()
@@ -63,8 +63,8 @@ def test_two_of_three_points_tell_what_moved_in_scans_that_are_not_bent(free, sw
     [(), (clusters.HIDDEN_FROM, clusters.FROM, -0.2), (clusters.HIDDEN_TO, clusters.TO, 0.2)],
     ids=["no edge hidden", "first edge hidden", "last edge hidden"],
 )
-def test_a_disc_is_where_its_visible_edge_has_it(hidden, step):
-    """Of its half on one side a fifth is seen, or all."""
+def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, step):
+    """On one side of the disc a fifth is visible, or all."""
     sensor, radius, distance, bearing = (1.0, -1.0, 0.4), 0.3, 2.0, 0.7
     half, row = math.copysign(math.asin(radius / distance), step), np.zeros(clusters.COLUMNS)
     row[[clusters.NEAR, clusters.FROM, clusters.TO]] = distance - radius, bearing - half, bearing + half
@@ -76,36 +76,36 @@ def test_a_disc_is_where_its_visible_edge_has_it(hidden, step):
     assert (sigma > 0.05) == bool(hidden)
 
 
-def seen_from(sensor, by, places, odd=0):
-    """Clusters (n, COLUMNS) of `places` (n, 2) for a laser at `sensor` whose pose is wrong by (dx, dy, turn)."""
+def seen_from(sensor, by, places, outliers=0):
+    """Return clusters (n, COLUMNS) of `places` (n, 2) for a laser at `sensor` with a pose error (dx, dy, turn)."""
     rows = np.zeros((len(places), clusters.COLUMNS))
     c, s = math.cos(by[2]), math.sin(by[2])
     x, y = (places - sensor[:2] - by[:2]).T
     rows[:, clusters.CX], rows[:, clusters.CY] = sensor[0] + c * x + s * y, sensor[1] - s * x + c * y
-    rows[:odd, clusters.CX] += 0.8
+    rows[:outliers, clusters.CX] += 0.8
     rows[:, clusters.SIGMA] = 0.02
     return rows
 
 
-def test_what_stands_tells_how_far_the_pose_is_wrong():
-    """One of eight is somewhere else; where half of them are, nothing is corrected."""
+def test_static_tracks_correct_the_pose():
+    """One of eight is an outlier. If half of them are, nothing is corrected."""
     sensor, by = np.array((5.0, -3.0, 0.6)), np.array((0.02, -0.03, 0.02))
     places = sensor[:2] + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
     given = np.column_stack([places, np.full(8, 1e-5)]), np.arange(8)
-    rows = seen_from(sensor, by, places, odd=1)
-    found = slip(*given, 8, rows, tuple(sensor))
-    np.testing.assert_allclose(found, by, atol=0.004)
+    rows = seen_from(sensor, by, places, outliers=1)
+    correction = slip(*given, 8, rows, tuple(sensor))
+    np.testing.assert_allclose(correction, by, atol=0.004)
     fan = FAN.copy()
     pose = shift(rows, 8, fan, tuple(sensor), tuple(by))
     np.testing.assert_allclose(rows[1:, [clusters.CX, clusters.CY]], places[1:], atol=1e-9)
     np.testing.assert_allclose(rows[:, clusters.FROM], by[2])
     assert pose == tuple(fan[1:4]) == pytest.approx(sensor + by)
     assert slip(*given, 2, rows, tuple(sensor)) == (0.0, 0.0, 0.0), "two are too few"
-    assert slip(*given, 8, seen_from(sensor, by, places, odd=4), tuple(sensor)) == (0.0, 0.0, 0.0)
+    assert slip(*given, 8, seen_from(sensor, by, places, outliers=4), tuple(sensor)) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("moves", "begun"), [(1.0, [(4.0, 0.0)]), (0.0, [(2.2, 0.3), (4.0, 0.0)])])
-def test_a_part_of_a_mover_gets_no_track_of_its_own(moves, begun):
+def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun):
     known, rows = np.zeros((8, tracks.COLUMNS)), np.zeros((3, clusters.COLUMNS))
     known[0, [tracks.ID, tracks.TX, tracks.TR, tracks.MOVES]] = 5.0, 2.0, 0.3, moves
     rows[:, [clusters.CX, clusters.CY, clusters.RADIUS]] = (2.2, 0.3, 0.1), (2.0, 0.0, 0.3), (4.0, 0.0, 0.3)
@@ -114,8 +114,8 @@ def test_a_part_of_a_mover_gets_no_track_of_its_own(moves, begun):
     assert [tuple(place) for place in new[:, [tracks.TX, tracks.TY]].tolist()] == begun
 
 
-def test_a_track_is_carried_on_as_one_of_constant_velocity_with_white_acceleration():
-    """Place and velocity by F = [[1, dt], [0, 1]], their covariance by F P F' and the integrated acceleration."""
+def test_a_track_is_predicted_with_constant_velocity_and_white_acceleration():
+    """The state follows F = [[1, dt], [0, 1]], the covariance F P F' plus the integrated acceleration."""
     rows, dt, q = np.zeros((2, tracks.COLUMNS)), 0.3, tracks.ACCELERATION
     rows[0, [tracks.ID, tracks.TX, tracks.TY, tracks.VX, tracks.VY]] = 1.0, 2.0, -1.0, 0.5, -0.4
     rows[0, [tracks.PP, tracks.PV, tracks.VV]] = 0.02, 0.03, 0.5
@@ -128,17 +128,17 @@ def test_a_track_is_carried_on_as_one_of_constant_velocity_with_white_accelerati
 
 
 def disc(x, radius=0.3, sigma=0.02):
-    """A cluster of a disc on the x axis for a laser at the origin, seen whole."""
+    """Return the cluster of a fully visible disc on the x axis for a laser at the origin."""
     row, half = np.zeros(clusters.COLUMNS), math.asin(radius / x)
     row[[clusters.CX, clusters.RADIUS, clusters.NEAR, clusters.SIGMA]] = x, radius, x - radius, sigma
     row[[clusters.FROM, clusters.TO]] = -half, half
     return row
 
 
-@pytest.mark.parametrize(("deviations", "larger", "found"), [
+@pytest.mark.parametrize(("deviations", "larger", "number"), [
     (2.95, 0.0, 0), (-2.95, 0.0, 0), (3.05, 0.0, -1), (-3.05, 0.0, -1), (2.0, 2.2, 0), (2.0, 2.3, -1),
 ])  # fmt: skip
-def test_a_cluster_within_three_deviations_of_place_and_size_is_a_tracks(deviations, larger, found):
+def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(deviations, larger, number):
     rows, dt = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS)), 0.05
     rows[0, [tracks.ID, tracks.TX, tracks.TR, tracks.PP]] = 1.0, 3.0, 0.3, 0.1**2
     deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * dt) ** 2)
@@ -147,13 +147,13 @@ def test_a_cluster_within_three_deviations_of_place_and_size_is_a_tracks(deviati
     given, numbers = np.zeros((clusters.MAX_CLUSTERS, clusters.COLUMNS)), np.empty(tracks.MAX_TRACKS, np.int64)
     given[0] = cluster
     taken = tracks.associate(rows, given, 1, (0.0, 0.0, 0.0), dt, numbers)
-    assert (numbers[0], taken[0], numbers[1:].max()) == (found, found == 0, -1)
+    assert (numbers[0], taken[0], numbers[1:].max()) == (number, number == 0, -1)
 
 
 @pytest.mark.parametrize(
     ("hits", "dt", "share"), [(0, 0.05, 1 / 2), (3, 0.05, 1 / 5), (200, 0.05, 0.1), (200, 5.0, 0.5)]
 )
-def test_the_mean_place_of_what_stands_is_that_of_its_clusters_and_later_of_half_a_second(hits, dt, share):
+def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, dt, share):
     row = np.zeros(tracks.COLUMNS)
     row[[tracks.ID, tracks.TX, tracks.TR, tracks.PP, tracks.HITS]] = 1.0, 3.0, 0.3, 0.01, hits
     row[[tracks.MX, tracks.MY]] = 3.0, 1.0

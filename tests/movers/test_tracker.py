@@ -1,4 +1,4 @@
-"""What the tracker of moving obstacles finds, and what it must not take for one: small scenes, each for one rule."""
+"""The tracker of moving obstacles in small scenes, one per rule: detections and false detections."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ STANDS = np.empty((0, 3))
 
 
 class Scene:
-    """A robot with a laser among cylinders (n, 3) and boxes (m, 5); movers and poses are functions of time."""
+    """Robot with a laser among cylinders (n, 3) and boxes (m, 5); moving obstacles and poses are functions of time."""
 
     def __init__(self, laser=JACKAL.laser, cylinders=STANDS, boxes=ROOM, noise=0.01):
         self.laser, self.noise = laser, noise
@@ -39,7 +39,7 @@ class Scene:
         return LaserScan(time, *limits, ranges, pose if believed is None else believed)
 
     def watch(self, seconds, pose=lambda t: (0, 0, 0), movers=lambda t: (), believed=None, seen=lambda scan: scan):
-        """[(time, Movers)] of all scans of so many seconds."""
+        """Return [(time, Movers)] for all scans of a number of seconds."""
         result = []
         for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
             scan = self.scan(t, pose(t), movers(t), None if believed is None else believed(t))
@@ -52,13 +52,13 @@ def counts(result):
 
 
 def reverse(scan):
-    """The same beams in the other order."""
+    """Return a scan with its beams in reverse order."""
     last = scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1)
     return replace(scan, angle_min=last, angle_increment=-scan.angle_increment, ranges=scan.ranges[::-1])
 
 
 def vary(scan):
-    """A spinning laser whose number of beams varies."""
+    """Return a scan of a spinning laser whose number of beams varies."""
     less = int(scan.stamp * 5.0) % 3
     return replace(scan, ranges=scan.ranges[: len(scan.ranges) - less])
 
@@ -68,8 +68,8 @@ def vary(scan):
     (JACKAL.laser, reverse), (BURGER, vary),
 ])  # fmt: skip
 @pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
-def test_a_mover_is_known_soon_with_its_velocity(laser, seen, velocity):
-    """Whether it crosses, goes away or comes nearer, before any kind of laser."""
+def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, seen, velocity):
+    """The obstacle crosses, leaves or approaches, for any kind of laser."""
     vx, vy = velocity
     start = 2.4 - vx, -vy
     place = lambda t: (start[0] + vx * t, start[1] + vy * t)  # noqa: E731
@@ -86,13 +86,13 @@ def test_a_mover_is_known_soon_with_its_velocity(laser, seen, velocity):
 
 
 @pytest.mark.parametrize(("x", "known"), [(7.0, True), (8.5, False)])
-def test_what_is_farther_than_eight_metres_is_not_followed(x, known):
+def test_obstacles_beyond_eight_metres_are_not_tracked(x, known):
     assert any(counts(Scene(boxes=np.empty((0, 5))).watch(1.5, movers=lambda t: [(x, t - 1.0, 0.3)]))) == known
 
 
 @pytest.mark.parametrize("rate", [1.5, -3.0])
-def test_turning_makes_no_movers(rate):
-    """Though stamps of scans and poses differ by 30 ms, and the turn begins and ends."""
+def test_turning_causes_no_false_detections(rate):
+    """Stamps of scans and poses differ by 30 ms, and the turn begins and ends."""
     turn = lambda t: rate * max(0.0, min(t, 2.0) - 0.5)  # noqa: E731
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, PILLARS)
@@ -101,8 +101,8 @@ def test_turning_makes_no_movers(rate):
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
-def test_a_laser_that_spins_slower_than_the_robot_turns_makes_no_movers(rate):
-    """A burger's beams are measured in .2 s, one after the other, and have one stamp; its driver states 10 ms."""
+def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
+    """A burger's beams are measured one after the other in .2 s, with one stamp, and its driver reports 10 ms."""
     scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():
@@ -114,8 +114,8 @@ def test_a_laser_that_spins_slower_than_the_robot_turns_makes_no_movers(rate):
         assert len(scene.tracker.update(whole).id) == 0
 
 
-def test_a_mover_of_which_scans_say_nothing_for_a_second_is_none_any_more():
-    """From 2 s on the robot turns so fast that scans of a laser which spins are bent."""
+def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
+    """From 2 s on the robot turns so fast that the scans of a spinning laser are distorted."""
     turns = lambda t: (0.0, 0.0, 1.5 * max(0.0, t - 2.0))  # noqa: E731
     spins = lambda scan: replace(scan, sweep=0.01)  # noqa: E731
     numbers = counts(Scene(BURGER).watch(4.0, turns, lambda t: [(2.4, 0.8 * t - 1.6, 0.3)], seen=spins))
@@ -123,8 +123,8 @@ def test_a_mover_of_which_scans_say_nothing_for_a_second_is_none_any_more():
     assert sum(numbers[16:]) == 0
 
 
-def test_a_wall_seen_under_a_new_angle_stands():
-    """Its visible part slides along behind a nearer box as the robot drives; others come into view from behind it."""
+def test_a_wall_seen_from_a_new_angle_is_static():
+    """Its visible part moves along behind a nearer box as the robot drives, and other obstacles come into view."""
     boxes = np.array([[2.0, 1.0, 0.0, 1.0, 0.4], [3, 2.5, 0.3, 0.5, 0.4], [4, 2.2, 0, 0.4, 0.3], [5, 3, 1, 1, 0.1]])
     posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
     for laser in (JACKAL.laser, BURGER):
@@ -132,8 +132,8 @@ def test_a_wall_seen_under_a_new_angle_stands():
         assert sum(counts(scene.watch(3.0, lambda t: (1.5 * t, 0.0, 0.0)))) == 0
 
 
-def test_wheels_that_slip_make_no_movers():
-    """All that stands seems to move then; what moves among it is still found, with its velocity in the world."""
+def test_slipping_wheels_cause_no_false_detections():
+    """All static obstacles seem to move, but a moving obstacle is still tracked with its velocity in the world."""
     for laser, rate in ((JACKAL.laser, 0.6), (JACKAL.laser, 2.0), (BURGER, 0.6)):
         spins = lambda t, rate=rate: (rate * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
         assert sum(counts(Scene(laser, PILLARS).watch(2.0, believed=spins))) == 0
@@ -144,15 +144,15 @@ def test_wheels_that_slip_make_no_movers():
     t, last = result[-1]
     assert (last.vx[0], last.vy[0]) == pytest.approx((0.0, 1.0), abs=0.15)
     assert (last.x[0], last.y[0]) == pytest.approx((2.8 + slips(t)[0], -0.8 + t), abs=0.1)
-    turns = lambda t: (0.0, 0.0, 0.2 * max(0.0, t - 0.5))  # noqa: E731  (the odometry, in whose frame all is told)
+    turns = lambda t: (0.0, 0.0, 0.2 * max(0.0, t - 0.5))  # noqa: E731
     t, last = Scene(cylinders=PILLARS).watch(2.4, believed=turns, movers=lambda t: [(2.8, -0.8 + t, 0.3)])[-1]
     assert (last.vx[0], last.vy[0]) == pytest.approx(compose(turns(t), (0.0, 1.0, 0.0))[:2], abs=0.15)
     assert (last.x[0], last.y[0]) == pytest.approx(compose(turns(t), (2.8, -0.8 + t, 0.0))[:2], abs=0.1)
 
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
-def test_beams_that_fail_make_no_movers(code):
-    """Single ones by chance, and a sector now and then; also posts so thin that beams miss them now and then."""
+def test_failing_beams_cause_no_false_detections(code):
+    """Random single beams fail, and sometimes a sector. Some posts are so thin that beams miss them at times."""
     random = np.random.default_rng(2)
     thin = np.array([[2.0 + 0.4 * i, -1.5 + 0.6 * i, 0.012] for i in range(6)])
 
@@ -167,13 +167,13 @@ def test_beams_that_fail_make_no_movers(code):
         assert sum(counts(scene.watch(4.0, lambda t: (0.2 * t, 0.0, 0.5 * math.sin(t)), seen=fail))) == 0
 
 
-def test_a_hidden_mover_is_carried_on_and_then_forgotten():
-    """Behind a pillar; one that is not where it should be though one sees there is forgotten at once."""
+def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
+    """The obstacle passes behind a wall. A track whose predicted position is visibly free ends at once."""
     wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
     crosses = lambda t: [(2.5, -1.2 + 1.2 * t, 0.25)]  # noqa: E731
     result = Scene(boxes=wall).watch(4.0, movers=crosses)
     times = [t for t, movers in result if len(movers.id)]
-    assert 0.8 <= max(times) - 1.5 <= 1.2, "it is out of sight after some 1.5 s"
+    assert 0.8 <= max(times) - 1.5 <= 1.2, "the obstacle is out of sight after about 1.5 s"
     t, movers = next((t, movers) for t, movers in reversed(result) if len(movers.id))
     assert (movers.x[0], movers.y[0]) == pytest.approx((2.5, -1.2 + 1.2 * t), abs=0.3)
     result = Scene(boxes=wall).watch(2.0, movers=lambda t: crosses(t) if t < 1.0 else ())
@@ -181,7 +181,7 @@ def test_a_hidden_mover_is_carried_on_and_then_forgotten():
     assert sum(counts(result)[23:]) == 0
 
 
-def test_what_stops_is_no_mover_and_what_starts_is():
+def test_obstacles_that_stop_are_dropped_and_obstacles_that_start_are_detected():
     waits = lambda t: [(2.0, max(0.0, min(t, 3.0) - 1.5), 0.3)]  # noqa: E731
     result = Scene().watch(5.0, movers=waits)
     numbers = counts(result)
@@ -190,12 +190,12 @@ def test_what_stops_is_no_mover_and_what_starts_is():
     assert sum(numbers[72:]) == 0
 
 
-def test_who_turns_back_stays_the_same_mover():
+def test_an_obstacle_that_turns_back_keeps_its_number():
     result = Scene().watch(3.2, movers=lambda t: [(2.4, 0.8 - abs(t - 1.8), 0.3)])
     assert {number for _, movers in result for number in movers.id.tolist()} == {1}
 
 
-def test_older_scans_change_nothing_and_jumps_begin_anew():
+def test_older_scans_are_ignored_and_jumps_restart_the_tracker():
     scene = Scene()
     moving = lambda t: [(2.4, -1.0 + t, 0.3)]  # noqa: E731
     (t, known) = scene.watch(1.0, movers=moving)[-1]
@@ -215,7 +215,7 @@ def test_older_scans_change_nothing_and_jumps_begin_anew():
     assert len(scene.tracker.update(scene.scan(t + 0.05, movers=moving(t))).id) == 0
 
 
-def test_places_are_in_the_frame_of_the_odometry():
+def test_positions_are_in_the_odometry_frame():
     """The laser drives and turns in a frame far from its origin."""
     frame = (40.0, -30.0, 2.0)
     scene = Scene(cylinders=PILLARS)

@@ -1,11 +1,11 @@
-"""The golden file of the dimensionless encoding, tests/data/encoding.npz: what every robot is shown, sets and earns.
+"""Golden file of the dimensionless encoding, tests/data/encoding.npz: observations, parameters and rewards.
 
-    python -m tests.policy.golden_encoding          writes the file anew, after a deliberate change of the encoding
+    python -m tests.policy.golden_encoding          rewrites the file after a deliberate change of the encoding
 
-For each included robot it holds inputs, drawn once: scenes of one course, actions, and how
-decisions went; and what the encoding makes of them at a decision period of 1 s: observations, parameters of the robot's
-space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to
-the last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
+For each included robot the file holds random inputs: scenes of one course, actions, and outcomes of decisions. It also
+holds the outputs of the encoding at a decision period of 1 s: observations, parameters of the robot's space, their
+actions, and the terms of the reward with each of REWARDS. test_encoding.py compares to the last bit of a float32,
+because numpy's float64 functions differ in their last bits between processors.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Arrays = Dict[str, np.ndarray]
 
 
 def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
-    """Scenes, actions and outcomes."""
+    """Return random scenes, actions and outcomes."""
     encoding = DimensionlessEncoding(robot, PERIOD)
     layout, scale = encoding.layout, encoding.scale
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
@@ -55,7 +55,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """What the encoding makes of the inputs; the parameters of one decision are in force at the next."""
+    """Return the outputs of the encoding. The parameters of one decision are the current ones at the next."""
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])
@@ -75,27 +75,27 @@ def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.n
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from none to more than are shown
+    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from no moving obstacle to more than in an observation
     return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space)
 
 
 def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
-    """The terms, of a decision 10 s before the limit."""
-    told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
-    told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
-    outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **told)
+    """Return the terms of the reward for a decision 10 s before the limit."""
+    values: Dict[str, Any] = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
+    values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
+    outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **values)
     episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
     return list(reward.judge(encoding, episode)[1].values())
 
 
 def main() -> None:
-    """Writes the file."""
-    found: Arrays = {}
+    """Write the golden file."""
+    arrays: Arrays = {}
     for number, name in enumerate(NAMES):
         robot = load(name)
         given = inputs(robot, np.random.default_rng(number))
-        found.update({f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()})
-    np.savez_compressed(FILE, **found)
+        arrays.update({f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()})
+    np.savez_compressed(FILE, **arrays)
     print(f"{FILE}: {FILE.stat().st_size} bytes")
 
 

@@ -1,4 +1,4 @@
-"""The dimensionless encoding: one set of numbers for every robot, mirrored as the robot is, and its parameters."""
+"""The dimensionless encoding: same numbers for every robot, mirror images, and parameters."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ WIDE = [replace(robot, space=default_space(robot.base, robot.body, robot.paramet
 
 
 def context(robot, rng, side=1.0):
-    """A scene; side -1: its mirror image."""
+    """Return a random scene, or its mirror image if side is -1."""
     encoding = DimensionlessEncoding(robot, 1.0)
     ranges = rng.uniform(0.1, 6.0, encoding.layout.beams).astype(np.float32)[:: int(side)]
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
@@ -38,20 +38,20 @@ def context(robot, rng, side=1.0):
 
 def network(rng):
     sizes = (SIZE, 16, len(OUTPUTS))
-    found = {}
+    weights = {}
     for i, (width, out) in enumerate(zip(sizes, sizes[1:])):
-        found["%d.weight" % i] = rng.normal(0.0, 0.1, (out, width)).astype(np.float32)
-        found["%d.bias" % i] = np.zeros(out, np.float32)
-    return found
+        weights["%d.weight" % i] = rng.normal(0.0, 0.1, (out, width)).astype(np.float32)
+        weights["%d.bias" % i] = np.zeros(out, np.float32)
+    return weights
 
 
 @pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)])
-def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
+def test_actions_encode_parameters_within_the_robots_ranges(robot):
     encoding, rng = DimensionlessEncoding(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
-        if robot in WIDE:  # whose ranges hold all that can be said
+        if robot in WIDE:  # Their ranges contain the ranges of all actions.
             inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
             back = encoding.action(theta)[inside]
             free = (theta > encoding.space.low + 1e-9) & (theta < encoding.space.high - 1e-9)
@@ -64,7 +64,7 @@ def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
     encoding, image = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(robot, 1.0)
-    for seed in range(3):  # the later ones also hold what changed
+    for seed in range(3):  # Later observations also contain changes.
         seen = encoding.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
         assert seen.shape == (SIZE,)
@@ -72,30 +72,31 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
         np.testing.assert_allclose(seen[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
     encoding.reset()
     first = encoding.observe(context(robot, np.random.default_rng(5)))
-    np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])  # no decision before: twice
+    # Without a previous decision the scan is repeated.
+    np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
+def test_observations_parameters_and_rewards_equal_the_golden_file(name):
     with np.load(golden_encoding.FILE) as arrays:
         golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
-    for key, found in golden_encoding.outputs(load(name), golden).items():
-        np.testing.assert_array_equal(found, golden[key], key)
+    for key, output in golden_encoding.outputs(load(name), golden).items():
+        np.testing.assert_array_equal(output, golden[key], key)
 
 
-def test_the_nearest_movers_are_seen_from_the_robot():
-    """It looks along y; one ahead that comes closer, a farther one to the left that goes there, others are farther."""
+def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
+    """The robot faces +y. One obstacle approaches from ahead, one recedes on the left, others are farther away."""
     encoding, rng = DimensionlessEncoding(JACKAL, 1.0), np.random.default_rng(0)
     movers = np.array([(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)])
     here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
     length, fast = 15.0 * encoding.width, JACKAL.base.max_speed
     ahead, left = (2.0 / length, 0.0, -0.5 / fast, 0.0), (0.0, 3.0 / length, 0.0, 1.0 / fast)
-    right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, which is as far as one is seen
+    right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, where positions are capped
     np.testing.assert_allclose(encoding.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
     np.testing.assert_array_equal(encoding.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
 
 
-def test_a_scene_of_twice_the_size_looks_alike():
+def test_a_scene_of_twice_the_size_gives_the_same_observation():
     encoding = DimensionlessEncoding(JACKAL, 1.0)
     near = context(JACKAL, np.random.default_rng(0))
     small = encoding.observe(near)[:240]
@@ -106,11 +107,11 @@ def test_a_scene_of_twice_the_size_looks_alike():
     np.testing.assert_allclose(small, large, atol=1e-6)
 
 
-def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
+def test_a_stalled_robot_gets_random_parameters_from_the_courses_seed():
     method = Policy.of(network(np.random.default_rng(0)), DimensionlessEncoding(JACKAL, 1.0))
     still = context(JACKAL, np.random.default_rng(1))
 
-    def at(t, speed):  # slowly ahead, or at 0.5 m/s a metre ahead and back again
+    def at(t, speed):  # Drives slowly ahead, or at 0.5 m/s one metre ahead and back.
         return (speed * t, 0.0) if speed < 0.5 else (0.5 * min(t % 4, 4 - t % 4), 0.0)
 
     def course(seed, speed):
@@ -121,7 +122,7 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
 
     standing, stalls = course(3, 0.10)
     driving, none = course(3, 0.11)
-    assert (stalls, none) == (4, 0)  # after 8, 9, 10 and 11 s
+    assert (stalls, none) == (4, 0)  # The stalls are at 8, 9, 10 and 11 s.
     assert len({tuple(theta) for theta in driving[1:]}) < 12
     assert len({tuple(theta) for theta in standing[8:]}) == 4
     assert all(theta not in driving for theta in standing[8:])
@@ -133,14 +134,14 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
     assert course(4, 0.10)[0][8:] != standing[8:]
 
 
-def test_a_larger_robot_stalls_on_a_longer_way():
-    """1.6 m in 8 s are enough for the Jackal, and not for a robot of twice its size."""
+def test_the_stall_distance_scales_with_the_robot():
+    """1.6 m in 8 s are enough for the Jackal, but not for a robot of twice its size."""
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
         assert [stall.update(float(t), 0.2 * t, 0.0) for t in range(9)][-1] is stalled
 
 
-def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
+def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_path):
     base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
     weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
     save(path, weights, encoding=DimensionlessEncoding(JACKAL, 1.0, base))
@@ -151,8 +152,8 @@ def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     assert decided["max_vel_x"] != 0.3
 
 
-def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
-    """DWAPlannerROS drives back at its min_vel_x, TrajectoryPlannerROS ahead at least at its own."""
+def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
+    """min_vel_x is a speed backwards for DWAPlannerROS, and a smallest speed forwards for TrajectoryPlannerROS."""
     settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
     encoding = DimensionlessEncoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
@@ -166,7 +167,7 @@ def test_one_file_drives_every_robot(tmp_path):
     save(path, with_mirror_images(weights, MIRROR), encoding=DimensionlessEncoding(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
-    assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
+    assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # Mirror images are not stored.
     for robot in ROBOTS:
         method = methods.make(path, robot)
         method.reset(0)

@@ -1,4 +1,4 @@
-"""A scan of any planar laser in a policy's layout, against an implementation that looks at one beam at a time."""
+"""Resampling of scans to a policy's layout, compared with a simple implementation beam by beam."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ SCANNERS = {  # first and last angle, number of ranges
 
 
 def plain(layout, ranges, first, step):
-    """Each of the layout's beams: the smallest range in its sector, else that of the nearest direction."""
+    """Return for each beam of the layout the smallest range in its sector, or that of the nearest direction."""
     angles = first + step * np.arange(len(ranges))
     result = []
     for middle in layout.angle_min + layout.step * np.arange(layout.beams):
@@ -38,19 +38,19 @@ def scan_of(kind, seed=0):
     first, last, count = SCANNERS[kind]
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(0.1, 30.0, count).astype(np.float32)
-    odd = rng.random(count) < 0.3
-    ranges[odd] = rng.choice([np.inf, -np.inf, np.nan], odd.sum())
+    invalid = rng.random(count) < 0.3
+    ranges[invalid] = rng.choice([np.inf, -np.inf, np.nan], invalid.sum())
     return ranges, first, (last - first) / (count - 1)
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
 @pytest.mark.parametrize("layout", [JACKAL, Layout(90, -2.3, 2.3, 3.0)], ids=["720", "90"])
-def test_resampling_equals_the_plain_way(kind, layout):
+def test_resampling_equals_the_reference_implementation(kind, layout):
     scan = scan_of(kind)
     np.testing.assert_array_equal(layout.resample(*scan), plain(layout, *scan))
 
 
-def test_a_scan_of_the_layout_itself_comes_back_bit_by_bit():
+def test_a_scan_with_the_layouts_geometry_is_unchanged():
     ranges = scan_of("541", 1)[0].repeat(2)[:720]
     first, step = np.float32(JACKAL.angle_min), np.float32(JACKAL.step)
     assert JACKAL.resample(ranges, first, step).tobytes() == ranges.tobytes()
@@ -58,7 +58,7 @@ def test_a_scan_of_the_layout_itself_comes_back_bit_by_bit():
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
-def test_zeros_of_older_drivers_are_no_measurement_and_hide_nothing_beside_them(kind):
+def test_zero_ranges_of_older_drivers_count_as_nan(kind):
     ranges, first, step = scan_of(kind)
     zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
     np.testing.assert_array_equal(JACKAL.resample(zeros, first, step), JACKAL.resample(ranges, first, step))
@@ -77,12 +77,12 @@ def test_zeros_of_older_drivers_are_no_measurement_and_hide_nothing_beside_them(
         (720, np.nan, np.nan, "no geometry"),
     ],
 )
-def test_a_scan_that_does_not_cover_the_layout_is_refused_with_what_is_missing(count, first, last, line):
+def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, line):
     step = (last - first) / max(1, count - 1)
     refused(lambda: JACKAL.resample(np.ones(count), first, step), line, kind=ObservationError)
 
 
-def test_an_actor_brings_its_own_layout(tmp_path):
+def test_an_actor_has_its_own_layout(tmp_path):
     layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
     weights = {"0.weight": rng.normal(size=(8, 69)).astype(np.float32), "0.bias": np.zeros(8, np.float32)}
     save(tmp_path / "a.safetensors", weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))

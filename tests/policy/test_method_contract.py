@@ -1,4 +1,4 @@
-"""Every method of the package repeats itself under a seed, within the ranges."""
+"""Contract of the package's methods: reproducible under a seed, and within the ranges."""
 
 import json
 
@@ -9,8 +9,8 @@ from applr_ros1.policy import methods
 
 
 def scenes(method, count=8):
-    """Contexts as they come up while driving: open and narrow, no returns, any parameters in force."""
-    draw, found = np.random.default_rng(0), []
+    """Return typical contexts: open and narrow, missing returns, any current parameters."""
+    draw, contexts = np.random.default_rng(0), []
     for k in range(count):
         ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)
         ranges[draw.random(method.layout.beams) < k / count] = np.inf
@@ -19,8 +19,8 @@ def scenes(method, count=8):
         plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
         movers = draw.normal(0.0, 2.0, (k // 2, 4))
         shown = (0.1 * k, 0.0), goal, plan, movers, method.space, method.layout
-        found.append(methods.Context(ranges, phi, theta, 2.0 * k, pose, *shown))
-    return found
+        contexts.append(methods.Context(ranges, phi, theta, 2.0 * k, pose, *shown))
+    return contexts
 
 
 @pytest.mark.parametrize("spec", methods.METHODS)
@@ -49,8 +49,8 @@ def test_exploration_draws_around_the_robots_set():
     space, centre = method.space, methods.make("static").values
     method.reset(1)
     actions = np.array([space.to_action(method.theta(None)) for _ in range(4000)])
-    free = ~space.integer & (np.abs(space.to_action(centre)) < 0.1)  # where no end of the range is near
+    free = ~space.integer & (np.abs(space.to_action(centre)) < 0.1)  # parameters far from the ends of their ranges
     assert free.any()
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
-    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # .5, cut at the ends
+    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # .5, truncated at the ends

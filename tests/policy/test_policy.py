@@ -1,4 +1,4 @@
-"""Parameter space, observation and actor file: values, refusals, agreement with scipy and torch."""
+"""Parameter space, observation and policy file: values, errors, agreement with scipy and torch."""
 
 import json
 import pickle
@@ -35,7 +35,7 @@ DRAWN = Policy.of(make_weights())
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
 
-def test_theta_0_is_clearpaths_and_round_trips():
+def test_theta_0_is_clearpaths_and_survives_a_round_trip():
     assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1, 0.1, 0.1]
     np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
     with pytest.raises(ValueError, match="read-only"):
@@ -53,7 +53,7 @@ def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
 
 @examples(200)
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=len(SPACE), max_size=len(SPACE)))
-def test_any_action_gives_legal_parameters_or_is_refused(values):
+def test_any_action_gives_valid_parameters_or_is_rejected(values):
     if not np.all(np.isfinite(values)):
         refused(lambda: SPACE.to_theta(values), "not finite")
         return
@@ -67,8 +67,8 @@ def test_any_action_gives_legal_parameters_or_is_refused(values):
 def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     weights = {"0.weight": np.zeros((1, 720), np.float32), "0.bias": np.zeros(1, np.float32)}
     given = SPACE.chosen.theta0 + np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
-    (found,) = actor_module.ContextPolicy({"open": given}, weights, SPACE, LAYOUT).sets
-    assert found[:4].tolist() == [2.0, 1.57, 6.0, 21.0]
+    (theta,) = actor_module.ContextPolicy({"open": given}, weights, SPACE, LAYOUT).sets
+    assert theta[:4].tolist() == [2.0, 1.57, 6.0, 21.0]
     assert SPACE.to_theta(np.full(len(SPACE), 0.123))[2] == 13.0
 
 
@@ -93,7 +93,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         (lambda: observe(np.ones(720), np.nan, THETA_0), "angle of the local goal is nan"),
     ],
 )
-def test_what_cannot_be_used_is_one_line(call, line):
+def test_errors_are_one_line(call, line):
     kind = ObservationError if {"local_goal", "observe"} & set(call.__code__.co_names) else ApplrError
     refused(call, line, kind=kind)
 
@@ -109,7 +109,7 @@ def test_ranges_lie_within_the_servers_bounds():
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 18, 19, 20, 37, 200])
-def test_smoothing_equals_scipy_and_leaves_short_plans(n):
+def test_smoothing_equals_scipy_and_keeps_short_plans(n):
     from scipy.signal import savgol_filter
 
     points = np.cumsum(np.random.default_rng(n).normal(size=(n, 2)), axis=0)
@@ -121,12 +121,12 @@ def test_smoothing_equals_scipy_and_leaves_short_plans(n):
 
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
-    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])  # straight along +y
+    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])  # straight line along +y
     gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
     assert gx == pytest.approx(1.025)
     assert gy == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # none: the last point
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # last point of a short plan
 
 
 def test_observation_layout_and_scale():
@@ -138,11 +138,11 @@ def test_observation_layout_and_scale():
     np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
     assert obs[720] == pytest.approx(0.5)
     np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0)[:8], atol=1e-6)
-    beyond = [5.0, *THETA_0[1:]]  # a person's
+    beyond = [5.0, *THETA_0[1:]]  # value that a user has set
     assert observe(np.ones(720), 0.0, beyond)[721] == 1.0
 
 
-def test_nan_beams_take_their_neighbours():
+def test_nan_beams_are_interpolated():
     ranges = np.linspace(0.2, 1.8, 720)
     holes = ranges.copy()
     holes[[0, 100, 101, 719]] = np.nan
@@ -154,9 +154,9 @@ def test_nan_beams_take_their_neighbours():
 def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(-5, 40, 720)
-    odd = rng.random(720) < share
-    odd[360] = False
-    ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
+    invalid = rng.random(720) < share
+    invalid[360] = False
+    ranges[invalid] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], invalid.sum())
     obs = observe(ranges, phi, rng.normal(size=len(SPACE)) * 100)
     assert np.all(np.isfinite(obs))
     assert np.all(np.abs(obs) <= 1.0)
@@ -200,12 +200,12 @@ def _wrong_files():
         "truncated": (whole[: len(whole) // 2], "cut short"),
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
-        "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs, .*729, 8"),
+        "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs: .*729, 8"),
     }
 
 
 @pytest.mark.parametrize("case", sorted(_wrong_files()))
-def test_what_is_no_policy_for_the_robot_is_refused_in_one_line(case, tmp_path):
+def test_invalid_policy_files_are_rejected_in_one_line(case, tmp_path):
     import builtins
 
     data, expected = _wrong_files()[case]
@@ -215,7 +215,7 @@ def test_what_is_no_policy_for_the_robot_is_refused_in_one_line(case, tmp_path):
     assert not hasattr(builtins, "applr_bomb")
 
 
-def test_saving_is_whole_or_not_at_all(tmp_path):
+def test_saving_is_atomic(tmp_path):
     for path in (tmp_path / "none.safetensors", tmp_path):
         refused(lambda path=path: load(path), str(path))
     refused(lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)), "its network has")
@@ -223,7 +223,7 @@ def test_saving_is_whole_or_not_at_all(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_space_is_another_space(tmp_path):
+def test_a_policy_for_another_space_is_rejected(tmp_path):
     save(tmp_path / "a.safetensors", make_weights())
     slower = replace(
         robots.JACKAL, space=(robots.JACKAL.space[0].model_copy(update={"range": (0.2, 1.0)}), *robots.JACKAL.space[1:])
@@ -258,7 +258,7 @@ def test_methods(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"speed": 1}', '{"max_vel_x": 9}'])
-def test_bad_parameter_files_are_one_line(text, tmp_path):
+def test_errors_of_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)
     refused(lambda: methods.make(str(path)), str(path))
@@ -270,7 +270,7 @@ def test_mirror_images_are_stored_once(tmp_path):
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
     obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
     seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
-    assert Policy.of(weights).action(obs) == pytest.approx(Policy.of(weights).action(seen), abs=1e-6)  # left and right
+    assert Policy.of(weights).action(obs) == pytest.approx(Policy.of(weights).action(seen), abs=1e-6)
     save(tmp_path / "a", weights)
     weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
     save(tmp_path / "b", weights)
@@ -281,13 +281,13 @@ def test_mirror_images_are_stored_once(tmp_path):
     assert np.array_equal(load(tmp_path / "b").action(obs), Policy.of(weights).action(obs))
 
 
-def test_shipped_policy_says_what_made_it_and_drives():
-    """The Jackal's file is what method:=applr takes for it; three test worlds, faster than with theta_0."""
+def test_the_shipped_policy_has_metadata_and_beats_the_defaults():
+    """method:=applr uses the Jackal's file, and drives three test worlds faster than theta_0."""
     method = methods.make("applr")
     assert (method.period, method.path) == (1.0, methods.shipped(methods.POLICY, robots.load("jackal")))
-    told = method.metadata
-    assert told["training"]["transitions"] > 10_000
-    trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
+    metadata = method.metadata
+    assert metadata["training"]["transitions"] > 10_000
+    trained_in = [spec for part in metadata["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200
     assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
     driver = runner.TrialRunner(TrialSettings())
@@ -301,7 +301,7 @@ def test_shipped_policy_says_what_made_it_and_drives():
 
 
 @pytest.mark.parametrize("name", ["jackal", "turtlebot3_waffle_pi"])
-def test_a_loaded_policy_predicts_what_its_method_decides(name):
+def test_a_loaded_policy_predicts_its_methods_decision(name):
     gymnasium = pytest.importorskip("gymnasium")
     from training.env import ID
 

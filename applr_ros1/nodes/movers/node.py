@@ -71,7 +71,7 @@ def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]
     """Return markers of the predicted obstacle points, and for each obstacle an arrow to its position in a second."""
     head, movers = conversions.header(frame, stamp), prediction.movers
     marks = Marker(header=head, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
-    marks.points = [Point(*point) for point in prediction.marks.tolist()]
+    marks.points = [Point(*point) for point in prediction.points.tolist()]
     made = [marks]
     for name, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
         arrow = Marker(header=head, ns="movers", id=int(name), type=Marker.ARROW, scale=Vector3(0.05, 0.12, 0.0))
