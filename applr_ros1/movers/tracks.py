@@ -122,11 +122,8 @@ def correct(row, cluster, sensor, dt):
 def has_moved(points, history, ranges, fans, depth, fan):
     """Return whether a scan saw through a cluster's points, or the latest scan sees through their previous positions.
 
-    Args:
-        points: (6,) three points of the cluster [m].
-        history: (SCANS, 6) their previous positions; NaN without a cluster.
-        ranges, fans: FreeSpace's.
-        depth, fan: (n,) free depth [m] and (10,) fan of the latest scan.
+    points (6,) are three points of the cluster [m], and history (SCANS, 6) their previous positions, NaN without a
+    cluster. ranges and fans are those of FreeSpace. depth (n,) [m] and fan (10,) are those of the latest scan.
     """
     for s in range(SCANS):
         swept = max(fan[SWEPT], fans[s, SWEPT])
