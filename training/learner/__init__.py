@@ -1,2 +1,2 @@
-"""Distributed training after Gorila: one learner, many actors, the scheduler, and the options of a run."""
-# Imports every room but baselines and tuning.
+"""Distributed training after Gorila: one learner, many actors, the training run, and its options."""
+# Imports all packages of training except baselines and tuning.

@@ -1,7 +1,7 @@
-"""The options of train.py: their groups in one class, the command line, recipes, and what a run stored.
+"""Options of train.py: groups of options, the command line, recipes, and the stored options of a run.
 
-Defaults are the paper's; where the paper is silent, those of its authors' code. Deviations are named in
-training/td3/td3.py and docs/explanation/learning_problem.md.
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code. training/td3/td3.py and
+docs/explanation/learning_problem.md list deviations.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from training.td3.options import TD3Options
 from worlds.loading import SPECIFICATIONS
 
 RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
-PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
-BASE = "base"  # in config.json, beside the options (Start.base)
-POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
-PAPER_STEPS = 5_000_000
-# options that a resumed run keeps
+PROVENANCE = "provenance"  # key in config.json of the provenance of each session (training/common/provenance.py)
+BASE = "base"  # key in config.json of Start.base
+POLICY_FILE = ".safetensors"  # suffix of policy files
+PAPER_STEPS = 5_000_000  # number of transitions in the paper
+# options that --resume cannot change
 FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm"
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
 simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
 
-Defaults are the paper's; where the paper is silent, those of its authors' code.
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
 docs/explanation/learning_problem.md describes the learning problem and each deviation."""
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
 
 def span(default: float, help: str, more: str = "") -> Any:
-    """Declare one of SPANS, a number or the two between which each episode draws."""
-    text = f"{help} Two numbers: drawn between them at each reset{more}."
+    """Declare an option of SPANS: a number, or two numbers between which a value is drawn at each reset."""
+    text = f"{help} Two numbers: a value between them is drawn at each reset{more}."
     return option([default], text, min_length=1, max_length=2)
 
 
@@ -57,21 +57,21 @@ class RunOptions(Options):
 
     # fmt: off
     recipe: str = option("",
-        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. Options given beside it "
-        "replace those of the recipe.")
+        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. Explicit options "
+        "override those of the recipe.")
     out: str = option("runs/applr",
-        "Folder for the configuration, the checkpoints, all trajectories, the actors, and the learning curves.")
+        "Folder for the configuration, the checkpoints, all trajectories, the policies, and the learning curves.")
     resume: bool = option(False,
-        "Continue the run in the folder --out with the options that it was started with. Options that are given again "
-        "replace the stored ones, except for the networks, the seed, the robot and --init-from.")
+        "Continue the run in the folder --out with its stored options. Explicit options replace the stored ones, but "
+        "networks, seed, robot and --init-from cannot change.")
     total_timesteps: int = option(PAPER_STEPS,
         "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
-        "Wall time [min] after which the run ends even before --total-timesteps, interruptions not counted. 0 sets no "
+        "Wall time [min], without interruptions, after which the run ends even before --total-timesteps. 0 sets no "
         "limit.", ge=0, le=1e6)
     seeds: int = option(1,
-        "Number of trainings, one after the other, with the seeds from --seed on. They share --minutes, their best "
-        "policies drive fresh courses, and the best of them is kept and compared with the robot's own parameters.",
+        "Number of trainings, one after the other, with the seeds from --seed on. The trainings share --minutes. Their "
+        "best policies drive fresh courses. The best one is kept and compared with the robot's default parameters.",
         ge=1, le=100)
     # fmt: on
 
@@ -83,16 +83,16 @@ class ActorOptions(Options):
 
     # fmt: off
     actors: int = option(0,
-        "Number of actors that drive episodes at the same time, as child processes. 0 drives one episode after the "
-        "other in the learner's own process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
+        "Number of actors that drive episodes in parallel, as child processes. 0 drives one episode after the other in "
+        "the learner's process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
     ray_address: RayAddress
     exploration_noise_initial: float = option(0.5,
         "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
     exploration_noise_final: float = option(0.02,
         "Standard deviation of the exploration noise from --exploration-noise-steps transitions on.", ge=0, le=2)
     exploration_noise_steps: int = option(0,
-        "Number of transitions over which the exploration noise goes from its initial to its final value. 0 takes the "
-        "paper's 3.84 million, or proportionally fewer where --total-timesteps is below 5 million.", ge=0, le=10**9)
+        "Number of transitions over which the exploration noise changes from its initial to its final value. 0 uses "
+        "the paper's 3.84 million, or proportionally fewer if --total-timesteps is below 5 million.", ge=0, le=10**9)
     # fmt: on
 
 
@@ -108,13 +108,13 @@ class TaskOptions(DriveSettings):
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     observation: Literal["paper", "dimensionless"] = option("paper",
-        "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
-        "parameter space; or dimensionless, in the robot's size and speed (applr_ros1/policy/dimensionless.py).")
+        "Encoding of observations and actions: paper, the capped scan, the direction of the local goal and the robot's "
+        "parameter space; or dimensionless, relative to its size and speed (applr_ros1/policy/dimensionless.py).")
     end_on_collision: bool = option(False,
-        "End a training episode at the first collision, as a failure. Evaluations are not ended.")
+        "End a training episode at the first collision, as a failure. Evaluations are not affected.")
     end_on_stall: bool = option(False,
-        "End a training episode, as a failure, when the robot has come less than .85 m in 8 s, at the Jackal's scale. "
-        "Evaluations are not ended.")
+        "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at the Jackal's scale. "
+        "Evaluations are not affected.")
     critics_know_more: bool = option(False,
         "Show the critics what the policy cannot know: the true course ahead, moving obstacles, planner, ground, "
         "friction and delays (training/env/privileged.py).")
@@ -125,14 +125,14 @@ class TaskOptions(DriveSettings):
     latency: List[float] = span(0.0, "Delay [s] of the velocity commands.")
     slip: List[float] = span(1.0, "Factor on the slip and drift of the base.")
     friction: List[float] = span(1.0, "Factor on the wheels' friction.")
-    ground: List[float] = span(1.0, "Share of the robot's own ground, 1 or more all of it; the rest is plain.",
-        ", so that 0 2 gives half of the episodes the robot's own ground and the others one in between")
+    ground: List[float] = span(1.0, "Share of the robot's own ground: from 1 on all of it, 0 plain ground.",
+        ", so that 0 2 gives half of the episodes the robot's own ground and the others a share between 0 and 1")
     odometry: List[float] = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
 
 
 class LearnerOptions(TD3Options):
-    """Experience that the learner learns from, times of gradient steps, and TD3's own options."""
+    """Use of the experience, number of gradient steps, and options of TD3."""
 
     model_config = ConfigDict(title="Learner")
 
@@ -141,76 +141,75 @@ class LearnerOptions(TD3Options):
         "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
     utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
     mirror: bool = option(False,
-        "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
-        "and parameters are symmetric.")
+        "Mirror half of each batch left to right (scan and local goal). This doubles the experience, because robot, "
+        "planner and parameters are symmetric.")
     learning_starts: int = option(0,
         "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
-        "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
+        "--init-from, these transitions are driven by the policy with exploration noise.", ge=0, le=10**9)
     # fmt: on
 
 
 class Start(NamedTuple):
-    """Start of a run: one of the first three, or random weights."""
+    """Start of a run from one of run, policy and action; from random weights if all three are empty."""
 
-    run: str = ""  # folder of another run, whose networks and optimisers are taken over
+    run: str = ""  # folder of another run whose networks and optimisers are taken over
     policy: str = ""  # file of a policy in the dimensionless encoding
-    action: Sequence[float] = ()  # the policy's first answer to any observation
-    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless encoding does not choose
+    action: Sequence[float] = ()  # initial action of the policy for any observation
+    base: Dict[str, float] = {}  # values of the parameters that a dimensionless policy does not choose
 
 
 class OfflineOptions(Options):
-    """Learning without driving."""
+    """Learning from a dataset, and start of a run."""
 
-    model_config = ConfigDict(title="Offline learning, and what a run begins with")
+    model_config = ConfigDict(title="Offline learning, and start of a run")
 
     # fmt: off
     dataset: str = option("",
-        "Folder to learn from offline: a dataset that bags_to_dataset.py wrote. Without it the run is "
-        "online.")
-    gradient_steps: int = option(100_000, "Number of gradient steps of offline learning.", ge=0, le=10**9)
+        "Folder of a dataset by bags_to_dataset.py to learn from offline. Without a dataset, the run is online.")
+    gradient_steps: int = option(100_000, "Number of gradient steps in offline learning.", ge=0, le=10**9)
     init_from: str = option("",
-        "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
-        "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
-        "robot's own best single set, dwa for its default parameters or a JSON file, which also gives the parameters "
-        "that a policy in the dimensionless encoding does not choose; or from the file of such a policy, which is "
-        "frozen while the critics learn alone for 2,000 gradient steps. "
-        "Default: the policy's first output is near the middle of the ranges.")
+        "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
+        "(period, reward and worlds may differ). static (best single parameter set of the robot), dwa (its default "
+        "parameters) or a JSON file of parameters: the first output of the policy, and the values of the parameters "
+        "that a dimensionless policy does not choose. File of a dimensionless policy: this policy, frozen for a critic "
+        "warm-up of 2,000 gradient steps. Default: a first output near the middle of the ranges.")
     # fmt: on
 
 
 class PeriodicOptions(Options):
-    """Times and worlds of the policy's evaluation."""
+    """Interval and worlds of the policy's evaluation."""
 
     model_config = ConfigDict(title="Periodic evaluation")
 
     # fmt: off
     eval_worlds: str = option("generated:validation",
-        "Held-out worlds in which the policy is evaluated during the run, to choose the best actor. The default is a "
-        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. Each is "
+        "Held-out worlds in which the policy is evaluated during the run, to choose the best policy. The default is a "
+        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. Each world is "
         "driven once in an evaluation. none disables the evaluation.")
     eval_freq: int = option(50_000,
-        "Number of transitions (offline: of gradient steps) between two evaluations.", ge=1, le=10**9)
+        "Number of transitions (offline: gradient steps) between two evaluations.", ge=1, le=10**9)
     # fmt: on
 
 
 class TrainConfig(
     RunOptions, ActorOptions, TaskOptions, RewardOptions, LearnerOptions, OfflineOptions, PeriodicOptions
 ):
-    """The options of a run, checked, and what its parts need of them."""
+    """Checked options of a run, and values derived from them."""
 
     model_config = ConfigDict(title=None)
 
     @cached_property
     def start(self) -> Start:
-        """Return what --init-from names. Raises ApplrError for what is of no use.
+        """Start of the run according to --init-from, which is not read again once the run has saved a checkpoint.
 
-        A run that has saved a checkpoint goes on from that and does not read it again.
+        Raises:
+            ApplrError: --init-from is invalid.
         """
-        name, out, begun = self.init_from, Path(self.out), {}
+        name, out, stored_base = self.init_from, Path(self.out), {}
         if self.resume and (out / "config.json").exists():
-            begun = read_json(out / "config.json").get(BASE, {})
+            stored_base = read_json(out / "config.json").get(BASE, {})
         if not name or self.resume and (out / "checkpoint.json").exists():
-            return Start(base=begun)
+            return Start(base=stored_base)
         if name.endswith(POLICY_FILE):
             if self.observation == PAPER_ENCODING:
                 raise ApplrError(f"--init-from is {name!r}: a policy needs --observation dimensionless")
@@ -233,7 +232,7 @@ class TrainConfig(
         )
 
     def environment(self) -> Dict[str, Any]:
-        """Return the arguments of the training's environment (ApplrEnv), as JSON values."""
+        """Return the arguments of the training's environment (ApplrEnv) as JSON values."""
         own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
         spans = {name: getattr(self, name) for name in SPANS}
         drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
@@ -247,7 +246,7 @@ class TrainConfig(
 
     @property
     def judged(self) -> Dict[str, Any]:
-        """Return the settings (DriveSettings) of the run's evaluations, in which nothing is drawn."""
+        """Settings (DriveSettings) of the run's evaluations, without random choices."""
         drives = {name: getattr(self, name) for name in DriveSettings.model_fields}
         return {
             **drives,
@@ -256,27 +255,27 @@ class TrainConfig(
         }
 
     def setting(self) -> str:
-        """Return the setting of the periodic evaluation in words: results of another setting cannot be compared."""
+        """Describe the setting of the periodic evaluation. Results of different settings are not comparable."""
         judged = self.judged
-        beside = ["collision monitor"] * self.monitor + ["movers"] * self.movers
+        extras = ["collision monitor"] * self.monitor + ["movers"] * self.movers
         rules = [judged["protocol"]] * (judged["protocol"] != PAPER)
-        return ", ".join([self.eval_worlds, self.simulator, judged["planner"], *beside, *rules])
+        return ", ".join([self.eval_worlds, self.simulator, judged["planner"], *extras, *rules])
 
     def noise(self, transitions: int) -> float:
-        """Return the exploration noise after so many transitions."""
+        """Return the standard deviation of the exploration noise after a number of transitions."""
         papers = (0.5 - 0.02) / 0.125 * 1e6 * min(1.0, self.total_timesteps / PAPER_STEPS)
         share = min(1.0, transitions / (self.exploration_noise_steps or max(1, int(papers))))
         return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
 
 
 def recipe(name: str) -> Dict[str, Any]:
-    """Return the options of a recipe, checked.
+    """Return the checked options of a recipe.
 
     Args:
         name: one of RECIPES, the path of a YAML file of options, or "" for none.
 
     Raises:
-        ApplrError: with one line, for an unknown name or a file that holds anything but options.
+        ApplrError: The name is unknown, or the file contains anything but options.
     """
     if not name:
         return {}
@@ -285,34 +284,35 @@ def recipe(name: str) -> Dict[str, Any]:
     path = RECIPES.get(name, Path(name))
     values = read_yaml(path)
     if not isinstance(values, dict):
-        raise ApplrError(f"{path}: holds no options; give lines such as `batch_size: 256`")
+        raise ApplrError(f"{path} contains no options: give lines such as `batch_size: 256`")
     checked(TrainConfig, values, str(path))
     return values
 
 
 def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
-    """Return the configuration that a command line asks for; with --resume that which the run was begun with.
+    """Return the configuration of a command line, with --resume on top of the stored options of the run.
 
     Args:
-        arguments: without the program's name; None: those of this process. ROS's remappings (name:=value) are ignored.
+        arguments: command line without the program's name; None: that of this process. ROS remappings (name:=value)
+            are ignored.
 
     Raises:
-        ApplrError: with one line.
+        ApplrError: An option is invalid.
     """
     given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
     if not given.get("resume"):
         config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
-        if "gradient_steps" in config.model_fields_set and not config.dataset:  # else it drove for days
-            raise ApplrError("--gradient-steps, or a recipe with them, learns offline: give a --dataset")
+        if "gradient_steps" in config.model_fields_set and not config.dataset:  # The run would drive for days.
+            raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
         return config
     out = given.get("out", RunOptions().out)
     path = Path(out) / "config.json"
     if not path.exists():
-        raise ApplrError(f"--resume: {out} holds no run (no config.json); check --out, or leave --resume out")
+        raise ApplrError(f"--resume: {out} holds no run (no config.json): check --out, or leave --resume out")
     stored = {name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields}
-    begun = checked(TrainConfig, stored, str(path))
+    original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **given, "out": out})
     for name in FIXED:
-        if getattr(config, name) != getattr(begun, name):
-            raise ApplrError(f"{dashed(name)}: the run in {out} was begun with another one, which cannot be changed")
+        if getattr(config, name) != getattr(original, name):
+            raise ApplrError(f"{dashed(name)}: the run in {out} has another value, which cannot be changed: omit it")
     return config

@@ -1,6 +1,6 @@
-"""The one learner: takes trajectories, keeps them in the replay, and makes the gradient steps due for them.
+"""Learner: adds trajectories to the replay buffer and makes the gradient steps that are due for them.
 
-train.py runs it. A run that was killed goes on from its last checkpoint.
+train.py runs one learner. A killed run continues from its last checkpoint.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from training.td3.td3 import TD3, Batch, Weights
 
 
 class Learner:
-    """The networks, the replay buffer, and their checkpoints. It goes on from the last checkpoint in its folder.
+    """Networks, replay buffer and their checkpoints. A learner continues from the last checkpoint in its folder.
 
     Args:
-        layout: what observations and actions consist of.
-        options: how it learns.
-        folder: of the run; checkpoint.json, learner-*.pt and replay-*.safetensors lie in it.
+        layout: layout of observations and actions.
+        options: options of learning.
+        folder: folder of the run with checkpoint.json, learner-*.pt and replay-*.safetensors.
         rows: capacity of the replay buffer.
-        start: what it begins with, unless the folder holds a checkpoint.
-        dataset: experience of an offline run, whose gradient steps are not due for transitions.
+        start: start of the networks, unless the folder has a checkpoint.
+        dataset: experience of an offline run, for which no gradient steps become due.
 
     Attributes:
-        extra: Values that save() was given with the checkpoint.
+        extra: Values that save() stored in the checkpoint.
 
     Raises:
-        ApplrError: the folder, or the run of `start`, holds other networks.
+        ApplrError: The networks in the folder, or in the run of `start`, differ.
     """
 
     def __init__(
@@ -61,25 +61,25 @@ class Learner:
         for trajectory in dataset.trajectories() if dataset is not None else ():
             self.replay.add(trajectory)
         self.rng = np.random.default_rng([options.seed, 1])
-        self.lags: Deque[int] = deque(maxlen=100)  # ages in updates of the policies that drove the newest trajectories
-        self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # of the newest trajectories
+        self.lags: Deque[int] = deque(maxlen=100)  # ages of the policies of the latest trajectories [updates]
+        self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # info of the latest trajectories
         self.checkpoints = 0
         self.extra: Dict[str, Any] = {}
-        self._kept: List[List[Any]] = []  # files of the replay, and how many rows each has
-        self._due = 0.0  # gradient steps not yet made for the transitions taken
+        self._kept: List[List[Any]] = []  # files of the replay buffer and their numbers of rows
+        self._due = 0.0  # number of gradient steps still due for the transitions
         if checkpoint := self.saved(folder):
             self._restore(checkpoint)
         elif start.run:
             self._begin_with(Path(start.run))
         elif start.policy:
-            self.td3.begin_with(begun_policy(start.policy), start.policy)
+            self.td3.begin_with(policy_network(start.policy), start.policy)
         elif start.action:
             self.td3.begin_at(start.action)
-        self._saved = self.replay.written  # rows of the replay that lie in files
+        self._saved = self.replay.written  # number of written rows that are stored in files
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
-        """Add an actor's trajectory to the replay; gradient steps are due for its transitions after learning starts."""
+        """Add an actor's trajectory. Its transitions after options.learning_starts make gradient steps due."""
         before = max(self.transitions, self.options.learning_starts)
         self.replay.add(trajectory)
         self._due += self.options.utd_ratio * max(0, self.transitions - before)
@@ -89,25 +89,25 @@ class Learner:
     # -- learning ----------------------------------------------------------------------------------
     @property
     def transitions(self) -> int:
-        """Transitions taken so far."""
+        """Number of transitions so far."""
         return self.replay.transitions
 
     @property
     def updates_due(self) -> int:
-        """Return the number of gradient steps that are due for the transitions taken."""
+        """Number of gradient steps that are due for the transitions so far."""
         return int(self._due + 1e-6)
 
     def update(self) -> None:
-        """Make one gradient step on a batch drawn from the replay."""
+        """Make one gradient step on a batch from the replay buffer."""
         self._due -= 1.0
         self.td3.update(draw_batch(self.replay, self.rng, self.options, self.td3.device))
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
-        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest.
+        """Save a checkpoint atomically: checkpoint.json, renamed into place last, names all other files.
 
-        The rows that the replay got since the last one are a file of their own. Files are dropped when the ring has
-        overwritten their rows.
+        New rows of the replay buffer form a file of their own. A file is deleted after the ring has overwritten its
+        rows.
         """
         number, written = self.checkpoints + 1, self.replay.written
         state = io.BytesIO()
@@ -142,7 +142,7 @@ class Learner:
 
     @staticmethod
     def saved(folder: os.PathLike | str) -> Optional[Dict[str, Any]]:
-        """The checkpoint.json of a run folder, or None."""
+        """Return the content of checkpoint.json in a run folder, or None without this file."""
         path = Path(folder) / "checkpoint.json"
         return read_json(path) if path.exists() else None
 
@@ -156,33 +156,35 @@ class Learner:
         self._kept, self.checkpoints, self.extra = checkpoint["replay"], checkpoint["number"], checkpoint["extra"]
 
     def _begin_with(self, folder: Path) -> None:
-        """Take over networks and optimisers of another run, and count updates from 0."""
+        """Take over networks and optimisers of another run, and reset the number of updates."""
         checkpoint = self.saved(folder)
         assert checkpoint is not None
-        if checkpoint["layer_norm"] != self.options.layer_norm:  # the same weights would mean other values
-            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}; give the same")
+        if checkpoint["layer_norm"] != self.options.layer_norm:  # The same weights would give other values.
+            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: give the same")
         self._take_networks(folder, checkpoint)
         self.td3.updates = self.td3.policy_starts = 0
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
-        """Take over networks and optimisers from a checkpoint that lies in `folder`."""
+        """Load networks and optimisers of a checkpoint in `folder`."""
         if TransitionLayout.from_dict(checkpoint["layout"]) != self.layout:
-            raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
+            raise ApplrError(
+                f"{folder} has the layout {checkpoint['layout']}, this run has {self.layout}: start a new run"
+            )
         data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
         self.td3.load(torch.load(data, self.td3.device, weights_only=True), str(folder))
 
 
-def begun_policy(path: str) -> Weights:
-    """Return the network of a dimensionless policy's file, without its mirror image. Raises ApplrError."""
+def policy_network(path: str) -> Weights:
+    """Return the network in the file of a dimensionless policy, without its mirror image. Raises ApplrError."""
     layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
 
 
 def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device) -> Batch:
-    """Return a batch for TD3.update, drawn uniformly, half of it mirrored left for right if the options say so.
+    """Return a uniformly drawn batch for TD3.update. With options.mirror, half of it is mirrored.
 
-    All randomness of a gradient step comes from `rng`: rows, then the smoothing noise.
+    All randomness of a gradient step comes from `rng`: first the rows, then the smoothing noise.
     """
     size = options.batch_size
     rows = replay.draw(rng, size)
@@ -190,7 +192,7 @@ def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(array).to(device).to(torch.float32)  # bytes travel as bytes and become floats there
+        return torch.from_numpy(array).to(device).to(torch.float32)  # Bytes become floats on the device.
 
     def observation(places: np.ndarray) -> torch.Tensor:
         scan, rest = replay.observations(places, size // 2 if options.mirror else 0)

@@ -1,4 +1,4 @@
-"""Preparation of a run: the tasks of its workers, its worlds, and how observations are stored."""
+"""Preparation of a run: tasks of its workers, worlds, and layout of observations."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from training.workers.collect import NAVIGATION, Collect, collect
 
 @dataclass(frozen=True)
 class Preparation:
-    """Findings of prepare()."""
+    """Result of prepare()."""
 
-    collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with a policy's weights in a worker
-    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # the same of a trial
-    held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
+    collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with policy weights in a worker
+    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # drives a trial with policy weights
+    held_out: List[Tuple[str, str]]  # (name, specification) of the worlds for evaluation
     layout: TransitionLayout
 
 
 def prepare(config: TrainConfig) -> Preparation:
-    """Check worlds and environment before anything is begun. Raises ApplrError with one line."""
+    """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
     worlds, judged, options = load_worlds(config.worlds), config.judged, config.environment()
     held_out: List[Tuple[str, str]] = []
     if config.eval_worlds != "none":
         held_out = [world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)]
     env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
-    if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
+    if config.actors > 1:  # Compile the planner's kernels once, so that the actors find them on disk.
         env.reset(seed=0)
         env.step(-np.ones(env.layout.action, np.float32))
     env.close()
@@ -50,10 +50,10 @@ def prepare(config: TrainConfig) -> Preparation:
 
 
 def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Dataset]:
-    """Return the dataset --dataset, checked; None without one.
+    """Return the checked dataset of --dataset, or None without one.
 
     Raises:
-        ApplrError: It was driven with another period, robot or reward than the options say.
+        ApplrError: The dataset's period, robot, reward or layout differ from those of the options.
     """
     if not config.dataset:
         return None
@@ -63,8 +63,10 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Datase
         if (theirs := dataset.about.get(name, value)) != value:
             raise ApplrError(
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give the same, or make "
-                "the dataset anew"
+                "a new dataset"
             )
     if dataset.layout != layout:
-        raise ApplrError(f"{config.dataset}: its layout is {dataset.layout}, this training has {layout}")
+        raise ApplrError(
+            f"{config.dataset}: its layout is {dataset.layout}, this training has {layout}: use another one"
+        )
     return dataset

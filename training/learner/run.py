@@ -1,6 +1,6 @@
-"""One training run: actors drive episodes, one learner learns from them, held-out worlds choose the best policy.
+"""Training run: actors drive episodes, one learner learns from them, held-out worlds select the best policy.
 
-The run's folder holds config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
+The run's folder contains config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
 best.safetensors, evaluations.jsonl, evaluation-* and tensorboard/.
 """
 
@@ -32,81 +32,83 @@ from training.replay.trajectory import Trajectory
 from training.workers.collect import Collect
 from training.workers.pool import CallFailed, Pool
 
-MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
-LONGEST_EPISODE = 2100  # more than the rows of an episode of 100 s with the shortest period, .05 s
-BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
-CHECKPOINT_SECONDS = 120.0  # between two checkpoints
-STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
-EPISODE = "return", "length", "success", "collided", "time_s"  # what TensorBoard shows of an episode
+MANY_ERRORS = 20  # number of consecutive failed episodes after which the run ends
+LONGEST_EPISODE = 2100  # upper bound of the rows of an episode: 100 s at the shortest period, .05 s
+BROADCAST_INTERVAL = 25  # number of gradient steps after which the actors get the latest policy
+CHECKPOINT_SECONDS = 120.0  # interval between two checkpoints [s]
+STATUS_SECONDS = 10.0  # interval between updates of the progress bar's figures and TensorBoard's "training" [s]
+EPISODE = "return", "length", "success", "collided", "time_s"  # quantities of an episode in TensorBoard
 
 
 class TrainingRun:
-    """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
+    """Training run, ready to start with run()."""
 
     prepare = staticmethod(prepare)
 
     def __init__(self, config: TrainConfig):
-        import torch  # seconds, which --help and mistakes in options do not take
+        import torch  # takes seconds, which --help and invalid options need not wait for
         from torch.utils.tensorboard import SummaryWriter
 
         from training.learner.learner import Learner
 
         self.began = time.monotonic()
-        self.made = self.prepare(config)
-        dataset = dataset_of(config, self.made.layout)
+        self.preparation = self.prepare(config)
+        dataset = dataset_of(config, self.preparation.layout)
         self.offline = dataset is not None
         rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + LONGEST_EPISODE
         self.config, start = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
-            raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
-        if config.actors and config.ray_address in ("", "local"):  # threads that wait for a core slow all others down
+            raise ApplrError(f"{self.folder} already holds a run: continue it with --resume, or give another --out")
+        if config.actors and config.ray_address in ("", "local"):  # Threads that wait for a core slow down all others.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-        self.learner = Learner(self.made.layout, config, self.folder, rows, start, dataset)
-        held_out, setting = self.made.held_out, config.setting()
+        self.learner = Learner(self.preparation.layout, config, self.folder, rows, start, dataset)
+        held_out, setting = self.preparation.held_out, config.setting()
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed, setting)
         self._next_episode = self.learner.extra.get("next_episode", 0)
-        self._running: Set[Future] = set()  # episodes whose results are not yet taken
-        self._published, self._policy = 0, b""  # gradient steps and weights of the policy that drives episodes
+        self._running: Set[Future] = set()  # episodes whose results are not yet added
+        self._published, self._policy = 0, b""  # version [gradient steps] and weights of the actors' policy
         self._saved = self._shown = time.monotonic()
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
         self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)
-        often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
-        end = tqdm.format_interval(60.0 * config.minutes)  # the steps' own estimate would be of hours
+        often = (
+            1.0 if sys.stderr.isatty() else 30.0
+        )  # interval between updates [s]; each one is a new line unless on a terminal
+        end = tqdm.format_interval(60.0 * config.minutes)  # time limit; tqdm's estimate from steps would be hours
         limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
-        look: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
-        self.bar = tqdm(total=self.goal, initial=self.steps, **look)
+        style: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
+        self.bar = tqdm(total=self.goal, initial=self.steps, **style)
         path = self.folder / "config.json"
         sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
         about = {BASE: start.base, PROVENANCE: [*sessions, provenance(config.seed)]}
-        write_json(path, {**config.model_dump(exclude={"resume"}), **about})  # from now on it is a run
+        write_json(path, {**config.model_dump(exclude={"resume"}), **about})  # This file makes the folder a run.
 
     # -- the run -------------------------------------------------------------------------------------
     @property
     def steps(self) -> int:
-        """Return what the run, evaluations and curves count: collected transitions; offline: gradient steps."""
+        """Steps of the run, evaluations and curves: collected transitions, or gradient steps if offline."""
         return self.learner.td3.updates if self.offline else self.learner.transitions
 
     @property
     def goal(self) -> int:
-        """Return the number of steps of the run in all."""
+        """Total number of steps of the run."""
         return self.config.gradient_steps if self.offline else self.config.total_timesteps
 
     @property
     def elapsed(self) -> float:
-        """Seconds that the run has taken, interruptions not counted."""
+        """Duration of the run without interruptions [s]."""
         return float(self.learner.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
 
     @property
     def finished(self) -> bool:
-        """Return whether all steps are done, or the time is up; the last evaluation may still be open."""
+        """Return whether all steps are done or the time is up. The last evaluation may still be due."""
         return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
 
     def run(self) -> int:
-        """Trains to the end, or until SIGINT or SIGTERM."""
+        """Train to the end or until SIGINT or SIGTERM; return the exit status, 0 if done, 130 if stopped and saved."""
         handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             while not self.finished and not self.stopping:
@@ -128,7 +130,7 @@ class TrainingRun:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
             self.lock.close()
-        self._print_the_end()
+        self._print_summary()
         return 130 if self.stopping else 0
 
     def _signal(self, number: int, frame: Any) -> None:
@@ -137,7 +139,7 @@ class TrainingRun:
         self.stopping = signal.Signals(number).name
 
     def _submit(self) -> None:
-        """Keep the workers busy, while this process learns, until too many results wait to be taken in."""
+        """Keep the workers busy while this process learns, unless too many results wait to be added."""
         slots = self.pool.slots
         most = 1 if self.pool.in_process else 4 * slots + 16
         while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
@@ -149,11 +151,11 @@ class TrainingRun:
                 self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
             random = transitions < config.learning_starts and not config.init_from
             episode = Collect(number, config.seed, config.noise(transitions), random, self._published)
-            self._running.add(self.pool.submit(self.made.collect, episode, self._policy))
+            self._running.add(self.pool.submit(self.preparation.collect, episode, self._policy))
             self._next_episode += 1
 
     def _collect(self, timeout: float) -> None:
-        """Takes in the results that are there, after at most `timeout` seconds, and learns from them."""
+        """Wait for results for at most `timeout` [s], add those that are available, and learn from them."""
         self._submit()
         for future in wait(self._running, timeout, FIRST_COMPLETED).done:
             try:
@@ -166,10 +168,10 @@ class TrainingRun:
                 self._failed_in_a_row += 1
                 if self._failed_in_a_row >= MANY_ERRORS:
                     raise ApplrError(f"{MANY_ERRORS} episodes in a row failed: {error}") from None
-            self._running.remove(future)  # until here it holds its slot
+            self._running.remove(future)  # The episode occupies its slot until here.
 
     def _take(self, trajectory: Trajectory) -> None:
-        """Take in an episode, and make the gradient steps that are due for it."""
+        """Add an episode, and make the gradient steps that are due for it."""
         self.learner.take(trajectory)
         self._scalars("episode", {name: trajectory.info.get(name) for name in EPISODE})
         self._scalars("reward", trajectory.info.get("terms", {}))
@@ -179,11 +181,10 @@ class TrainingRun:
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
-        """Drive a round of the evaluation if one is due; return whether that is done.
+        """Drive a round of the evaluation if one is due, and return whether a round was completed.
 
-        The run is saved before, since a trial that fails by an error ends it. The default parameters, which may drive
-        for minutes, come last if the time is limited. Of several seeds none drives them: several.py compares the best
-        policy with them.
+        The run is saved first, because an error in a trial ends the run. If the time is limited, the default parameters
+        come last, as they may drive for minutes. With several seeds, only several.py drives the default parameters.
         """
         limited, finished = self.config.minutes > 0.0, self.finished
         default = self.config.seeds == 1 and (finished or not limited)
@@ -195,8 +196,10 @@ class TrainingRun:
         state = {"step": self.steps, "version": self.learner.td3.updates}
         sent = safetensors.numpy.save(weights)
         try:
-            summary = self.evaluation.drive(number, self.pool, self.made.drive, sent, self._end_if_stopped, **state)
-        except KeyboardInterrupt:  # what was driven is kept
+            summary = self.evaluation.drive(
+                number, self.pool, self.preparation.drive, sent, self._end_if_stopped, **state
+            )
+        except KeyboardInterrupt:  # The completed trials are kept.
             return False
         self.bar.write(describe(summary))
         if summary["best"]:
@@ -211,13 +214,13 @@ class TrainingRun:
 
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
-        """A checkpoint, and the newest policy."""
+        """Save a checkpoint and the latest policy."""
         self.learner.save({"elapsed": self.elapsed, "next_episode": self._next_episode})
         self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
         self._saved = time.monotonic()
 
     def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
-        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        """Write a policy for policy/actor.py with metadata of its training, but without folders of this machine."""
         options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
         training = {
             "steps": self.steps,
@@ -230,7 +233,7 @@ class TrainingRun:
         self.write_policy(path, weights, dict(period_s=period, training=training, result=result, default=default))
 
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
-        """The file of a policy in the encoding that the run learns."""
+        """Write the file of a policy in the encoding of the run."""
         config = self.config
         encoding = ENCODINGS[config.observation](config.robot, config.decision_period, config.start.base)
         actor.save(path, weights, metadata, encoding)
@@ -260,18 +263,18 @@ class TrainingRun:
             if value is not None and np.isfinite(value):
                 self.board.add_scalar(f"{prefix}/{name}", value, self.steps)
 
-    def _print_the_end(self) -> None:
+    def _print_summary(self) -> None:
         how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
         seconds = tqdm.format_interval(time.monotonic() - self.began)
         learner = self.learner
         made = f"{learner.transitions:,} transitions and {learner.td3.updates:,} updates"
         print(f"{how} after {made}, {seconds}; {self.folder}")
         if self.evaluation.best:
-            print(f"best actor: {describe(self.evaluation.best)}")
+            print(f"best policy: {describe(self.evaluation.best)}")
 
 
 def describe(summary: Dict[str, Any]) -> str:
-    """Return a round of the periodic evaluation in one line."""
+    """Return a one-line summary of a round of the periodic evaluation."""
     who = "default DWA" if summary["round"] == THETA0 else f"evaluation at {summary['step']:,}"
     time = "-" if summary["time_s"] is None else f"{summary['time_s']:.2f}"
     return (

@@ -1,8 +1,8 @@
-"""Several trainings one after the other, of which the best is kept: `train.py --seeds 3`.
+"""Trainings with several seeds, of which the best policy is kept: `train.py --seeds 3`.
 
-The end of a training depends on its seed. Here runs of several seeds share the time or a dataset, their best policies
-drive the same fresh courses, and the one with the lowest mean score drives other fresh courses beside the robot's own
-parameters: no course on which something was chosen is part of the verdict.
+The result of a training depends on its seed. Runs with several seeds share the time or a dataset, and their best
+policies drive the same fresh courses. The policy with the lowest mean score is compared with the robot's default
+parameters on other fresh courses, so that no course of the selection is part of the verdict.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from training.learner.config import TrainConfig
 if TYPE_CHECKING:
     import pandas as pd
 
-CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses to choose on, and to judge on
+CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses of the selection and of the verdict
 
 
 def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     """Train config.seeds policies into folders of config.out, and keep the best as best.safetensors there.
 
-    The time config.minutes is divided between the runs. A repetition with --resume continues where it was stopped.
+    The runs divide config.minutes equally. With --resume, stopped trainings continue.
 
     Args:
-        config: The options.
+        config: Options of the runs.
         make_run: Makes the TrainingRun of one seed.
 
     Returns:
         The exit status: 0 done, 130 stopped by a signal and saved.
 
     Raises:
-        ApplrError: with one line.
+        ApplrError: The folder already holds a run, or a run fails.
     """
     out = make_folder(config.out)
     if (out / "config.json").exists() and not config.resume:
-        raise ApplrError(f"{out} holds a run already: --resume goes on with it, another --out begins one")
+        raise ApplrError(f"{out} already holds a run: continue it with --resume, or give another --out")
     write_json(out / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
@@ -59,7 +59,7 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
 
 
 def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
-    """Keep the best of some policies as best.safetensors in `out`; return lines about it."""
+    """Keep the best policy as best.safetensors in `out`, and return lines that describe the choice."""
     by_run = {path.parent.name: path for path in policies}
     means = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
     best = out / "best.safetensors"
@@ -73,8 +73,8 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
 def _driven(
     config: TrainConfig, out: Path, worlds: str, others: Sequence[str], policies: Mapping[str, Path]
 ) -> pd.DataFrame:
-    """Evaluate methods and policies {name: file} under the rules of the run's own evaluations; return paired_trials."""
-    shutil.rmtree(out, ignore_errors=True)  # of policies before a --resume
+    """Evaluate methods and policies {name: file} with the settings of the run's evaluations; return paired_trials."""
+    shutil.rmtree(out, ignore_errors=True)  # results of earlier policies, before a --resume
     out.mkdir(parents=True)
     files = {name: out / f"{name}.safetensors" for name in policies}
     for name, file in files.items():

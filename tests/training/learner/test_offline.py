@@ -1,4 +1,4 @@
-"""Learning from a dataset without driving: what fits, and runs that are resumed."""
+"""Tests of offline learning: datasets that fit or are refused, Minari, resumed runs."""
 
 import functools
 import json
@@ -27,7 +27,7 @@ LAYOUT = TransitionLayout(0, 1, 1)
 
 
 def write(folder, source=None, episodes=40, layout=LAYOUT, made=None):
-    """A dataset of ten transitions an episode; its folder as text."""
+    """Write a dataset with ten transitions per episode, and return its folder."""
     folder.mkdir(exist_ok=True)
     dataset.write(folder, layout, made or [episode(layout, number, 10) for number in range(episodes)], source or {})
     return str(folder)
@@ -35,12 +35,12 @@ def write(folder, source=None, episodes=40, layout=LAYOUT, made=None):
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    """A dataset of 400 transitions."""
+    """Dataset of 400 transitions."""
     return write(tmp_path_factory.mktemp("dataset") / "data")
 
 
 def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
-    """From random drives it learns to drive."""
+    """The policy learns to drive from random drives."""
     weights = safetensors.numpy.save({"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)})
     random = [collect(LINE, "{}", Collect(number, 0, 0.0, True), weights) for number in range(80)]
     data = write(tmp_path / "data", made=random)
@@ -49,10 +49,10 @@ def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     assert main(toy(run, *offline, "--gradient-steps", "150")) == 0
     assert main(["--resume", "--out", str(run), "--gradient-steps", "400"]) == 0
     assert Learner.saved(run)["updates"] == 400
-    assert not list(run.glob("replay-*"))  # the dataset is not copied
-    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()  # names no folders
+    assert not list(run.glob("replay-*"))  # The dataset is not copied.
+    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()  # The metadata contains no folders.
     rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first return is that of standing still.
 
 
 def test_minari_reads_a_dataset(tmp_path, monkeypatch):
@@ -60,9 +60,9 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
     episodes = [episode(layout, number, 3, number % 2 == 0) for number in range(5)]
     write(tmp_path / "mine", {"robot": "jackal"}, layout=layout, made=episodes)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    found = minari.load_dataset("mine")
-    assert (found.total_episodes, found.total_steps) == (5, 15)
-    for theirs, ours, back in zip(found, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True):
+    loaded = minari.load_dataset("mine")
+    assert (loaded.total_episodes, loaded.total_steps) == (5, 15)
+    for theirs, ours, back in zip(loaded, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True):
         np.testing.assert_array_equal(theirs.observations, layout.restore(ours.scan, ours.rest))
         np.testing.assert_array_equal(theirs.actions, ours.action)
         np.testing.assert_array_equal(theirs.rewards, ours.reward)
@@ -72,8 +72,8 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
             np.testing.assert_array_equal(getattr(back, name), getattr(ours, name))
 
 
-def test_what_a_dataset_names_is_not_made(tmp_path):
-    """Minari makes the environment of a dataset whose spaces are not stated."""
+def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
+    """Minari makes the environment of a dataset whose metadata lack the spaces."""
     path = Path(write(tmp_path / "mine")) / "data/metadata.json"
     about = json.loads(path.read_text())
     del about["observation_space"], about["action_space"]
@@ -84,7 +84,7 @@ def test_what_a_dataset_names_is_not_made(tmp_path):
 
 
 @pytest.mark.fault("18b")
-def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
+def test_a_dataset_driven_with_other_settings_is_refused(tmp_path, capsys):
     layout = TransitionLayout()
     for number, (source, line) in enumerate(
         (
@@ -110,18 +110,20 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "run", "--dataset", tmp_path / "absent"), "metadata.json: cannot be read")
 
 
-def test_a_trial_that_fails_ends_a_run_that_is_saved(data, tmp_path, capsys):
+def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     arguments = toy(tmp_path / "run", "--dataset", data, "--gradient-steps", "60")
     broken = functools.partial(main, env="tests.support.toy_env:Broken")
     one_line(capsys, arguments, "trial 0 of dwa in environment failed: RuntimeError: the wheels came off", broken)
     assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # it has no set
-def test_exploration_is_what_the_recipe_offline_learns_from(name, around, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")]
+)  # burger: no best set
+def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)
     method, centre = methods.make("explore", robot), methods.make(around, robot)
     assert method.theta(None) == pytest.approx(centre.theta(None))
-    assert method.per_cell == centre.per_cell  # whether its distance weights are per cell
+    assert method.per_cell == centre.per_cell  # unit of the distance biases
     assert method.period == recipe("offline")["decision_period"]

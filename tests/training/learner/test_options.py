@@ -1,4 +1,4 @@
-"""Options of a training run: what is refused before its folder is made, recipes, and what a resumed run keeps."""
+"""Tests of the options of a training run: refusals before its folder is made, recipes, options of a resumed run."""
 
 import json
 
@@ -18,7 +18,7 @@ from training.learner.config import TrainConfig, parse
         (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
         (["--net-arch", "512", "0"], "--net-arch is '0': Input should be greater than or equal to 1"),
         (["--worlds", "generated:900"], "generated:900"),
-        (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a span"),
+        (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
         (["--planner", "theirs"], "argument --planner: invalid choice: 'theirs'"),
         (["--dataset", "/nowhere"], "/nowhere/data/metadata.json: cannot be read"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
@@ -31,7 +31,7 @@ def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_pa
     assert not (tmp_path / "run").exists()
 
 
-def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
+def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text("batch_size: 64\ndecision_period: 1.0\nslip: [0.7, 1.4]\n")
     chosen = parse(["--recipe", str(own), "--decision-period", "0.5"])
@@ -39,7 +39,7 @@ def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
     for text, pattern in (
         ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
         ("gamma: fast\n", "own.yaml: gamma is 'fast': Input should be a valid number"),
-        ("- 3\n", "holds no options"),
+        ("- 3\n", "contains no options"),
         ("a: [\n", "not readable as YAML"),
     ):
         own.write_text(text)
@@ -48,7 +48,7 @@ def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["paper", "jackal", "offline"])
-def test_a_recipe_is_what_the_command_line_takes(name):
+def test_each_recipe_consists_of_valid_options(name):
     dataset = ["--dataset", "drives"] if name == "offline" else []
     assert parse(["--recipe", name, *dataset, "--seed", "7"]).seed == 7
 
@@ -64,7 +64,7 @@ def test_noise_is_the_papers():
     assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
 
 
-def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
+def test_a_run_that_started_at_a_parameter_set_continues_without_its_file(tmp_path, capsys):
     given = tmp_path / "set.json"
     given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
     assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start.action) == 8
@@ -73,14 +73,18 @@ def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
         refused(lambda: parse(["--init-from", changing, "--out", str(tmp_path)]).start, "give static, dwa, a JSON")  # noqa: B023
     encoding = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
     assert len(parse(encoding).start.action) == 12
-    makers = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
-    assert parse(encoding).start.base == {"min_in_place_vel_theta": 0.7, **makers}
+    fixed = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
+    assert parse(encoding).start.base == {"min_in_place_vel_theta": 0.7, **fixed}
     given.unlink()
     (tmp_path / "config.json").write_text(json.dumps({"init_from": str(given), "out": str(tmp_path)}))
-    one_line(capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read")  # killed before a checkpoint
+    one_line(
+        capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read"
+    )  # The run was killed before its first checkpoint.
     (tmp_path / "checkpoint.json").write_text("{}")
     assert parse(["--resume", "--out", str(tmp_path)]).start.action == ()
-    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4  # a run keeps its options
+    assert (
+        parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4
+    )  # A resumed run keeps its options.
     options = {"init_from": str(given), "observation": "dimensionless", "out": str(tmp_path), "base": {"sim_time": 1.1}}
     (tmp_path / "config.json").write_text(json.dumps(options))
     assert parse(["--resume", "--out", str(tmp_path)]).start.base == {"sim_time": 1.1}

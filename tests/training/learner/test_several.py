@@ -1,4 +1,4 @@
-"""train.py --seeds: the runs share the time, the best policy is kept, and other courses judge it."""
+"""Tests of train.py --seeds: shared time, selection of the best policy, comparison on other courses."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7
 
 
 def fake(options):
-    """Drives as fast as SECONDS says."""
+    """Return results of an evaluation with the times of SECONDS."""
     worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {
@@ -28,18 +28,18 @@ def fake(options):
 
 @pytest.fixture
 def evaluated(monkeypatch):
-    """The options of the evaluations, which drive nothing."""
-    found = []
+    """Replace evaluations by fake(), and return the list of their options."""
+    requested = []
 
     def evaluate(options):
-        found.append(options)
+        requested.append(options)
         return fake(options)
 
     monkeypatch.setattr(several, "evaluate", evaluate)
-    return found
+    return requested
 
 
-def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evaluated, capsys):
+def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(tmp_path, evaluated, capsys):
     out = tmp_path / "runs"
     arguments = toy(out, "--total-timesteps", 40, "--seeds", 2, "--seed", 3, "--minutes", 30, *NO_EVALUATION)
     assert several.train(parse(arguments), toy_run) == 0
@@ -54,7 +54,7 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
     assert "applr better: yes, " in text
     assert f"drive with: applr; best policy: {out}/best.safetensors" in text
     before = (out / "seed_3/checkpoint.json").read_bytes()
-    one_line(capsys, arguments, "holds a run already", train.main)
+    one_line(capsys, arguments, "already holds a run", train.main)
     assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
     assert json.loads((out / "seed_3/checkpoint.json").read_text())["transitions"] == json.loads(before)["transitions"]
 
@@ -67,7 +67,7 @@ def test_the_best_of_several_seeds_is_kept_and_judged_elsewhere(tmp_path, evalua
         ({"applr": 30.0, "static": 20.0}, "dwa"),
     ],
 )
-def test_the_policy_is_judged_beside_own_and_tuned_parameters(seconds, method, tmp_path, evaluated, monkeypatch):
+def test_the_policy_is_compared_with_default_and_tuned_parameters(seconds, method, tmp_path, evaluated, monkeypatch):
     for name, value in seconds.items():
         monkeypatch.setitem(SECONDS, name, value)
     policy = tmp_path / "seed_3/best.safetensors"

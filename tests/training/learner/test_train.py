@@ -1,4 +1,4 @@
-"""train.py: runs learn, leave everything behind, and go on after a stop and after SIGKILL."""
+"""Tests of train.py: learning, files of a run, resuming after a stop and after SIGKILL."""
 
 import dataclasses
 import functools
@@ -37,25 +37,25 @@ def rounds_of(run):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """An uninterrupted run of 800 transitions."""
+    """Uninterrupted run of 800 transitions."""
     out = tmp_path_factory.mktemp("whole") / "run"
     assert main(toy(out, "--total-timesteps", "800")) == 0
     return out
 
 
-def test_learns_and_leaves_everything_behind(whole):
+def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
     assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first return is that of standing still.
     files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
     assert {p.name for p in whole.iterdir()} >= files
     best = (whole / "best.safetensors").read_bytes()
-    assert unpack(best, "best")[1]["period_s"] == "0.5"  # nodes and evaluations decide as often
+    assert unpack(best, "best")[1]["period_s"] == "0.5"  # Nodes and evaluations use the same period.
     policy = PolicyWeights(best)
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
 
 
-def test_resume_goes_on(tmp_path):
+def test_resume_continues(tmp_path):
     out = tmp_path / "run"
     assert main(toy(out, "--total-timesteps", "300")) == 0
     assert main(["--resume", "--out", str(out), "--total-timesteps", "600"]) == 0
@@ -64,8 +64,8 @@ def test_resume_goes_on(tmp_path):
     assert len(json.loads((out / "config.json").read_text())["provenance"]) == 2
 
 
-def test_a_ring_that_has_been_around_comes_back_from_its_checkpoints(tmp_path):
-    """Another ratio of updates counts from the resume on."""
+def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
+    """A changed ratio of updates applies from the resume on."""
     layout = TransitionLayout(4, 2, 2)
     options = LearnerOptions(net_arch=[8], batch_size=8, utd_ratio=1.0, learning_starts=5)
     learner = Learner(layout, options, tmp_path, 50)
@@ -84,7 +84,7 @@ def test_a_ring_that_has_been_around_comes_back_from_its_checkpoints(tmp_path):
 
 
 @pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
-def test_the_policy_at_the_end_of_the_minutes_is_evaluated_beside_the_default(seeds, at_the_end, tmp_path, monkeypatch):
+def test_the_last_policy_within_the_minutes_is_compared_with_the_default(seeds, at_the_end, tmp_path, monkeypatch):
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
     assert main(toy(tmp_path / "run", "--minutes", "1", "--seeds", seeds)) == 0
     assert [(r["round"], r["step"]) for r in rounds_of(tmp_path / "run")] == [(1, 200), *at_the_end]
@@ -100,7 +100,7 @@ sys.exit(main())
 
 
 def start(arguments):
-    """A run in a process of its own, which saves often."""
+    """Start a run that saves often, in a process of its own."""
     command = [sys.executable, "-c", OFTEN_SAVED, *arguments]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
@@ -114,7 +114,7 @@ def wait_for_a_checkpoint(out, process):
 
 
 @pytest.mark.fault("19")
-def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path):
+def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
     out = tmp_path / "run"
     with start(toy(out, "--total-timesteps", "100000")) as process:
         wait_for_a_checkpoint(out, process)
@@ -125,9 +125,9 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path):
 
 
 def left_at_each_write(command, folder, copies, monkeypatch):
-    """Execute a command, and copy its folder before each of its writes to copies/0, copies/1, ...; return their names.
+    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return the writes' names.
 
-    At a write the bytes of a file are there and its name is not yet.
+    At a write, the bytes of a file exist but not yet its name.
     """
     names = []
 
@@ -149,7 +149,7 @@ def left_at_each_write(command, folder, copies, monkeypatch):
 
 
 @pytest.mark.fault("19")
-def test_killed_at_any_of_its_writes_a_run_goes_on(tmp_path, monkeypatch):
+def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.learner.run.provenance", lambda seed: {})
     monkeypatch.setattr("training.learner.run.CHECKPOINT_SECONDS", 0.0)
     whole, options = tmp_path / "whole", ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
@@ -172,7 +172,7 @@ def test_ctrl_c_saves_and_stops(tmp_path):
     assert Learner.saved(out)["transitions"] > 0
 
 
-def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
+def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     source, out = tmp_path / "source", tmp_path / "run"
     shutil.copytree(whole, source)
     first = toy(out, "--init-from", source, "--total-timesteps", "50", "--learning-starts", "40", "--gamma", "0.9")
@@ -180,8 +180,8 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
     assert networks_of(out) == networks_of(whole)
     assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
     policy = PolicyWeights((out / "actor.safetensors").read_bytes())
-    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]  # as the other run's
-    shutil.rmtree(source)  # from its first checkpoint on the run stands by itself
+    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]  # The policy is that of the other run.
+    shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
     assert main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
     assert Learner.saved(out)["updates"] == 50
     assert networks_of(out) != networks_of(whole)
@@ -193,7 +193,7 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
 
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = networks_of(whole)
-    one_line(capsys, toy(whole), "holds a run already: --resume")
+    one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
     one_line(capsys, ["--resume", "--out", whole, "--net-arch", "64"], r"--net-arch: .* cannot be changed")
     run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
@@ -239,8 +239,8 @@ def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
 
 
-def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
-    """Its times are no rivals of the first one's."""
+def test_another_simulator_resets_default_and_best(tmp_path):
+    """Times of different simulators are not comparable."""
 
     def made(worlds=2, setting="kinematic"):
         return PeriodicEvaluation(tmp_path, [(f"w{n}", f"w{n}") for n in range(worlds)], 100, 0, setting)
@@ -262,24 +262,24 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     assert again.best["step"] == 130
     assert again.default["time_s"] == 20.0
     assert again.due(299) is None
-    again.every = 150  # changed at a --resume: the rounds so far were counted otherwise
+    again.every = 150  # A --resume changed the interval, by which earlier rounds were not counted.
     assert [again.due(step) for step in (299, 300)] == [None, 2]
     summaries = list(drive(made(setting="pybullet"), 310, 100.0))
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
     assert summaries[1]["time_s"] is None
     assert summaries[1]["score"] == 102.5
-    assert made(worlds=3).best is None  # nor are rounds of another number of worlds
+    assert made(worlds=3).best is None  # Rounds with different numbers of worlds are not comparable either.
 
 
 def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
     run = toy_run(parse(toy(tmp_path / "run", "--actors", "0")))
-    drive = run.made.drive
+    drive = run.preparation.drive
 
     def stop(trial, weights):
         run.stopping = "SIGINT"
         return drive(trial, weights)
 
-    run.made = dataclasses.replace(run.made, drive=stop)
+    run.preparation = dataclasses.replace(run.preparation, drive=stop)
     assert run.run() == 130
     assert run.evaluation.history == []
     (trials,) = tmp_path.glob("run/evaluation-*/trials.csv")
@@ -287,7 +287,7 @@ def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
 
 
 class TwoTerms(Line):
-    """A line whose reward consists of two terms."""
+    """Line whose reward consists of two terms."""
 
     def step(self, action):
         observation, reward, terminated, truncated, info = super().step(action)
