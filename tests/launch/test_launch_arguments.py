@@ -162,7 +162,7 @@ def test_launch_files_clear_what_an_earlier_launch_left():
             "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, map, ",
         ),
         (demo, ["world:=generated:300"], "generated:300"),
-        (demo, ["method:=faster"], "method 'faster' is not known"),
+        (demo, ["method:=faster"], "method 'faster' is unknown"),
         (demo, ["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
         (demo, ["goal:=none"], "the demo needs sim:=true"),
         (demo, ["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
