@@ -301,7 +301,7 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     own = str(tmp_path / "own.py") + ":Class"
     for method, words in (
         (str(tmp_path / "none.safetensors"), "none.safetensors"),
-        ("fast", "method 'fast' is not known"),
+        ("fast", "method 'fast' is unknown"),
         (own, "start the node with _method:="),
     ):
         answer = service("set_method", SetMethod, method)
