@@ -188,7 +188,7 @@ class SeenSpace:
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = map(float, scan.sensor_pose)
         shown = min(self._shown, float(scan.range_max), THIN_M / abs(beams[1]))
-        _see(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
+        _observe(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
 
     def forget(self, points: np.ndarray) -> None:
         """Mark the cells around forgotten obstacle points (k, 2) [m] as unknown."""
@@ -217,7 +217,7 @@ def _follow(cells, corner, x, y):
 
 
 @kernel
-def _see(cells, corner, ranges, beams, sensor, shown):
+def _observe(cells, corner, ranges, beams, sensor, shown):
     _follow(cells, corner, sensor[0], sensor[1])
     angle_min, increment, range_min = beams
     n = cells.shape[0]

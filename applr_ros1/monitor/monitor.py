@@ -189,7 +189,7 @@ class CollisionMonitor:
         command = tuple(0.0 if abs(value) < TINY_SPEED else value for value in command)  # type: ignore
         stamps = [laser.stamp for laser in self._lasers.values() if laser.stamp is not None]
         self.ages = (now - min(stamps) if len(stamps) == len(self._lasers) else 0.0, *ages)
-        problem = self._problem(pose, twist, command) or self._freezing(now - ages[0], pose, twist)
+        problem = self._problem(pose, twist, command) or self._frozen(now - ages[0], pose, twist)
         if problem:
             return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
         pose = self.matcher.corrected(pose)
@@ -210,15 +210,15 @@ class CollisionMonitor:
         turn_ahead does not explain. Both its terms come from the poses, so that they have the same age.
         """
         v, w, aside = self.motion.velocity
-        slide = aside + self.settings.turn_ahead * w
-        return [(*twist, slide)] + [(v, w, slide)] * self.motion.contradicts(twist)
+        slip = aside + self.settings.turn_ahead * w
+        return [(*twist, slip)] + [(v, w, slip)] * self.motion.contradicts(twist)
 
     def braked(self, now: float, measured: float, command: Twist = (0.0, 0.0), turning: Any = None) -> Twist:
         """Return the command (v, w) within the friction limit of the base, and record it as the last output.
 
         If v must fall more slowly than requested, w keeps the base on the arc of the command that safe_scale has
-        checked. w then stays below the previous turn rate and changes gradually, because tyres that turn the body
-        cannot brake it as well.
+        checked. w is then at most the larger of the commanded and the previous turn rate. It changes gradually, because
+        tyres that turn the body have less friction left for braking.
 
         Args:
             now: time [s].
@@ -234,12 +234,12 @@ class CollisionMonitor:
                     w = turned * left / abs(was)
                 elif v * was > 0.0:
                     w = on_arc(left, v, w, turned)
-                v, w = math.copysign(left, was), w if turning is None else self._gradual(w, turning)
+                v, w = math.copysign(left, was), w if turning is None else self._clamp_turn(w, turning)
         self._brakes = v != command[0]
         self._given = now, v, w
         return v, w
 
-    def _gradual(self, w: float, turning: float) -> float:
+    def _clamp_turn(self, w: float, turning: float) -> float:
         """Clamp w to the turn rates that are reachable within GRIPPING_S, without changing its sign."""
         turning, change = turning / self.settings.turn_gain, GRIPPING_S * self.settings.yaw_deceleration
         soon = min(max(w, turning - change), turning + change)
@@ -296,7 +296,7 @@ class CollisionMonitor:
     def _is_impossible(self, twist: Sequence[float]) -> bool:
         return any(abs(value) > IMPOSSIBLE_FACTOR * limit for value, limit in zip(twist, self.fastest))
 
-    def _freezing(self, stamp: float, pose: Pose, twist: Twist) -> str:
+    def _frozen(self, stamp: float, pose: Pose, twist: Twist) -> str:
         """Return the fault if the pose stays the same, under any stamps, while the velocity is not zero."""
         # The measured velocity of a base at rest is seldom exactly 0.
         stands = abs(twist[0]) < BLOCKED_M_S and abs(twist[1]) < BLOCKED_RAD_S

@@ -85,12 +85,12 @@ class ScanMatcher:
         guesses = self._guesses(pose, scan.stamp)
         matched, self.lost = None, False
         if nearest is not None:
-            matched = self._lay_over(self._references[nearest], ranges, beams, guesses)
+            matched = self._align(self._references[nearest], ranges, beams, guesses)
             if matched is None:
                 assert self._last is not None
                 del self._references[nearest]
                 nearest = None
-                matched = self._lay_over(self._last[2], ranges, beams, guesses)
+                matched = self._align(self._last[2], ranges, beams, guesses)
                 self.lost = matched is None and self._is_elsewhere(measured, (ranges, beams, pose))
         if self.lost:
             self._references.clear()
@@ -127,7 +127,7 @@ class ScanMatcher:
         gone_on = compose(self._last[1], (v, s, w))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
 
-    def _lay_over(self, earlier: Reference, ranges: Any, beams: tuple, guesses: List[Pose]) -> Optional[Pose]:
+    def _align(self, earlier: Reference, ranges: Any, beams: tuple, guesses: List[Pose]) -> Optional[Pose]:
         """Return the pose at which a scan fits an earlier scan, or None if no guess leads to a fit."""
         old, old_beams, old_pose = earlier
         if self._surface[0] is not old:

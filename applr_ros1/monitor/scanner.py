@@ -51,7 +51,7 @@ class ScannerCheck:
         limits = np.float32(scan.range_min), np.float32(scan.range_max)
         beams = float(scan.angle_min), float(scan.angle_increment)
         full_turn = (len(ranges) + 0.5) * abs(beams[1]) >= 2.0 * math.pi
-        blind, hits, widest = _look(ranges, *limits, full_turn)
+        blind, hits, widest = _count_ranges(ranges, *limits, full_turn)
         if blind >= BLIND_SHARE * len(ranges):
             share = f"{blind} of {len(ranges)} beams"
             return f"the scanner is blind: {share} are NaN or nearer than range_min {scan.range_min:g} m"
@@ -66,7 +66,7 @@ class ScannerCheck:
         if wide or self._doubts:
             expected = self._expected(scan, beams)[0] if wide else self._doubted
             self._doubts = _doubt(ranges, limits[1], abs(beams[1]), full_turn, expected, self._doubted)
-        problem = self._freezing(ranges, scan.sensor_pose)
+        problem = self._frozen(ranges, scan.sensor_pose)
         if hits >= ENOUGH_HITS:
             self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
         return problem
@@ -86,7 +86,7 @@ class ScannerCheck:
         pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
         return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
 
-    def _freezing(self, ranges: np.ndarray, pose: Pose) -> str:
+    def _frozen(self, ranges: np.ndarray, pose: Pose) -> str:
         if self._image is None or not _is_same(ranges, self._image):
             self._image, self._equal, self._since = ranges.copy(), 0, pose
             self.repeats = False
@@ -120,7 +120,7 @@ def geometry_fault(scan: LaserScan) -> str:
 
 
 @kernel
-def _look(ranges, range_min, range_max, full_turn):
+def _count_ranges(ranges, range_min, range_max, full_turn):
     """Return the numbers of invalid ranges and of hits, and the length of the longest run of beams without return."""
     n = ranges.shape[0]
     blind = hits = run = widest = 0

@@ -45,10 +45,10 @@ SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) 
 class DimensionlessEncoding(Encoding):
     """Dimensionless encoding of observations and actions for one robot.
 
-    An observation has SIZE numbers in [-1, 1], in this order: the current and the previous scan; the directions of two
-    points of the global plan and of the goal, and the distance to the goal; speed, turn rate, their changes and the
-    distance driven since the last decision; the current parameters; the description of the robot; position and velocity
-    of the nearest MOVERS moving obstacles in the robot's frame, or NO_MOVER if there are fewer.
+    An observation has SIZE numbers in [-1, 1]: the current and the previous scan, the directions of two points of the
+    global plan, direction and distance of the goal, speed and turn rate with their changes, the distance driven since
+    the last decision, the current parameters, and the description of the robot. At the end are position and velocity of
+    the nearest MOVERS moving obstacles in the robot's frame, or NO_MOVER if there are fewer.
 
     Args:
         robot, base: As for an Encoding.
