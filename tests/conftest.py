@@ -1,18 +1,18 @@
-"""For all tests: what is left out, what counts as a failure, how tests are shared among processes, figures of faults.
+"""Configuration of all tests: selection, distribution among processes, processor time, and measurements of faults.
 
-A test that takes more than a quarter of an hour hangs and fails; those marked `long` may take hours. No test is run
-twice: one that fails on a busy machine has a defect.
+A test that takes more than a quarter of an hour fails; tests marked `long` may take hours. No test is repeated after a
+failure: a test that fails on a busy machine has a defect.
 
-`./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
-the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
-groups tests.support.ros_harness starts a new master and takes this process' topics off it; between two tests it deletes
-the parameters of nodes that have ended.
+`./applr test` runs pytest-xdist. Tests of one file that start ROS nodes run in one process (`--dist loadgroup`), and so
+do the files of a folder whose conftest.py has a shared stack, because rospy supports one master per process. Between
+two groups, tests.support.ros_harness starts a new master and unregisters the topics of this process. Between two tests,
+it deletes the parameters of nodes that have ended.
 
-Tests marked `slow` are left out unless `--all` is given or `-m` names them, those marked `long` unless `-m` names them;
-without `--all` random comparisons have a part of their cases (tests/support/seeds.py). A file that imports what is not
-installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The end of a run says
-what took most of its processor time, with that of the processes that tests start.
-`--faults-table=docs/results/faults.csv` writes what tests of faults have measured into that table.
+Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m` names them. Without
+`--all`, random comparisons run a part of their cases (tests/support/seeds.py). A file that imports a package that is
+not installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The report of a
+run lists the tests with the most processor time, including the processes that they start.
+`--faults-table=docs/results/faults.csv` writes the measurements of the tests of faults into that table.
 """
 
 import collections
@@ -29,22 +29,22 @@ import pytest
 
 from tests.support import seeds
 
-for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a terminal that is closed: as Ctrl-C, so
-    if signal.getsignal(number) == signal.SIG_DFL:  # that what the tests have started ends, too
+for number in (signal.SIGTERM, signal.SIGHUP):  # A cancelled job or a closed terminal must end like Ctrl-C,
+    if signal.getsignal(number) == signal.SIG_DFL:  # so that processes started by tests end as well.
         signal.signal(number, signal.default_int_handler)
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
-# of torch and BLAS, here and in children: threads that wait for each other on a busy machine take 20 times as long
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # Children, which tests interrupt, would inherit this.
+# Several threads of torch or BLAS wait for each other on a busy machine and take 20 times as long.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.pop("ROS_NAMESPACE", None)  # of a robot of the person's: tests name topics from the root
+os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.move_base_stack")
-if importlib.util.find_spec("torch") is None:  # then training and its tests are not for this Python
+if importlib.util.find_spec("torch") is None:  # Without torch, training and its tests are skipped.
     sys.modules["training"] = None
 OWN = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
 
 
 def group_of(path):
-    """The file, or the folder whose conftest.py has what its files share."""
+    """Return the file, or its folder if this has a conftest.py with shared fixtures."""
     shared = path.parent / "conftest.py"
     return path.parent if shared.exists() and path.parent != Path(__file__).parent else path
 
@@ -62,7 +62,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report(collector):
-    """A file that imports what is not installed is skipped."""
+    """Skip a file that imports a package that is not installed."""
     report = yield
     missing = re.search(r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr))
     if report.failed and missing and (missing.group(1) not in OWN or sys.modules.get(missing.group(1), 0) is None):
@@ -85,26 +85,26 @@ def pytest_collection_modifyitems(config, items):
 
 
 def spent(last=[0.0]):  # noqa: B006 - the default keeps the last reading
-    """Return the processor time, in s, since the last call: of this process and of children that it has waited for."""
+    """Return the processor time [s] of this process and its finished children since the last call."""
     since, last[0] = last[0], sum(os.times()[:4])
     return last[0] - since
 
 
 def pytest_runtest_logstart():
-    spent()  # collecting is no test's
+    spent()  # The time of collecting tests counts for no test.
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item):
     report = yield
-    report.processor_s = spent()  # pytest-xdist brings it to the process that prints
+    report.processor_s = spent()  # pytest-xdist transfers this attribute to the process that prints.
     item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Ends a test's nodes. A test marked `ros` that has failed leaves nothing to those behind it, nor the master."""
+    """End a test's nodes. After a failed test marked `ros`, also end its fixtures and the master."""
     try:
         return (yield)
     finally:
@@ -112,7 +112,7 @@ def pytest_runtest_teardown(item, nextitem):
         if harness:
             harness.forget_ended()
             if failed and item.get_closest_marker("ros"):
-                with contextlib.suppress(Exception, pytest.fail.Exception):  # what failed has been said
+                with contextlib.suppress(Exception, pytest.fail.Exception):  # The failure is already reported.
                     item.session._setupstate.teardown_exact(None)
             if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
                 harness.close_session()
@@ -120,7 +120,7 @@ def pytest_runtest_teardown(item, nextitem):
 
 @pytest.fixture
 def measured(request):
-    """measured(what, value, unit): a figure of this test, for the table of faults."""
+    """Return measured(what, value, unit), which records a measurement of this test for the table of faults."""
 
     def keep(what, value, unit):
         request.node.user_properties.append(("figure", (what, float(value), unit)))
@@ -129,7 +129,7 @@ def measured(request):
 
 
 def write_figures(path, reports):
-    """Sets the column `measured` of the table of faults: of each row that tests have provoked, what they measured."""
+    """Write measurements into the column `measured` of the table of faults, for each fault that tests provoked."""
     rows = {}  # number: {(what, unit): the largest value}
     for properties in [report.user_properties for report in reports]:
         figures = [value for name, value in properties if name == "figure"]
@@ -140,8 +140,8 @@ def write_figures(path, reports):
     with open(path, encoding="utf-8", newline="") as file:
         table = list(csv.DictReader(file))
     for entry in [entry for entry in table if entry["number"] in rows]:
-        found = rows[entry["number"]].items()
-        texts = [("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in found]
+        measurements = rows[entry["number"]].items()
+        texts = [("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in measurements]
         entry["measured"] = "; ".join(texts) or "passes"
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
@@ -166,7 +166,7 @@ def pytest_terminal_summary(terminalreporter):
 
 def pytest_sessionfinish(session, exitstatus):
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if reporter is None:  # a worker
+    if reporter is None:  # This process is a worker of pytest-xdist.
         return
     passed = reporter.stats.get("passed", [])
     if session.config.option.faults_table:

@@ -1,4 +1,4 @@
-"""The documentation site builds without a warning, and so with links that lead somewhere; promises name their tests."""
+"""Test of the documentation site, which builds without warnings such as those of broken links."""
 
 import subprocess
 import sys

@@ -1,5 +1,5 @@
-"""Rules of the whole repository: linters, types and import contracts (pyproject.toml), declared dependencies, and
-references from one file to another."""
+"""Tests of the whole repository: linters, types, import contracts (pyproject.toml), declared dependencies, and
+references between files."""
 
 import ast
 import csv
@@ -28,21 +28,21 @@ from applr_ros1.scripts.__main__ import COMMANDS, NODES
 
 seen = set()
 
-def tell(who):
-    found = HEAVY & set(sys.modules) - seen
-    seen.update(found)
-    print(*[f"{who} imports {name}" for name in sorted(found)], sep=chr(10), end="")
+def report(who):
+    heavy = HEAVY & set(sys.modules) - seen
+    seen.update(heavy)
+    print(*[f"{who} imports {name}" for name in sorted(heavy)], sep=chr(10), end="")
 
 import training.evaluation.runner, training.workers.collect
-tell("a worker")
+report("a worker")
 for name, module in {**COMMANDS, **NODES}.items():
     sys.argv = [name, "--help"]
     ours = module.startswith("training.")
-    ends = [SystemExit] if ours else [SystemExit, ModuleNotFoundError]  # the others need ROS
-    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(*ends):
+    ends = [SystemExit] if ours else [SystemExit, ModuleNotFoundError]  # Other commands need ROS.
+    with contextlib.redirect_stdout(io.StringIO()) as output, contextlib.suppress(*ends):
         run_script(module, name in NODES)
-    assert not ours or "usage" in said.getvalue(), said.getvalue()
-    tell(name)
+    assert not ours or "usage" in output.getvalue(), output.getvalue()
+    report(name)
 """
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
 
@@ -57,11 +57,11 @@ def test_linters(name):
     program = Path(sys.executable).with_name(program)
     if not program.exists():
         pytest.skip("%s is not installed for this Python" % program.name)
-    found = subprocess.run([program, *options], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert found.returncode == 0, found.stdout + found.stderr
+    done = subprocess.run([program, *options], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_help_mistakes_and_workers_wait_for_no_library_that_only_the_work_needs():
+def test_help_invalid_options_and_workers_import_no_heavy_library():
     code = f"HEAVY = set({HEAVY.split()})\n{STARTS}"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=HANGS)
     assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
@@ -77,7 +77,7 @@ def test_package_xml_declares_the_ros_packages_that_are_imported():
                 used |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 used.add(node.module.partition(".")[0])
-    elsewhere = {"rospkg", "genpy", "gazebo_msgs"}  # of python3-rospkg, of std_msgs, in compat/
+    elsewhere = {"rospkg", "genpy", "gazebo_msgs"}  # from python3-rospkg, from std_msgs, in compat/
     ros = {name for name in used - elsewhere if name in ROS or name.endswith(("_msgs", "_srvs"))}
     assert ros <= declared, "package.xml lacks %s" % sorted(ros - declared)
 
@@ -89,9 +89,9 @@ def test_every_launch_argument_is_documented():
 
 
 def headings(page):
-    """Headings of a Markdown file, and the anchors that they have."""
-    found = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return found, {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in found}
+    """Return the headings of a Markdown file, and their anchors."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return titles, {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 def test_cited_pages_and_sections_exist():
@@ -111,8 +111,8 @@ def test_cited_pages_and_sections_exist():
     assert cited > 20
 
 
-def test_links_between_pages_lead_somewhere():
-    for path in [path for path in files("*.md") if path.relative_to(ROOT).parts[0] != "docs"]:  # test_docs.py has those
+def test_links_between_pages_have_targets():
+    for path in [path for path in files("*.md") if path.relative_to(ROOT).parts[0] != "docs"]:  # see test_docs.py
         for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")):
             page = path.parent / target if target else path
             assert page.exists(), "%s links to %s" % (path, target)
