@@ -32,7 +32,7 @@ JUMP_M_S = 10.0  # apparent speed above which a moving obstacle has jumped back 
 class KinematicSimulator(Simulator):
     """Planar simulated robot; see Simulator."""
 
-    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         super().__init__(robot, **randomisation)
         mechanics = self._mechanics = m.mechanics(self.robot)
         self._constants = mechanics.scalars, mechanics.supports, mechanics.parts, wheels.rim_table(self.robot)

@@ -30,7 +30,7 @@ class Lidar:
         boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
 
-    def __init__(self, laser: Laser, cylinders: np.ndarray, boxes: np.ndarray):
+    def __init__(self, laser: Laser, cylinders: np.ndarray, boxes: np.ndarray) -> None:
         self._fan, self._cos, self._sin = _fan(laser)
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))

@@ -18,7 +18,7 @@ from applr_ros1.robots.robot import OdometryErrors
 class Odometry:
     """Dead reckoning in frame odom, with errors drawn from the given generator."""
 
-    def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0):
+    def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0) -> None:
         """Start at (0, 0, yaw). `scale` multiplies all errors."""
         self.errors, self.rng, self.scale = errors, rng, scale
         self.pose = (0.0, 0.0, yaw)

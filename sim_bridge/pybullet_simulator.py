@@ -28,7 +28,7 @@ _MARGIN_M = 0.1  # distance of two bodies without contact, above Bullet's contac
 class PybulletSimulator(Simulator):
     """Simulated robot in Bullet; see Simulator."""
 
-    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         self._client: Any = None
         super().__init__(robot, **randomisation)
         self._p = scene.load_pybullet()

@@ -25,7 +25,7 @@ WORLD_FRAMES = ("", "world", "map", "/world", "/map")  # names of the world fram
 class GazeboInterface:
     """Gazebo services of one Bridge. They run in rospy's threads and take the bridge's lock."""
 
-    def __init__(self, bridge: Any):
+    def __init__(self, bridge: Any) -> None:
         self.bridge, self.robot = bridge, bridge.simulator.robot.name
         for name, kind, answer in (
             ("/gazebo/set_model_state", SetModelState, self.set_model_state),

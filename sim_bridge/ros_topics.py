@@ -6,7 +6,7 @@ ros_bridge.py publishes through this module. Positions are planar, with the z of
 from __future__ import annotations
 
 from math import pi
-from typing import Optional
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -21,11 +21,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import Laser, OdometryErrors
-from worlds import WorldError
+from worlds import World, WorldError
 from worlds.occupancy import occupancy
 
 from .mechanics import GRAVITY
-from .simulator import RobotState, Simulator
+from .simulator import Pose, RobotState, Simulator
 
 WORLD = "world"
 OBSTACLE_HEIGHT_M = 0.5  # height of the markers of obstacles [m]
@@ -50,7 +50,7 @@ class BridgeTopics:
         with_map: Whether to publish a map of the world and its frame, as a map server and a localisation do.
     """
 
-    def __init__(self, robot: Robot, prefix: str = "", with_map: bool = False):
+    def __init__(self, robot: Robot, prefix: str = "", with_map: bool = False) -> None:
         self.robot, self.prefix = robot, prefix
         self.odom_frame, self.base_frame = prefix + robot.frames.odom, prefix + robot.frames.base
         self.laser_frame = prefix + robot.laser.frame
@@ -141,7 +141,7 @@ def quaternion(yaw: float) -> Quaternion:
     return Quaternion(*quaternion_of(yaw))
 
 
-def _map(frame, world, stamp):
+def _map(frame: str, world: World, stamp: rospy.Time) -> OccupancyGrid:
     cells, origin = occupancy(world, MAP_RESOLUTION_M)
     message = OccupancyGrid()
     message.header.frame_id, message.header.stamp = frame, stamp
@@ -153,7 +153,7 @@ def _map(frame, world, stamp):
     return message
 
 
-def _transform(parent, child, pose, stamp, z=0.0):
+def _transform(parent: str, child: str, pose: Pose, stamp: rospy.Time, z: float = 0.0) -> TransformStamped:
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id, message.header.stamp = parent, stamp
     translation = message.transform.translation
@@ -162,7 +162,7 @@ def _transform(parent, child, pose, stamp, z=0.0):
     return message
 
 
-def _odometry(frame, child, pose, twist, stamp):
+def _odometry(frame: str, child: str, pose: Pose, twist: Tuple[float, float], stamp: rospy.Time) -> Odometry:
     message = Odometry(child_frame_id=child)
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.pose.position.x, message.pose.pose.position.y = pose[0], pose[1]
@@ -172,7 +172,7 @@ def _odometry(frame, child, pose, twist, stamp):
     return message
 
 
-def _scan(frame, laser: Laser, ranges, stamp):
+def _scan(frame: str, laser: Laser, ranges: np.ndarray, stamp: rospy.Time) -> LaserScan:
     if laser.no_return is not None:
         ranges = np.where(np.isposinf(ranges), laser.no_return, ranges)
     message = LaserScan(
@@ -188,7 +188,7 @@ def _scan(frame, laser: Laser, ranges, stamp):
     return message
 
 
-def _imu(frame, errors: OdometryErrors, state, stamp):
+def _imu(frame: str, errors: OdometryErrors, state: RobotState, stamp: rospy.Time) -> Imu:
     message = Imu()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.orientation = quaternion(state.odom_pose[2])
@@ -200,7 +200,9 @@ def _imu(frame, errors: OdometryErrors, state, stamp):
     return message
 
 
-def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
+def _marker(
+    kind: int, x: float, y: float, yaw: float, size: Any, number: int, stamp: rospy.Time, name: str, colour: Any
+) -> Marker:
     marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD, color=ColorRGBA(*colour))
     marker.header.frame_id, marker.header.stamp = WORLD, stamp
     marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT_M / 2
@@ -209,14 +211,14 @@ def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
     return marker
 
 
-def _cylinder(circle, number, stamp, name="obstacles"):
+def _cylinder(circle: Sequence[float], number: int, stamp: rospy.Time, name: str = "obstacles") -> Marker:
     x, y, radius = circle
     colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
     size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT_M)
     return _marker(Marker.CYLINDER, x, y, 0.0, size, number, stamp, name, colour)
 
 
-def _box(rectangle, number, stamp):
+def _box(rectangle: Sequence[float], number: int, stamp: rospy.Time) -> Marker:
     x, y, yaw, size_x, size_y = rectangle
     size, colour = (size_x, size_y, OBSTACLE_HEIGHT_M), (0.62, 0.5, 0.35, 1.0)
     return _marker(Marker.CUBE, x, y, yaw, size, number, stamp, "obstacles", colour)

@@ -102,7 +102,7 @@ class Simulator(ABC):
     world: World  # world of the last reset()
     drawn: Any  # Randomisation of this reset, with every range replaced by a number
 
-    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         self.robot = load("jackal") if robot is None else robot
         self.randomisation = Randomisation(**randomisation)
         self.state = RobotState()
@@ -221,8 +221,8 @@ class Simulator(ABC):
         """Return the argument `ground` of wheels.tyres() for this reset."""
         return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
 
-    def _target(self, time: float):
-        """Return (v, w) in force at `time`: latency and time-out included."""
+    def _target(self, time: float) -> Tuple[float, float]:
+        """Return the command (v, w) in force at `time`, after latency and time-out."""
         command = self._command
         while command.pending and command.pending[0][0] <= time + 1e-9:
             since, command.v, command.w = command.pending.pop(0)

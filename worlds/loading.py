@@ -83,7 +83,7 @@ class Worlds(Sequence):
 
     KEPT = 256
 
-    def __init__(self, spec: str):
+    def __init__(self, spec: str) -> None:
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
         self._loaded = {one: load(one) for one in self.specs if not one.startswith(MADE)}
         self._made = functools.lru_cache(maxsize=self.KEPT)(load)

@@ -55,7 +55,7 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
 class _Reader:
     """One pass over a <world>. `path` appears in messages and locates DynaBARN's key frames."""
 
-    def __init__(self, path: str, world: Element):
+    def __init__(self, path: str, world: Element) -> None:
         self.path, self.world = path, world
         self.cylinders: List[tuple] = []
         self.boxes: List[tuple] = []
