@@ -82,7 +82,7 @@ def test_help_and_wrong_commands(clone, tmp_path):
     for words in (["--help"], ["packages", "--help"], ["exec", "--help"]):
         assert clone(*words) == (0, [])
         assert clone.stdout.startswith("usage: ./applr COMMAND")
-    for words, word in ((["dance"], "setup"), (["packages", "--force"], "leave --force away")):
+    for words, word in ((["dance"], "setup"), (["packages", "--force"], "omit --force")):
         assert word in clone.refusal(*words)
     assert not (tmp_path / ".applr").exists()
 
@@ -131,7 +131,7 @@ def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_pa
         pytest.skip("no namespaces for mounts here")
     clone.start("--help", stand_ins=QUICK).communicate(timeout=HANGS)
     (line,) = clone.quick("exec", "true", before=read_only)[1]
-    assert line == f"applr: cannot write {tmp_path}/.applr: the clone needs to be yours"
+    assert line == f"applr: cannot write {tmp_path}/.applr: use a clone that you own"
     assert clone.quick("exec", "true")[0] == 0
     assert clone.quick("exec", "true", before=read_only) == (0, [])
 
@@ -144,10 +144,7 @@ def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
     wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
     _, err = stopped.communicate(timeout=HANGS)
-    assert (stopped.returncode, err.splitlines()[1:]) == (
-        130,
-        ["applr: stopped; the same command goes on from here"],
-    )
+    assert (stopped.returncode, err.splitlines()[1:]) == (130, ["applr: stopped; the same command continues from here"])
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
 
 
