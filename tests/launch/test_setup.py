@@ -120,7 +120,7 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     assert "/elsewhere" not in log
     python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real interpreter
     _, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
-    assert "these packages are missing" in lines[-1]
+    assert "packages are missing" in lines[-1]
 
 
 def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_path):
