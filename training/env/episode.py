@@ -87,9 +87,7 @@ class Episode:
         self.robot, self.space = robot, space_of(robot)
         self.nearest = partial(nearest, lowest=robot.laser.range_min)
         self.layout = layout_of(robot)  # beams of the policy's scans; may be replaced between two trials
-        self._scan_period = robot.laser.period_in(
-            CONTROL_PERIOD
-        )  # interval between scans [s]; 0: a scan in every cycle
+        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # scan interval [s]; 0: one scan per cycle
         self.end_on_collision, self.escapes = end_on_collision, escapes
         self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)

@@ -74,9 +74,7 @@ class TrainingRun:
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
         self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)
-        often = (
-            1.0 if sys.stderr.isatty() else 30.0
-        )  # interval between updates [s]; each one is a new line unless on a terminal
+        often = 1.0 if sys.stderr.isatty() else 30.0  # interval [s]: outside a terminal, each update is a new line
         end = tqdm.format_interval(60.0 * config.minutes)  # time limit; tqdm's estimate from steps would be hours
         limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
         style: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}

@@ -142,11 +142,7 @@ class TD3:
             bias.copy_(torch.atanh(nearly))
 
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Take over a policy's weights, named as by actor_weights(), and freeze the policy for the critic warm-up.
-
-        Args:
-            weights: the policy's weights.
-            what: source of the weights, for the error message.
+        """Take over weights of actor_weights() from a source `what`, and freeze the policy for the critic warm-up.
 
         Raises:
             ApplrError: The layers differ.
@@ -230,11 +226,7 @@ class TD3:
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a state of state(). Learning rates stay those of this run.
-
-        Args:
-            state: the state.
-            what: source of the state, for the error message.
+        """Restore a state from a source `what`. Learning rates stay those of this run.
 
         Raises:
             ApplrError: The layers differ.

@@ -217,9 +217,7 @@ def test_how_a_course_ends(tmp_path, kind, status, seconds, finish, count, termi
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
-    assert (trajectory.reward[-1] > 0.0) == (
-        status == SUCCEEDED or finish is not None
-    )  # Time costs nothing in the last decision before the goal.
+    assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # no time cost at the goal
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
@@ -245,9 +243,7 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
     for source, destination in (("a.bag", "ros2"), ("ros2", "back.bag")):
         words = ["--src", tmp_path / source, "--dst", tmp_path / destination, "--dst-storage", storage]
         subprocess.run([command, *words], check=True)
-    assert bags_in([tmp_path / "ros2"]) == [
-        tmp_path / "ros2"
-    ]  # A ROS 2 folder is one bag, independent of its number of files.
+    assert bags_in([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, although the folder has several files
     assert bags_in([tmp_path]) == [tmp_path / name for name in ("a.bag", "back.bag", "ros2")]
     (lone,) = (file for file in (tmp_path / "ros2").iterdir() if file.name != "metadata.yaml")
     shutil.copy(lone, tmp_path)

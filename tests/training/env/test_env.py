@@ -46,9 +46,7 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return (
-            {**values, "vx_samples": 7} if "vx_samples" in values else values
-        )  # a planner that changes a requested value
+        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # changes a requested value
 
     def report_held(self, held):
         self.held.append(held)
@@ -321,9 +319,7 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
-    assert (
-        earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
-    )  # The time left until the limit is the smaller one.
+    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # limited by the time left
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
     judged = Reward(exact_time=True).judge(husky, episode)

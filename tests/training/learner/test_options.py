@@ -77,14 +77,10 @@ def test_a_run_that_started_at_a_parameter_set_continues_without_its_file(tmp_pa
     assert parse(encoding).start.base == {"min_in_place_vel_theta": 0.7, **fixed}
     given.unlink()
     (tmp_path / "config.json").write_text(json.dumps({"init_from": str(given), "out": str(tmp_path)}))
-    one_line(
-        capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read"
-    )  # The run was killed before its first checkpoint.
+    one_line(capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read")  # killed before a checkpoint
     (tmp_path / "checkpoint.json").write_text("{}")
     assert parse(["--resume", "--out", str(tmp_path)]).start.action == ()
-    assert (
-        parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4
-    )  # A resumed run keeps its options.
+    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4  # the run's stored option
     options = {"init_from": str(given), "observation": "dimensionless", "out": str(tmp_path), "base": {"sim_time": 1.1}}
     (tmp_path / "config.json").write_text(json.dumps(options))
     assert parse(["--resume", "--out", str(tmp_path)]).start.base == {"sim_time": 1.1}

@@ -69,9 +69,7 @@ class Demonstrator:
     def __init__(self, world: World, robot: Robot):
         self.style = Style.of(robot)
         laser = robot.laser
-        self._beams = (
-            np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]
-        )  # bearing of each beam [rad]
+        self._beams = np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]  # bearings [rad]
         self.route = route(world, WANTED * robot.world_scale)
         self._at = 0
         self._v = self._w = 0.0
