@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Optional, Tuple
 
-HELD = 0.5  # time for which the monitor blocks the planner's commands before the first escape motion [s]
-BLOCKED = 2.0  # time for which the planner finds no command before the first escape motion [s]
+HELD = 0.5  # time for which the monitor blocks the planner's commands before an escape motion [s]
+BLOCKED = 2.0  # time for which the planner finds no command before an escape motion [s]
 TRIED = 0.15  # time after which a blocked escape motion gives way to the next one [s]
 MOVED = 0.5  # duration of an escape motion that is not blocked [s]
 PASSED = 1.0  # time of unblocked planner commands after which the robot counts as free [s]
@@ -29,7 +29,7 @@ class Escape:
     def __init__(self) -> None:
         self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
         self._next = 0  # index of the next motion
-        self.is_held = False  # whether the robot is not yet free after its first escape motion
+        self.is_held = False  # whether the robot has not been free since its first escape motion
         self.restart()
 
     def restart(self) -> None:

@@ -239,7 +239,7 @@ class MoveBase:
             now: time [s].
             pose: robot pose (x, y, yaw) in the local costmap's frame. None if this pose or `local_origin` is unknown. A
                 global costmap in another frame then takes no observations.
-            twist: driven velocity (v, w).
+            twist: driven velocity (v [m/s], w [rad/s]).
             scan: new observation on the first source's topic, or {topic: observation}. None if there is nothing new.
             local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, None if they are the same.
         """

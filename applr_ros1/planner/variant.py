@@ -22,7 +22,7 @@ def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
         ApplrError: `planner` is unknown.
     """
     if planner not in (*PLANNERS, DRAWN):
-        raise ApplrError(f"planner is {planner!r}: give {', '.join(PLANNERS)} or {DRAWN}")
+        raise ApplrError(f"planner {planner!r} is unknown: use {', '.join(PLANNERS)} or {DRAWN}")
     return generator(seed, 2).choice(PLANNERS) if planner == DRAWN else planner
 
 
