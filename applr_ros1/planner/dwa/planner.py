@@ -156,7 +156,7 @@ class DWAPlanner(SamplingPlanner):
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre.
 
-        The cloud is for display. C++ appends zeros in place of the cells that are left out, which this planner does not.
+        The cloud is for display. C++ appends zeros in place of the cells that are left out, unlike this planner.
         """
         if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)

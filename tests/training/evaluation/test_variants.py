@@ -23,7 +23,7 @@ def test_the_drawn_planner_depends_on_the_seed_alone():
         assert made.variant == both[seed]
         made.reset(0.0)
         assert made.variant == both[seed], "without a seed the planner stays"
-    with pytest.raises(ApplrError, match=r"^planner is 'cpp': give .* or drawn$"):
+    with pytest.raises(ApplrError, match=r"^planner 'cpp' is unknown: use .* or drawn$"):
         MoveBase(quick(), "cpp")
 
 
