@@ -54,6 +54,16 @@ def test_the_verdict_is_a_method_a_table_and_a_line_for_each_comparison(courses,
     assert [row[:4] for row in rows] == [[name, *[str(len(courses))] * 2, "0"] for name in methods]
 
 
+def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not_better():
+    courses = [*around(30, 20, count=19), (30.0, 45.0)]
+    method, (table, line) = judging.verdict(pairs_of(*courses))
+    assert method == "dwa"
+    assert line.startswith("applr better: yes, ")
+    assert line.endswith(", but its worst tenth is worse")
+    worst = [float(row.split()[-1]) for row in table.splitlines()[1:]]
+    assert worst[1] > worst[0]
+
+
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
     method, (table, line) = judging.verdict(pairs_of(*courses))
