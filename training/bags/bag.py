@@ -7,6 +7,7 @@ definitions. episodes.py converts the content to transitions, APPLD to demonstra
 from __future__ import annotations
 
 import json
+import os
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -115,7 +116,7 @@ class Bag:
     source: Dict[str, Any]
 
 
-def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
+def read(path: os.PathLike | str, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
     """Read a bag.
 
     Args:
@@ -162,7 +163,7 @@ def read(path, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
 
 
 @contextmanager
-def refused(path) -> Iterator[None]:
+def refused(path: os.PathLike | str) -> Iterator[None]:
     """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
     try:
         yield
@@ -171,7 +172,7 @@ def refused(path) -> Iterator[None]:
         raise BagError(f"{path}: {reason(error)}{remedy}") from None
 
 
-def bags_in(paths) -> List[Path]:
+def bags_in(paths: Sequence[os.PathLike | str]) -> List[Path]:
     """Return the bags among files and folders, sorted: .bag files, ROS 2 folders, and single .mcap or .db3 files.
 
     Raises:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Dict, Optional, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.encoding import Encoding, Mirror
@@ -103,7 +104,15 @@ class Trajectory:
         return len(self.reward)
 
     @classmethod
-    def of(cls, layout: TransitionLayout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
+    def of(
+        cls,
+        layout: TransitionLayout,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        rewards: ArrayLike,
+        terminated: bool,
+        info: Optional[Dict[str, Any]] = None,
+    ) -> Trajectory:
         """Return a trajectory of observations (T+1, size), actions (T, m) and rewards (T,).
 
         Raises:

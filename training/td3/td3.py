@@ -142,7 +142,11 @@ class TD3:
             bias.copy_(torch.atanh(nearly))
 
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Take over weights of actor_weights() from a source `what`, and freeze the policy for the critic warm-up.
+        """Take over a policy's weights (see actor_weights) and freeze the policy for the critic warm-up.
+
+        Args:
+            weights: weights of the policy.
+            what: source of the weights, for the error message.
 
         Raises:
             ApplrError: The layers differ.
@@ -226,7 +230,7 @@ class TD3:
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a state from a source `what`. Learning rates stay those of this run.
+        """Restore a state, whose source errors call `what`. Learning rates stay those of this run.
 
         Raises:
             ApplrError: The layers differ.

@@ -183,13 +183,9 @@ REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
     ],
 )
 def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(planner_ends, off, left, result, reason):
-    """The planner arrives by odometry, which is off sideways, or by its result, which it reports before the goal.
+    """The planner arrives by odometry with a lateral error `off` [m], or reports its result `left` [m] before the goal.
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
-
-    Args:
-        off: Error of the odometry [m].
-        left: Distance to the goal when the planner reports its result [m].
     """
     goal, more = (1.0, 6.0, math.pi / 2), {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
     world = replace(straight(), course=replace(straight().course, goal=goal, **more))

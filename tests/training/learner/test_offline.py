@@ -117,7 +117,7 @@ def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # it has no set
+@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # no shipped set
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)

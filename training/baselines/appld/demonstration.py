@@ -26,15 +26,12 @@ SHORTEST = 5.0  # minimum driving time of a demonstration [s]
 
 @dataclass
 class Demonstration:
-    """Instants of a demonstration from the first to the last command, one for each control cycle of the planner.
-
-    Instants follow the scans and are about 50 ms apart.
+    """Demonstration at instants of about 50 ms, one per control cycle, from the first to the last command.
 
     Attributes:
         name: file name of the bag.
         time: (n,) time [s].
-        scan: geometry of the scans: angle of the first range, angle between ranges [rad], minimum and maximum range
-            [m].
+        scan: angle of the first range, angle between ranges [rad], minimum and maximum range [m].
         ranges: (n, m) float32 [m], unprocessed ranges of the laser.
         seen: (n, 720) float32 [m], ranges resampled for a policy; other robots have other numbers of beams.
         pose: (n, 3) x, y [m], yaw [rad] by odometry.
