@@ -1,4 +1,4 @@
-"""What every package uses: errors in one line, files whole or refused, angles and boxes, long work announced."""
+"""Shared helpers: errors in one line, atomic files, angles and boxes, progress lines."""
 
 import builtins
 import math
@@ -112,9 +112,9 @@ def test_outside_box():
     inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)  # a raster of the box
     turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
-    found = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
-    assert np.all(np.abs(found - nearest) < 0.015)
-    assert np.any(found == 0.0)
+    distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
+    assert np.all(np.abs(distances - nearest) < 0.015)
+    assert np.any(distances == 0.0)
 
 
 def test_an_error_names_the_line_that_raised_it(tmp_path):
@@ -184,11 +184,11 @@ words = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic -
 assert evaluate.main(words.split()) == 0
 for command in sys.argv[1:]:
     sys.argv[1:] = []
-    with contextlib.redirect_stderr(io.StringIO()) as told:
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
         try:
             runpy.run_module("training." + command, run_name="__main__")
         except SystemExit as end:
-            print("ended with:", told.getvalue().strip() or end)
+            print("ended with:", errors.getvalue().strip() or end)
 """
 
 
@@ -199,9 +199,9 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0, done.stderr
-    said = done.stdout.splitlines()
-    assert "the report has no figures: Python's matplotlib is not installed" in said[-len(commands) - 2]
+    lines = done.stdout.splitlines()
+    assert "the report has no figures: Python's matplotlib is not installed" in lines[-len(commands) - 2]
     assert (tmp_path / "results/report/table_1.csv").exists()
-    for line in said[-len(commands) :]:
+    for line in lines[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line
         assert line.endswith("pip install '.[train]'"), line

@@ -1,6 +1,6 @@
-"""Machine code that is kept between processes: found by its sources, private, filled by several at once.
+"""The disk cache of machine code: its keys, privacy, and use by several processes at once.
 
-Cases run in processes of their own, on a copy of the decorator's file with a package of two kernels.
+Each case runs in processes of its own, on a copy of the decorator's file with a package of two kernels.
 """
 
 import os
@@ -39,7 +39,7 @@ print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 
 @pytest.fixture
 def start(tmp_path):
-    """A function that starts a process on a version of the small package, which it writes if the folder is new."""
+    """Provide a function that starts a process on a version of the package, which it writes if the folder is new."""
 
     def start(folder, **options):
         planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))
@@ -59,7 +59,7 @@ def start(tmp_path):
 
 
 def result(process):
-    """What `outer` returned for 5 and for 5.5, and how many of the two had to be compiled."""
+    """Return the results of `outer` for 5 and for 5.5, and how many of the two calls had to compile."""
     out = process.communicate(timeout=HANGS)[0]
     assert process.returncode == 0
     return [float(word) for word in out.split()]

@@ -1,4 +1,4 @@
-"""The running stack for all tests of this folder, whole before each and untouched after it."""
+"""Fixtures of the running stack that all tests of this folder share."""
 
 import os
 import signal
@@ -18,21 +18,21 @@ def running(tmp_path_factory):
     yield stack
     stack.relay.close()
     rospy.set_param("/use_sim_time", False)
-    for child in stack.nodes.values():  # all at once, as roslaunch does
+    for child in stack.nodes.values():  # roslaunch interrupts all nodes at once, too.
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
     for name, child in stack.nodes.items():
-        assert child.process.wait(LONGEST) == 0, name + ":\n" + child.text  # a node that hangs prints where
+        assert child.process.wait(LONGEST) == 0, name + ":\n" + child.text  # A node that hangs prints its stack.
 
 
 @pytest.fixture
 def stack(running):
-    """The stack. After the test its nodes live and nothing has been touched."""
+    """Provide the stack without faults. After the test, check that all nodes are alive and there was no contact."""
     relay = running.relay
-    relay.mend()
+    relay.clear_faults()
     del relay.commands[:-1], relay.planned[:-1]
     yield running
-    assert not relay.touched, "the robot touched something"
+    assert not relay.touched, "the robot touched an obstacle"
     for child in running.nodes.values():
         assert child.alive(), child.text
         assert "Traceback" not in child.text, child.text

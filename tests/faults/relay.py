@@ -1,8 +1,8 @@
-"""The relay between the simulated robot and the stack: whatever passes can be held back, changed or counted.
+"""Relay between the simulated robot and the stack, which can drop, change and count messages.
 
-The bridge publishes under /sim/... and takes its commands from /sim/cmd_vel; the stack knows the usual names. A test
-sets `relay.bend["scan"]` and so on to a function message -> message (None: it does not pass) and `relay.mend()` takes
-all faults away. It runs in the test's own process, which lives in wall time.
+The bridge publishes under /sim/... and reads commands from /sim/cmd_vel, and the stack uses the ordinary names. A test
+injects a fault by setting, for example, `relay.faults["scan"]` to a function message -> message, or None to drop the
+message. `relay.clear_faults()` removes all faults. The relay runs in the test's process, in wall time.
 """
 
 import contextlib
@@ -19,8 +19,8 @@ from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import yaw_of
 
-BEGIN = 100.0  # s by which the stack's time is ahead of the simulator's, so that it can be set back
-STREAMS = {  # name: (type, from, to)
+BEGIN = 100.0  # initial lead of the stack's time over the simulator's, so that the former can be set back [s]
+STREAMS = {  # (message type, source, destination) by name
     "clock": (Clock, "/sim/clock", "/clock"),
     "tf": (TFMessage, "/sim/tf", "/tf"),
     "odometry": (Odometry, "/sim/odometry", "/odometry/filtered"),
@@ -30,21 +30,22 @@ STREAMS = {  # name: (type, from, to)
 
 
 class Relay:
-    """Passes the five streams on, and keeps what a test wants to know of the robot.
+    """Relay of the five streams, which also records the robot's state.
 
     Attributes:
-        bend: {name of a stream: what happens to its messages}.
-        shift: seconds that are added to every stamp and to the clock.
-        now, x, speed: of the robot in the simulator [s, m, m/s], whatever becomes of the stack's clock; `touched`:
-            whether it has touched anything.
-        aside: (y [m], yaw [rad]) of the robot, both 0 on the way straight on.
-        commands: (wall time, v, w) that went to the base; planned: the same for what move_base asked for.
-        driven: simulated time of the newest command that was not to stand.
-        truth: (simulated time, x, speed), the newest 500.
+        faults: Functions message -> message by the name of the stream.
+        shift: Offset of every stamp and of the clock [s].
+        now, x, speed: Time, position and speed of the robot in the simulator [s, m, m/s].
+        touched: Whether the robot has touched an obstacle.
+        aside: Lateral position and yaw of the robot [m, rad], both 0 on the straight way to the goal.
+        commands: Commands to the base as (wall time, v, w).
+        planned: Commands of move_base as (wall time, v, w).
+        driven: Simulated time of the latest nonzero command [s].
+        truth: The latest 500 states (simulated time, x, speed).
     """
 
     def __init__(self):
-        self.mend()
+        self.clear_faults()
         self.shift, self.touched = BEGIN, False
         self.now = self.x = self.speed = self.driven = 0.0
         self.aside = (0.0, 0.0)
@@ -61,13 +62,13 @@ class Relay:
         ]
 
     def close(self):
-        """Passes nothing any more: a stack that is started anew has a relay of its own."""
+        """Stop relaying. A new stack has a new relay."""
         for end in (*self._subscribers, *self._publishers.values()):
             end.unregister()
 
-    def mend(self):
-        """Everything passes as it comes."""
-        self.bend = dict.fromkeys(STREAMS, lambda message: message)
+    def clear_faults(self):
+        """Pass all messages unchanged."""
+        self.faults = dict.fromkeys(STREAMS, lambda message: message)
 
     def _pass(self, message, name):
         shift = rospy.Duration.from_sec(self.shift)
@@ -76,13 +77,13 @@ class Relay:
         elif name != "command":
             for stamped in message.transforms if name == "tf" else [message]:
                 stamped.header.stamp += shift
-        message = self.bend[name](message)
+        message = self.faults[name](message)
         if message is None:
             return
         if name == "command":
             _keep(message, self.commands)
             self.driven = self.now if message.linear.x or message.angular.z else self.driven
-        with contextlib.suppress(rospy.ROSException):  # closed meanwhile
+        with contextlib.suppress(rospy.ROSException):  # The publisher may have been closed.
             self._publishers[name].publish(message)
 
     def _hear_truth(self, message):

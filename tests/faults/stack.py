@@ -1,4 +1,4 @@
-"""The running stack beside a relay: bridge, move_base, collision monitor, applr node, and what tests do with them."""
+"""The running stack with a relay: bridge, move_base, collision monitor and applr node."""
 
 import time
 
@@ -20,10 +20,10 @@ from tests.support.ros_harness import LONGEST, Kept, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
-LENGTH = 19.0  # m of free way before the robot's start
-GOAL = 17.0  # m ahead, where the robot is sent
-CREEP = 0.2  # m/s below which the simulated Jackal's wheels have locked and may creep for a second, as in Gazebo
-PERIOD = 0.5  # s between two decisions of the applr node
+LENGTH = 19.0  # length of the free way ahead of the robot's start [m]
+GOAL = 17.0  # distance of the goal from the start [m]
+CREEP = 0.2  # speed below which the simulated Jackal may creep on locked wheels for a second, as in Gazebo [m/s]
+PERIOD = 0.5  # decision period of the applr node [s]
 NODES = {
     "sim_bridge": (
         *("/clock:=/sim/clock", "/tf:=/sim/tf", "front/scan:=/sim/scan", "odometry/filtered:=/sim/odometry"),
@@ -33,11 +33,11 @@ NODES = {
     "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
     "applr": ("_method:=applr", "_period:=%g" % PERIOD),
 }
-READY = {"collision_monitor": "/collision_monitor/action"}  # says nothing; its topic shows that it is up
+READY = {"collision_monitor": "/collision_monitor/action"}  # topics that show that silent nodes are up
 
 
 def alley(path):
-    """Writes a straight way between two rows of posts with a wall at its end as a .world file. Returns the path."""
+    """Write a .world file with a straight way between two rows of posts and a wall at its end. Return its path."""
     rows = [(at, side * 2.2, 0.1) for at in np.arange(-1.0, LENGTH, 0.5) for side in (-1.0, 1.0)]
     wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
     course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]]))
@@ -46,7 +46,7 @@ def alley(path):
 
 
 class Stack:
-    """The nodes as children by name, the relay, a client of move_base's action, and what tests do all the time."""
+    """The nodes as child processes by name, the relay, a client of move_base's action, and helpers of tests."""
 
     PERIOD = PERIOD
 
@@ -66,7 +66,7 @@ class Stack:
         wait_for(lambda: self.relay.truth, "the robot")
 
     def start(self, name, wait=True):
-        """Starts a node of NODES, also after it was killed, with the parameters that a launch file gives it."""
+        """Start or restart a node of NODES, with the parameters that a launch file would set."""
         if name == "move_base":
             rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD}))
         self.nodes[name] = self.ros.node(name, *NODES[name])
@@ -83,12 +83,12 @@ class Stack:
 
         child.until(up)
 
-    def said(self, name):
-        """What a node has printed so far."""
+    def output(self, name):
+        """Return the output of a node so far."""
         return self.nodes[name].text
 
     def back_to_the_start(self):
-        self.give_up()
+        self.cancel_goal()
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
         wait_for(lambda: abs(self.relay.x) < 0.1, "the start")
         self.relay.touched = False
@@ -97,8 +97,8 @@ class Stack:
     def goal_is_over(self):
         return not self.client.gh or self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE)
 
-    def give_up(self):
-        """Ends the goal. A cancel of all goals, on a connection of its own, could also end the next one."""
+    def cancel_goal(self):
+        """Cancel the goal. Cancelling all goals uses another connection, and might cancel the next goal as well."""
         if not self.goal_is_over:
             self.client.cancel_goal()
             self.until(lambda: self.goal_is_over, "the end of the goal")
@@ -107,7 +107,7 @@ class Stack:
         self.client.send_goal(goal(x))
 
     def under_way(self, speed=0.6, room=7.0):
-        """The robot drives to the goal at `speed` [m/s] or more, with so much room [m] before it."""
+        """Drive until the robot is faster than `speed` [m/s], with at least `room` [m] before the goal."""
 
         def drives():
             if self.goal_is_over or self.relay.x > GOAL - room:
@@ -119,29 +119,29 @@ class Stack:
         self.until(drives, "motion")
 
     def stands_after(self, break_it, within=2.0, locks=False):
-        """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time].
+        """Call break_it() and return the simulated time until the robot is at rest [s].
 
-        `within` that time it is told to stand and has slowed to CREEP. locks: nobody brakes the wheels gently, so that
-        they lock and may slide for seconds; it is told to stand in that time.
+        Within `within` [s], the last nonzero command must be over and the speed below CREEP. If `locks`, the wheels
+        lock instead of braking gently, and may slip for seconds, so that only the commands count.
         """
         broken, kept = self.relay.now, Kept()
         break_it()
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
-        now = self.relay.now  # what is later was before the simulator began anew
+        now = self.relay.now  # Later states are from before a reset of the simulator.
         slow, stood = (
             next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < most) - broken
             for most in (CREEP, 0.01)
         )
         took, waited = max(0.0 if locks else slow, self.relay.driven - broken), kept.waiting()
-        said = "%.2f s (slow %.2f s, stood %.2f s), kept waiting for %.2f s; %s"
-        assert took < within + waited, said % (took, slow, stood, waited, self.actions[-9:])
+        message = "%.2f s (slow %.2f s, at rest %.2f s), kept waiting for %.2f s; %s"
+        assert took < within + waited, message % (took, slow, stood, waited, self.actions[-9:])
         return stood
 
     def drives_again(self, speed=0.3):
         self.until(lambda: self.relay.speed > speed, "motion")
 
     def until(self, condition, what):
-        """Waits as wait_for does; a failure says where the robot is and what collision monitor and move_base did."""
+        """Wait like wait_for. A failure reports the state of robot, collision monitor and move_base."""
         try:
             return wait_for(condition, what)
         except AssertionError as late:
@@ -154,6 +154,6 @@ class Stack:
                 % (late, relay.x, relay.aside, relay.speed, relay.planned[-3:]),
                 "%.2f, in simulated time %.2f; sent on %s" % (time.time(), relay.now, relay.commands[-3:]),
                 "%s; %s" % (self.actions[-3:], ended),
-                *self.said("move_base").splitlines()[-10:],
+                *self.output("move_base").splitlines()[-10:],
             ]
             raise AssertionError("\n".join(lines)) from None

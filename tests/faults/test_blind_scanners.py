@@ -1,6 +1,6 @@
-"""A scanner goes blind, or what is known is old, while the robot drives at 2 m/s towards a wall: it never touches it.
+"""Blind scanners and late data while the robot drives at 2 m/s towards a wall, which it must never touch.
 
-In process: the kinematic simulator, the collision monitor, and a planner that asks for full speed all the time.
+In process, with the kinematic simulator, the collision monitor, and a planner that always commands full speed.
 """
 
 import math
@@ -44,12 +44,18 @@ BLIND = {
 
 
 NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max though obstacles are in range")
-BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # m: from the start on, while it gains speed, at full speed, near the wall
+BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven when the fault begins: from the start to near the wall [m]
 
 
-def drive(bend, blind_from, monitor, late=0.0, late_twist=0.0):
-    """Full speed at the wall; the scanner goes blind after `blind_from` metres, poses and scans, and the twist, come
-    late [s]. Returns (contact, time until the robot stands after that [s], or None).
+def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
+    """Drive at full speed towards the wall. Return (contact, time from the fault until rest [s] or None).
+
+    Args:
+        fault: Function (scan, first scan's ranges) -> scan that makes the scanner blind.
+        blind_from: Distance driven when the fault begins [m].
+        monitor: The collision monitor, None for none.
+        late: Delay of scans and poses [s].
+        late_twist: Delay of the twist [s].
     """
     simulator = sim_bridge.make("kinematic")
     state = simulator.reset(BLOCKED, 0)
@@ -60,7 +66,7 @@ def drive(bend, blind_from, monitor, late=0.0, late_twist=0.0):
         if state.pose[0] >= blind_from:
             first = scan.ranges if first is None else first
             blind_since = state.time if blind_since is None else blind_since
-            scan = bend(scan, first)
+            scan = fault(scan, first)
         command = (SPEED, 0.0)
         if monitor is not None:
             known.append((scan, state.odom_pose, state.odom_twist))
@@ -83,14 +89,14 @@ def test_a_wall_at_full_speed(kind, measured):
     for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
         contact, stood = drive(BLIND[kind], blind_from, CollisionMonitor())
         assert not contact, "contact, blind from x = %g" % blind_from
-        assert stood is not None, "it never stood"
+        assert stood is not None, "it never came to rest"
         measured("stands after", stood, "s")
 
 
 @pytest.mark.fault("12b")
 @pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
 def test_late_transforms_and_odometry_at_full_speed(late, late_twist):
-    """Robust by far: without their ages in the reckoning each of these drives ends in the wall."""
+    """If the monitor ignored the ages, each of these drives would end in the wall."""
     assert not drive(None, math.inf, CollisionMonitor(), late, late_twist)[0]
 
 

@@ -1,4 +1,4 @@
-"""Nodes freeze, die and come back while the robot drives, and parameters are changed by others."""
+"""Nodes that freeze, die and come back while the robot drives, and parameters that others change."""
 
 import time
 
@@ -13,13 +13,13 @@ from tests.support.move_base_stack import PLANNER
 from tests.support.ros_harness import LONGEST, Kept, wait_for
 
 pytestmark = pytest.mark.ros
-PERIODS = 3  # decision periods after which a silent applr node counts as lost
-STANDS = 1.5  # [s] from a fault to standstill: from 2 m/s wheels need 1.05 s without locking, after the reaction time
+PERIODS = 3  # number of decision periods after which a silent applr node counts as lost
+STANDS = 1.5  # time from a fault to rest [s]: the reaction time, and 1.05 s of braking from 2 m/s without locking
 
 
 @pytest.fixture
 def client(stack):
-    """The applr node's own client: the eight parameters as the servers have them."""
+    """Provide a client for the parameters, as the applr node has it."""
     client = ReconfigureClient()
     wait_for(lambda: not client.connect(), "servers")
     yield client
@@ -27,14 +27,14 @@ def client(stack):
 
 
 def has_what_was_decided(stack, client):
-    """Whether the servers have the newest decision; the weights of the distances may be sent in another unit."""
+    """Return whether the servers have the latest decision, except for distance weights, whose unit may differ."""
     decided, there = stack.decisions[-1]["theta"], SPACE.as_dict(client.values())
     return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))
 
 
 @pytest.mark.fault("3")
 def test_the_planner_freezes(stack, client, measured):
-    """SIGSTOP: no commands come, so the base stops; requests are given up in time; then all goes on."""
+    """After SIGSTOP the base stops, and requests time out. After SIGCONT everything goes on."""
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].freeze, STANDS), "s")
     began, kept = time.monotonic(), Kept()
@@ -52,7 +52,7 @@ def test_the_planner_is_killed_and_comes_back(stack, measured):
     measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, STANDS), "s")
     stack.start("move_base")
     began, count = time.monotonic(), len(stack.decisions)
-    wait_for(lambda: "came back" in stack.said("applr"), "the new servers noticed")
+    wait_for(lambda: "came back" in stack.output("applr"), "the new servers noticed")
     stack.client.stop_tracking_goal()
     assert stack.client.wait_for_server(rospy.Duration(LONGEST))
     stack.send()
@@ -67,7 +67,7 @@ def test_the_planner_is_killed_and_comes_back(stack, measured):
 
 @pytest.mark.fault("8")
 def test_the_applr_node_is_killed(stack, client, measured):
-    """The planner is back on theta_0 within three periods, and commands keep coming."""
+    """The planner is reverted to theta_0 within three periods, and commands keep coming."""
     stack.under_way(room=10.0)
     wait_for(lambda: not np.array_equal(client.values(), THETA_0), "parameters of the policy")
     del stack.relay.planned[:-1]
@@ -89,14 +89,14 @@ def test_the_applr_node_is_killed(stack, client, measured):
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
 def test_nothing_reaches_the_base_any_more(stack, measured, killed):
-    """It stands; the launch file starts the monitor again."""
+    """The base stops, and drives again after the monitor's restart."""
     stack.under_way()
-    lose = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.bend.update(command=lambda _: None)
-    measured("stands after", stack.stands_after(lose, 0.5, locks=True), "s")
+    cut = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.faults.update(command=lambda _: None)
+    measured("stands after", stack.stands_after(cut, 0.5, locks=True), "s")
     if killed:
         assert stack.relay.commands[-1][1:] == (0.0, 0.0), "a base without a time-out must stand, too"
         stack.start("collision_monitor")
-    stack.relay.mend()
+    stack.relay.clear_faults()
     stack.drives_again()
 
 

@@ -1,4 +1,4 @@
-"""Goals that nobody should send, and commands that no planner should give."""
+"""Invalid goals, and dangerous commands of a planner."""
 
 import math
 import threading
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.ros
     ],
 )
 def test_goals_that_cannot_be(stack, measured, bad, words):
-    stack.give_up()
+    stack.cancel_goal()
     began = time.monotonic()
     stack.client.send_goal(goal(**bad))
     state, text = finish(stack.client)
@@ -40,8 +40,8 @@ def test_goals_that_cannot_be(stack, measured, bad, words):
 
 @pytest.fixture
 def mad(stack):
-    """mad(v): from now on something else commands, in place of move_base: v [m/s], straight on down the alley."""
-    stack.give_up()
+    """Provide mad(v), which replaces move_base's commands by v [m/s] straight down the alley."""
+    stack.cancel_goal()
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
     publisher, command, over = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1), [0.0], threading.Event()
@@ -62,7 +62,7 @@ def mad(stack):
 
 @pytest.mark.fault("11b")
 def test_a_frozen_image_at_full_speed(stack, mad, measured):
-    """The scanner sends the same image under new stamps while the robot drives at 2 m/s towards a wall."""
+    """The scanner repeats the same scan with new stamps while the robot drives at 2 m/s towards a wall."""
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.9, "speed")
     image = []
@@ -72,14 +72,14 @@ def test_a_frozen_image_at_full_speed(stack, mad, measured):
         scan.ranges = image[0]
         return scan
 
-    took = stack.stands_after(lambda: stack.relay.bend.__setitem__("scan", freeze))
+    took = stack.stands_after(lambda: stack.relay.faults.__setitem__("scan", freeze))
     assert any("frozen" in action for action in stack.actions)
     measured("stands after", took, "s")
 
 
 @pytest.mark.fault("14b")
 def test_a_planner_gone_mad(stack, mad, measured):
-    """Full speed at a wall, and numbers that are none: the robot stands before the wall."""
+    """Commands are NaN, infinite, and then full speed towards a wall: the robot stops before the wall."""
     stack.until(lambda: abs(stack.relay.speed) < 0.01, "standstill")
     for v in (math.nan, math.inf, -math.inf):
         mad(v)

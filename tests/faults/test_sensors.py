@@ -1,4 +1,4 @@
-"""Scan, odometry, tf and clock fail while the robot drives: it stands, says why, and goes on when they are back."""
+"""Failures of scan, odometry, tf and clock: the robot stops, reports the reason, and goes on after the failure."""
 
 import math
 
@@ -12,19 +12,19 @@ pytestmark = pytest.mark.ros
 
 
 def beams(change):
-    def bend(scan):
+    def fault(scan):
         scan.ranges = change(list(scan.ranges))
         return scan
 
-    return bend
+    return fault
 
 
 def stamped(seconds):
-    def bend(message):
+    def fault(message):
         message.header.stamp += rospy.Duration.from_sec(seconds)
         return message
 
-    return bend
+    return fault
 
 
 def renamed(scan):
@@ -38,7 +38,7 @@ def silent(message):
 
 @pytest.mark.parametrize(
     ("stream", "fault", "words"),
-    [  # tests/nodes/test_conversions.py has which scans cannot be used
+    [  # tests/nodes/test_conversions.py has further unusable scans.
         pytest.param("scan", silent, "no usable scan on /front/scan", marks=pytest.mark.fault("10")),
         pytest.param("scan", beams(lambda r: [math.nan] * 720), "is all NaN", marks=pytest.mark.fault("11")),
         pytest.param("scan", stamped(-5.0), "no usable scan", marks=pytest.mark.fault("12")),
@@ -47,24 +47,24 @@ def silent(message):
         pytest.param("tf", silent, "transform odom <- base_link is", marks=pytest.mark.fault("12")),
         pytest.param("clock", silent, "/clock has not moved", marks=pytest.mark.fault("13")),
     ],
-    ids=["no scan", "all NaN", "old scans", "scans ahead", "unknown frame", "no transform", "clock stands still"],
+    ids=["no scan", "all NaN", "old scans", "scans ahead", "unknown frame", "no transform", "stopped clock"],
 )
 def test_the_robot_stands_says_why_and_goes_on(stack, measured, stream, fault, words):
     stack.under_way()
-    said, acted = len(stack.said("move_base")), len(stack.actions)
-    took = stack.stands_after(lambda: stack.relay.bend.__setitem__(stream, fault), locks=stream == "clock")
+    printed, acted = len(stack.output("move_base")), len(stack.actions)
+    took = stack.stands_after(lambda: stack.relay.faults.__setitem__(stream, fault), locks=stream == "clock")
     measured("stands after", took, "s")
-    wait_for(lambda: words in stack.said("move_base")[said:], words)
+    wait_for(lambda: words in stack.output("move_base")[printed:], words)
     wait_for(lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself")
     assert stream != "tf" or any("transform odom <- base_link" in action for action in stack.actions[acted:])
-    stack.relay.mend()
+    stack.relay.clear_faults()
     stack.drives_again()
 
 
 @pytest.mark.fault("11")
 def test_odd_beams_are_ordinary(stack):
     stack.under_way()
-    stack.relay.bend["scan"] = beams(lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:])
+    stack.relay.faults["scan"] = beams(lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:])
     count, since = len(stack.decisions), stack.relay.now
     wait_for(lambda: stack.relay.now > since + 1.2 and len(stack.decisions) > count, "decisions")
     stack.drives_again()
@@ -73,17 +73,17 @@ def test_odd_beams_are_ordinary(stack):
 
 @pytest.mark.fault("12a")
 def test_a_transform_far_ahead(stack, measured):
-    """One message stamped half a minute ahead does not hold the robot up for half a minute."""
+    """A message stamped half a minute ahead does not stop the robot for half a minute."""
     stack.under_way()
 
     def ahead(message):
         for transform in message.transforms:
             transform.header.stamp += rospy.Duration(30.0)
-        stack.relay.mend()
+        stack.relay.clear_faults()
         return message
 
     since = stack.relay.now
-    stack.relay.bend["tf"] = ahead
+    stack.relay.faults["tf"] = ahead
     wait_for(lambda: stack.relay.now > since + 1.0, "time")
     stack.drives_again()
     took = stack.relay.now - since
@@ -93,12 +93,12 @@ def test_a_transform_far_ahead(stack, measured):
 
 @pytest.mark.fault("10a")
 def test_no_odometry(stack, measured):
-    """The transforms are still there; the velocity is not measured any more."""
+    """Transforms are still published, but the velocity is no longer measured."""
     stack.under_way()
-    took = stack.stands_after(lambda: stack.relay.bend.__setitem__("odometry", lambda odometry: None))
+    took = stack.stands_after(lambda: stack.relay.faults.__setitem__("odometry", lambda odometry: None))
     assert any("no usable odometry on /odometry/filtered" in action for action in stack.actions)
     measured("stands after", took, "s")
-    stack.relay.mend()
+    stack.relay.clear_faults()
     stack.drives_again()
 
 
@@ -108,7 +108,7 @@ def test_the_clock_jumps_back(stack, measured):
     count = len(stack.decisions)
     took = stack.stands_after(lambda: setattr(stack.relay, "shift", stack.relay.shift - 50.0))
     assert finish(stack.client) == (ABORTED, "Aborting because the clock jumped back.")
-    wait_for(lambda: "jumped back" in stack.said("applr"), "the applr node's line")
+    wait_for(lambda: "jumped back" in stack.output("applr"), "the applr node's line")
     stack.back_to_the_start()
     stack.send(1.5)
     assert finish(stack.client)[0] == SUCCEEDED

@@ -1,5 +1,5 @@
-"""The applr node beside a stand-in move_base: what it sends, its own faults of docs/reference/faults.md, other robots,
-and methods of a person's own.
+"""The applr node with a fake move_base: decisions, its faults of docs/reference/faults.md, other robots, and
+user-defined methods.
 """
 
 import json
@@ -30,7 +30,7 @@ from tests.support.weights import make_weights
 pytestmark = pytest.mark.ros
 PERIOD = 0.2
 PLANNER = "/move_base/TrajectoryPlannerROS"
-HURRIED = {  # less than the node's own s and searches before it says something, or goes on without it
+HURRIED = {  # shorter periods and fewer searches than in the node, to save time
     "applr_ros1.nodes.applr.node.REPORT_S": 0.1,
     "applr_ros1.nodes.applr.meter_scoring.PATIENCE_S": 0.3,
     "applr_ros1.nodes.applr.reconfigure_client.MOST_SEARCHES": 3,
@@ -48,7 +48,7 @@ def robot():
 
 @pytest.fixture
 def stack(robot, tmp_path):
-    """start(method, fake=[...], **private parameters) → (applr Child, stand-in Child, client on the stand-in)."""
+    """Provide start(method, fake=[...], **private parameters) → (applr Child, fake move_base Child, its client)."""
     ros, started, clients = session(), [], []
     robot.reset()
 
@@ -81,45 +81,45 @@ def stack(robot, tmp_path):
         client.close()
     for child in reversed(started):
         child.kill()
-    rosnode.cleanup_master_blacklist(rosgraph.Master("/test"), ["/move_base"])  # what was killed is registered
+    rosnode.cleanup_master_blacklist(rosgraph.Master("/test"), ["/move_base"])  # Killed nodes are still registered.
     for name in ("/fake", "/use_sim_time"):
         if rospy.has_param(name):
             rospy.delete_param(name)
 
 
-def says(robot, message):
+def reports(robot, message):
     wait_for(lambda: robot.values.get("message") == message, "diagnostics: " + message)
 
 
 def as_set(robot, client):
-    """Whether the planner has what the newest decision said."""
+    """Return whether the planner has the parameters of the latest decision."""
     return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
 
 
 def two_periods(robot):
-    """The node has looked at the clock for two periods more: it says each period that it lives."""
+    """Wait for two more periods of the node, which sends a heartbeat in each."""
     count = len(robot.beats)
     wait_for(lambda: len(robot.beats) > count + 2, "heartbeats")
 
 
 def knows_what_it_set(robot):
-    """Whether the newest decision began with what the one before it had set."""
-    before, newest = robot.decisions[-2:]
-    return newest["theta_prev"] == before["theta"]
+    """Return whether the latest decision began with the parameters of the one before it."""
+    before, latest = robot.decisions[-2:]
+    return latest["theta_prev"] == before["theta"]
 
 
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
     node, _, client = stack()
     two_periods(robot)
-    assert not robot.decisions  # nothing is decided without a goal
+    assert not robot.decisions  # There are no decisions without a goal.
     assert np.array_equal(client.theta(), THETA_0)
     robot.goal = "one"
     node.until(lambda: len(robot.decisions) >= 5 and as_set(robot, client))
     assert robot.decisions[0]["theta_prev"] == SPACE.as_dict(THETA_0)
-    wait_for(lambda: knows_what_it_set(robot), "what was set is seen at the next decision")
+    wait_for(lambda: knows_what_it_set(robot), "the next decision to begin with what was set")
     periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
     assert periods.sum() > 3.0
-    assert periods.min() < 1.25  # a busy machine is late now and then
+    assert periods.min() < 1.25  # Some decisions are late on a busy machine.
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
     planner = client._servers[PLANNER.split("/")[-1]].values
@@ -132,9 +132,9 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters as they are set")
     assert robot.count("failed") == 0
-    robot.goal = None  # the course is over: the next one starts on theta_0
+    robot.goal = None  # The course is over. The next course starts with theta_0.
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
-    wait_for(lambda: robot.ends, "what came of the last decision")
+    wait_for(lambda: robot.ends, "the observation at the end of the course")
     (end,) = robot.ends
     assert decided(end)["theta_prev"] == robot.decisions[-1]["theta"]
     assert (end.goal, decided(end)["theta"]) == ("one", {})
@@ -165,7 +165,7 @@ def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights, period=0.6)
-    says(robot, "idle: no goal")
+    reports(robot, "idle: no goal")
     wait_for(lambda: robot.count("applied"), "theta_0, which it sets when it has found the servers")
     wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})), "a person's value")
     robot.goal = "one"
@@ -229,7 +229,7 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
     assert client.theta()[0] == 0.9
 
 
-# -- run-time services, cap, and what diagnostics say --------------------------------------------------------------
+# -- run-time services, speed limit and diagnostics ----------------------------------------------------------------
 def service(name, kind, *arguments):
     rospy.wait_for_service("/applr/" + name, LONGEST)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
@@ -237,13 +237,13 @@ def service(name, kind, *arguments):
 
 def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     node, _, client = stack("random")
-    says(robot, "idle: no goal")
+    reports(robot, "idle: no goal")
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
-    says(robot, "deciding")
+    reports(robot, "deciding")
     assert service("enable", SetBool, False).message == "off: theta_0"
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
-    says(robot, "switched off: theta_0")
+    reports(robot, "switched off: theta_0")
     count = len(robot.decisions)
     two_periods(robot)
     assert len(robot.decisions) == count
@@ -277,8 +277,8 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     by_hand(sim_time=1.25)
     at = SPACE.names.index("sim_time")
     wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
-    says(robot, "switched off: set by hand")
-    two_periods(robot)  # by then the servers have all of the set that was under way
+    reports(robot, "switched off: set by hand")
+    two_periods(robot)  # An earlier request may still have been under way.
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the cap, and a whole number")
@@ -308,9 +308,9 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
         assert not answer.success
         assert words in answer.message
         assert "\n" not in answer.message
-    assert not (tmp_path / "it_ran").exists()  # a service that anybody can call imports no code
+    assert not (tmp_path / "it_ran").exists()  # Anybody can call the service, so it must not import code.
     two_periods(robot)
-    assert client.theta()[0] == 1.5  # nothing was changed
+    assert client.theta()[0] == 1.5
     count = len(robot.decisions)
     assert service("set_method", SetMethod, "random").success
     wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions")
@@ -328,17 +328,17 @@ def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
 @pytest.mark.fault("14c")
 def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
     stack("dwa")
-    says(robot, "idle: no goal")
+    reports(robot, "idle: no goal")
     robot.statuses = False
-    says(robot, "move_base has stopped publishing its status: check that it is running")
+    reports(robot, "move_base has stopped publishing its status: check that it is running")
     assert robot.values["level"] == 1
     robot.statuses = True
-    says(robot, "idle: no goal")
+    reports(robot, "idle: no goal")
     assert robot.values["level"] == 0
 
 
 def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, stack):
-    """A decision every 6 s: our move_base, which expects a heartbeat every 2 s, must not take the node for dead."""
+    """This package's move_base expects a heartbeat every 2 s, even if there is a decision only every 6 s."""
     before = len(robot.beats)
     stack("random", period=6.0)
     wait_for(lambda: len(robot.beats) >= before + 3, "a third heartbeat")
@@ -349,22 +349,22 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
     node, _, _ = stack("dwa", fake=None, ready=False)
     wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], "trouble")
     stack.fake()
-    says(robot, "idle: no goal")
+    reports(robot, "idle: no goal")
     assert robot.values["level"] == 0
 
 
 def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
-    """A policy's sets count per cell; rescaled for a planner whose cost_cloud shows that it counts per metre."""
+    """A policy's parameters are per cell, and are rescaled if cost_cloud shows that the planner counts per metre."""
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
     robot.goal = "one"
     wait_for(lambda: as_set(robot, client), "decisions")
-    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], "says that it found nothing")
+    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], "the report of an unknown unit")
     rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
     rows[:, 0] = 0.05 * rows[:, 0]
 
     def found_out():
-        """Whether the node has found out by a cloud of what the planner has now."""
+        """Publish a cloud of the present parameters, and return whether the node has detected the unit."""
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
         publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
         time.sleep(0.1)
@@ -378,7 +378,7 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
 
     count = len(robot.decisions)
     wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), "the next sets mean the same")
-    wait_for(lambda: knows_what_it_set(robot), "what was set is seen at the next decision")
+    wait_for(lambda: knows_what_it_set(robot), "the next decision to begin with what was set")
     wait_for(lambda: not publisher.get_num_connections(), "it listens no more")
     assert node.text.count("count per metre") == 1
     robot.goal = None
@@ -387,7 +387,7 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 as it was")
 
 
-# -- other robots, and methods of a person's own ----------------------------------------------------------------------
+# -- other robots and user-defined methods ----------------------------------------------------------------------------
 def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(robot, stack):
     husky = load("husky")
     space = space_of(husky)
@@ -422,25 +422,25 @@ def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_pa
     (tmp_path / "teller.py").write_text(
         "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Teller(Method):\n"
         "    def theta(self, context):\n"
-        "        told = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
-        "        print(json.dumps(told), flush=True)\n"
+        "        seen = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
+        "        print(json.dumps(seen), flush=True)\n"
         "        return context.theta\n"
     )
     node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
-    end = robot.path[-1]  # move_base stated its goal before the node heard it: the plan's end stands for it
+    end = robot.path[-1]  # The node started after the goal was published, so that the plan's end replaces it.
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
-    def told(*movers):
-        """Whether the newest decision saw this; movers: x, y, vx, vy of each, which are said now."""
+    def observed_with(*movers):
+        """Publish moving obstacles (x, y, vx, vy each), and return whether the latest decision observed them."""
         x, y, vx, vy = np.reshape(movers, (-1, 4)).T
         tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
         lines = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
         return lines[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end, *movers])
 
     for movers in ((), (1.0, 2.0, 0.5, -0.5, 3.0, 0.0, 0.0, 1.0), ()):
-        wait_for(lambda movers=movers: told(*movers), "what moves")
+        wait_for(lambda movers=movers: observed_with(*movers), "the moving obstacles")
     assert node.text.count("decision refused") == 0
 
 

@@ -1,6 +1,6 @@
-"""From a live recording to transitions.
+"""Transitions from a live recording.
 
-What becomes of them (other bag formats, datasets, training, a policy that drives) is tested in tests/training.
+Further steps (other bag formats, datasets, training, driving with the policy) are tested in tests/training.
 """
 
 import shlex
@@ -42,9 +42,9 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
     wait_for(bag.exists, "the bag")
     recorded = read(bag)
     for observation in ("paper", "dimensionless"):
-        found, skipped = transitions(recorded, observation=observation)
-        assert sum(map(len, found)) >= 3, skipped
-        assert len(found[0].rest[0]) == {"paper": 9, "dimensionless": 51}[observation]
+        episodes, skipped = transitions(recorded, observation=observation)
+        assert sum(map(len, episodes)) >= 3, skipped
+        assert len(episodes[0].rest[0]) == {"paper": 9, "dimensionless": 51}[observation]
     first = recorded.decisions[0].seen
     assert len(first.scan[0]) == 720
     assert first.plan[-1, 0] - first.plan[0, 0] > 1.0 or first.plan[-1, 1] - first.plan[0, 1] > 1.0

@@ -1,4 +1,4 @@
-"""The collision monitor as a ROS node before a fake Jackal: it stops at a wall and for blind scanners."""
+"""The collision monitor as a ROS node with a fake Jackal: it stops at a wall, and for silent nodes and lasers."""
 
 import os
 import re
@@ -20,7 +20,7 @@ from tests.support.ros_harness import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
-monitors = []  # one after the other
+monitors = []  # nodes started so far, the last one running
 
 
 def start():
@@ -45,7 +45,7 @@ def stack():
 
 
 def send(stack, v):
-    """One of twenty commands a second; the speed [m/s] that the base has been told last."""
+    """Send one of twenty commands per second, and return the last speed commanded to the base [m/s]."""
     jackal, commands, _ = stack
     commands.publish(twist(v, 0.0))
     time.sleep(0.05)
@@ -53,32 +53,34 @@ def send(stack, v):
 
 
 def drive(stack, v):
-    """From far before the wall, until the base is told just this speed [m/s] and has it."""
+    """Drive from far before the wall until the base has exactly this speed [m/s]."""
     jackal, _, _ = stack
     wait_for(lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)), "the speed")
 
 
 def test_drives_to_the_wall_and_stands_before_it(stack):
     jackal, _, actions = stack
-    wait_for(lambda: jackal.commands, "a stop before the first command: it may have begun after one that died")
+    wait_for(lambda: jackal.commands, "a stop before the first command, in case an earlier monitor died")
     assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
     _, subscribed, _ = rosgraph.Master("/test").getSystemState()
-    assert "/move_base/status" not in dict(subscribed), "no motions of its own, unless ~escape is set"
+    assert "/move_base/status" not in dict(subscribed), "no escape motions unless ~escape is set"
     drive(stack, 1.0)
     assert max(v for _, v, _ in jackal.commands) == 1.0
     wall = 1.5 - 0.075 - 0.229
     wait_for(lambda: send(stack, 1.0) == 0.0 and jackal.robot.pose[0] > wall - 0.15, "the wall")
-    wait_for(lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"), "what it stands for")
-    said = []
-    subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: said.append(m.data))
-    wait_for(lambda: send(stack, 1.0) == 0.0 and said.count(True) > 3, "with each command: a new goal must not lose it")
+    wait_for(lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"), "the reason of the stop")
+    blocked = []
+    subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: blocked.append(m.data))
+    wait_for(
+        lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "with each command: a new goal must not lose it"
+    )
     subscriber.unregister()
     assert jackal.robot.pose[0] < wall
 
 
 @pytest.mark.fault("14d")
 def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured):
-    """Zeros come at the monitor's own rate, so that a base without a time-out stands, too."""
+    """The monitor publishes zeros at its own rate, so that a base without a time-out stops, too."""
     jackal, _, actions = stack
     drive(stack, 0.5)
     kept = Kept()
@@ -90,8 +92,11 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     wait_for(lambda: actions[-1].startswith("stop: no command for 0.1"), "why")
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
-    told = jackal.commands
-    wait_for(lambda: (len(told), time.sleep(0.3))[0] == len(told), "a base that stands is left to others")
+    commands = jackal.commands
+    wait_for(
+        lambda: (len(commands), time.sleep(0.3))[0] == len(commands),
+        "an end of zeros, so that others can drive the base",
+    )
     drive(stack, 0.5)
 
 
@@ -117,12 +122,12 @@ def test_a_monitor_that_does_not_live_stops_the_base_and_ends_to_be_started_anew
 
 
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
-    """The one before it may have died with its node, and the base have no time-out."""
-    ros, told = session(), []
-    subscriber = rospy.Subscriber("/orphan/cmd_vel", Twist, lambda m: told.append((m.linear.x, m.angular.z)))
+    """An earlier guard may have died with its node, and the base may have no time-out."""
+    ros, commands = session(), []
+    subscriber = rospy.Subscriber("/orphan/cmd_vel", Twist, lambda m: commands.append((m.linear.x, m.angular.z)))
     child = ros.node("collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere")
-    wait_for(lambda: not child.alive(), "the end: of a robot that is not there no node lives")
-    assert told == [(0.0, 0.0)]
+    wait_for(lambda: not child.alive(), "the end, because the robot does not exist")
+    assert commands == [(0.0, 0.0)]
     assert child.process.poll() == 1, child.text
     subscriber.unregister()
 
@@ -143,27 +148,27 @@ def test_diagnostics_have_the_ages_of_what_commands_are_made_from(stack):
 
 
 def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(stack):
-    """The fake Jackal's own scans once more, on another topic."""
-    stack[0].put((0.0, 0.0, 0.0))  # before the node sees it: an equal image after a jump would count as a repeated one
+    """The second laser repeats the fake Jackal's scans on another topic."""
+    stack[0].put((0.0, 0.0, 0.0))  # Later, an equal scan after the jump would count as a frozen one.
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names)
     commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
     subscriber = rospy.Subscriber("/monitor_of_two/action", String, lambda m: actions.append(m.data))
     child.until(lambda: commands.get_num_connections())
 
-    def says(words):
+    def acts(words):
         commands.publish(twist(0.1, 0.0))
         time.sleep(0.05)
         return actions and words in actions[-1]
 
-    wait_for(lambda: says("rear/scan: no scan has arrived yet"), "a stop")
+    wait_for(lambda: acts("rear/scan: no scan has arrived yet"), "a stop")
     rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
     relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
-    wait_for(lambda: says("pass"), "a command that passes")
+    wait_for(lambda: acts("pass"), "a command that passes")
     relay.unregister()
-    wait_for(lambda: says("stop: the latest scan on rear/scan is"), "a stop that names it")
+    wait_for(lambda: acts("stop: the latest scan on rear/scan is"), "a stop that names it")
     stamped, ago = re.search(r"stamped ([\d.]+), ([\d.]+) s ago", actions[-1]).groups()
-    assert float(ago) > 0.4, "of the silent one, not of the other"
+    assert float(ago) > 0.4, "the age is that of the silent laser"
     for one in (rear, subscriber, commands):
         one.unregister()
     child.end()

@@ -1,4 +1,4 @@
-"""The move_base node with DWAPlannerROS: names, types, parameters and displays beside the C++ one's."""
+"""The move_base node with DWAPlannerROS: names, types, parameters and displays are those of the C++ node."""
 
 import copy
 import json
@@ -54,20 +54,23 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(node):
-    """The Husky's best single set. The layers of these parameter files have other names than the Husky's."""
+    """The Husky's static parameter set. The layers of these parameter files have other names than the Husky's."""
     master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))
 
     def has(theta):
-        """Whether the planner has had the values of a set at some time."""
+        """Return whether the planner has had the parameter set at some time."""
         wanted = space.requests(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 
     applr = master.node("applr", "_robot:=husky", "_method:=static", "_period:=0.4")
     applr.until("ready")
-    wait_for(lambda: connected(master, "/move_base/NavfnROS/plan", "/applr"), "the plan's connection: it comes once")
+    wait_for(
+        lambda: connected(master, "/move_base/NavfnROS/plan", "/applr"),
+        "the connection, because the plan is published once",
+    )
     kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
     seen = {topic: collect(SERVER + "/" + topic, kind)[1] for topic, kind in kinds.items()}
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -75,11 +78,11 @@ def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds
     client.send_goal(goal(1.0))
     assert finish(client)[1] == "Goal reached.", node.text
     assert len(decisions) >= 2, applr.text
-    for theta in decisions[:-1]:  # the newest may have come too late
+    for theta in decisions[:-1]:  # The latest may not have been applied yet.
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
     warned = [line for line in applr.text.splitlines() if "WARN" in line]
-    assert all("does not answer" in line for line in warned), applr.text  # in time, on a busy machine
+    assert all("does not answer" in line for line in warned), applr.text  # Servers may be slow on a busy machine.
     wait_for(lambda: all(seen.values()), "plans and clouds")
     cloud = seen["trajectory_cloud"][0]
     assert [f.name for f in cloud.fields] == ["x", "y", "z", "theta", "cost"]

@@ -1,4 +1,4 @@
-"""What nodes print that are interrupted while messages come: no traceback."""
+"""Nodes that are interrupted while messages arrive, which must not print a traceback."""
 
 import itertools
 import os

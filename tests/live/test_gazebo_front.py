@@ -1,4 +1,4 @@
-"""Programs written for Gazebo on the simulated robot: its services, and two loops of real clients."""
+"""Gazebo's services on the simulated robot, and the loops of two real client programs."""
 
 import math
 import time
@@ -18,12 +18,12 @@ from tests.support.ros_harness import LONGEST, ROOT, session, wait_for
 
 pytestmark = pytest.mark.ros
 
-START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # the BARN Challenge's
+START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # start and goal of the BARN Challenge
 
 
 @pytest.fixture(scope="module")
 def gazebo():
-    """The simulated robot, started by the launch file that the BARN Challenge's runner starts."""
+    """Provide the simulated robot, started by the launch file for the BARN Challenge's runner."""
     child = session().spawn(
         "roslaunch",
         str(ROOT / "compat" / "jackal_helper" / "launch" / "gazebo_launch.launch"),
@@ -71,7 +71,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
         time.sleep(0.05)
         return simulation.state().twist.linear.y
 
-    wait_for(lambda: speed(0.5) == pytest.approx(0.5, abs=0.1), "the speed to +y, where it heads, in the world's axes")
+    wait_for(lambda: speed(0.5) == pytest.approx(0.5, abs=0.1), "the speed along +y, the robot's heading in the world")
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
     before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
@@ -84,7 +84,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
 
 
 def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gazebo):
-    """Odometry does not jump with it: what stood around it would hold it for ever where it stands now."""
+    """Odometry does not jump with the robot, so that remembered obstacles must not block it at its new position."""
     monitor = session().node("applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered")
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     monitor.until(lambda: publisher.get_num_connections())
@@ -97,7 +97,7 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
 
     actions = []
     subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # before the side wall, which it turns away from
+    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # The robot faces the side wall.
     wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
     wait_for(lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1], "the wall behind the robot")
     assert simulation.reset().success
@@ -114,9 +114,9 @@ def test_paused_time_stands_and_goes_on(gazebo):
     subscriber = rospy.Subscriber("/clock", Clock, lambda message: clocks.append(message.clock))
     wait_for(lambda: clocks, "the clock")
     simulation.pause()
-    wait_for(lambda: (clocks[-1], time.sleep(0.5))[0] == clocks[-1], "it to stand")
+    wait_for(lambda: (clocks[-1], time.sleep(0.5))[0] == clocks[-1], "the clock to stop")
     stands = clocks[-1]
-    assert simulation.reset().success  # services answer meanwhile
+    assert simulation.reset().success  # Services still answer.
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     simulation.unpause()
     wait_for(lambda: clocks[-1] > stands, "the clock")
@@ -125,7 +125,7 @@ def test_paused_time_stands_and_goes_on(gazebo):
 
 @pytest.fixture(scope="module")
 def move_base(gazebo):
-    """Under the name that launch files start, move_base/move_base."""
+    """Provide move_base under its name in launch files, move_base/move_base."""
     child = session().spawn("roslaunch", str(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch"))
     child.until("ready")
     yield child
@@ -139,20 +139,20 @@ def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
     training._action.send_goal(goal(*GOAL))
     wait_for(lambda: simulation.place()[1] > START[1] + 0.2, "the robot")
     simulation.pause()
-    said = len(move_base.text)
+    printed = len(move_base.text)
     place = simulation.place()
     time.sleep(3.0)
     assert simulation.place() == place
-    said = move_base.text[said:]
-    assert "WARN" not in said, said
-    assert "ERROR" not in said, said
+    printed = move_base.text[printed:]
+    assert "WARN" not in printed, printed
+    assert "ERROR" not in printed, printed
     simulation.unpause()
     wait_for(lambda: math.dist(simulation.place(), place) > 0.2, "the robot")
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.long)])
 def test_the_training_loop_of_the_authors(gazebo, move_base, count):
-    """Every episode drives, with the parameter that it set, and nothing fails."""
+    """Every episode drives with its parameter, and nothing fails."""
     training = Training(GazeboSimulation(START), GOAL)
     for n in range(count):
         speed = 0.3 + 0.1 * (n % 5)

@@ -1,4 +1,4 @@
-"""The move_base node on a map: a map on a latched topic, localisation that drifts, goals in frames that tf knows."""
+"""The move_base node with a latched map, localisation that drifts, and goals in other frames."""
 
 import copy
 import math
@@ -23,9 +23,9 @@ pytestmark = pytest.mark.ros
 
 
 class Localisation:
-    """Publishes map -> odom, which slides and turns once it is asked to drift; and a static frame in the map.
+    """Publisher of a static frame in the map, and of map -> odom, which drifts if `drifts` is set.
 
-    As amcl does with the transform_tolerance that Clearpath's launch files give it, it stamps map -> odom 1 s ahead.
+    Its stamp is 1 s ahead, like that of amcl with the transform_tolerance of Clearpath's launch files.
     """
 
     def __init__(self, jackal):
@@ -52,7 +52,7 @@ class Localisation:
 
 
 def served(given):
-    """A latched publisher of a StaticMap on /map, as map_server has it."""
+    """Publish a StaticMap on /map, latched, like map_server. Return the publisher."""
     message = OccupancyGrid()
     message.header.frame_id = given.frame
     message.info.resolution = given.resolution
@@ -69,7 +69,7 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     master, tree = ros_harness.session(), copy.deepcopy(JACKAL)
     world = tree["global_costmap"]
     world.update(global_frame="map", plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]])
-    jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that the map does not know
+    jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that is not in the map
     localisation = Localisation(jackal)
     node = start(master, tree)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -90,13 +90,13 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     x, y, yaw = compose(localisation.pose, jackal.robot.pose)
     assert math.hypot(x - 4.0, y - 1.0) < 0.35
     assert abs(yaw) < 0.25
-    assert localisation.pose[0] > 0.5  # 0.2 m were driven that the odometry has not
+    assert localisation.pose[0] > 0.5  # The odometry has drifted by 0.2 m.
     shown = [messages[-1] for _, messages in subscriptions]
     assert (shown[0].info.width, shown[0].info.height) == (200, 120)
     assert [message.header.frame_id for message in shown] == ["map", "map", "odom"]
     localisation.drifts = False
 
-    client.send_goal(goal(0.0, -1.0, frame="door"))  # beyond the door, a metre along the frame's own y axis
+    client.send_goal(goal(0.0, -1.0, frame="door"))  # a metre beyond the door, along the frame's y axis
     assert finish(client) == (SUCCEEDED, "Goal reached.")
     x, y, _ = compose(localisation.pose, jackal.robot.pose)
     assert math.hypot(x - 3.1, y - 1.5) < 0.35

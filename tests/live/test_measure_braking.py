@@ -1,4 +1,4 @@
-"""The command that measures how a robot brakes, on the simulated Jackal in the open."""
+"""The braking measurement on the simulated Jackal in an open world."""
 
 import re
 import time
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.ros
 
 
 def measure(*options):
-    """(exit status, what it printed, s for which a busy machine kept it and the robot waiting)."""
+    """Run the command. Return (exit status, output, time that a busy machine kept it waiting [s])."""
     kept, child = Kept(), session().node("measure_braking", *options)
     wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
     return child.process.returncode, child.text, kept.waiting()
 
 
 def stop(speed, began, brakes):
-    """The Stop of a base that brakes with so many m/s^2 after `began` s."""
+    """Return the Stop of a base that brakes with `brakes` [m/s^2] after `began` [s]."""
     return Stop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
 
 
@@ -41,7 +41,7 @@ def test_of_times_that_explain_all_stops_alike_the_least_from_the_median_up_coun
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    """The simulated Jackal in the open, on a plane that grips alike in all directions."""
+    """Provide the simulated Jackal in an open world, with the kinematic simulator."""
     path = tmp_path_factory.mktemp("open") / "open.world"
     course = Course((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]]))
     write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
@@ -55,7 +55,7 @@ def robot(tmp_path_factory):
     child.end()
 
 
-def test_it_drives_nowhere_unless_it_is_told_that_the_way_is_free(robot):
+def test_it_does_not_drive_without_confirmation_that_the_way_is_free(robot):
     for options, words in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
         status, text, _ = measure("--free", "6", *options)
         assert status == 1
@@ -72,7 +72,7 @@ def test_what_it_prints_holds_for_every_run_and_for_what_the_simulated_jackal_do
         float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
     )
     assert 0.10 < reaction < 0.35 + waited
-    assert 0.5 <= brake < 7.0  # rounded down; locked wheels brake by the angles at which they stand
+    assert 0.5 <= brake < 7.0  # It is rounded down, and depends on the angles at which the wheels lock.
     assert turn_brake > 2.0
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)
     assert len(runs) == 3

@@ -1,4 +1,4 @@
-"""The move_base node on a real master, with a made-up Jackal: goals, services, maps."""
+"""The move_base node on a real master, with a fake Jackal: goals, services, maps."""
 
 import math
 
@@ -46,7 +46,7 @@ def test_goal_is_reached_through_the_action(idle):
     assert current[0].pose.position.x == 2.0
     assert current[0].header.frame_id == "odom"
     assert len(feedback) > 20
-    wait_for(lambda: abs(feedback[-1].feedback.base_position.pose.position.x - x) < 0.1, "the newest")
+    wait_for(lambda: abs(feedback[-1].feedback.base_position.pose.position.x - x) < 0.1, "the latest")
     assert plan[0].poses[-1].pose.position.x == 2.0
     assert len(plan[0].poses) > 30
     assert plan[0].poses[-1].pose.orientation.z == pytest.approx(math.sin(0.3))
@@ -90,7 +90,7 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert plan.poses[-1].pose.position.x == 2.0
     assert len(plan.poses) > 30
     nobody = goal(0.0, frame="").target_pose
-    assert len(make(nobody, there, 0.0).plan.poses) > 30  # an empty frame means: from the robot
+    assert len(make(nobody, there, 0.0).plan.poses) > 30  # An empty frame means that the plan starts at the robot.
     assert make(here, goal(1.5, 0.7).target_pose, 0.0).plan.poses == []
     assert len(make(here, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
     assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []
@@ -138,13 +138,13 @@ def test_costmaps_footprints_and_cloud(idle):
     assert [f.name for f in cloud[0].fields][3:] == ["path_cost", "goal_cost", "occ_cost", "total_cost"]
     assert len(cloud[0].data) == cloud[0].width * cloud[0].point_step
     finish(idle.client)
-    # the same name also takes an outline, as in C++
+    # As in C++, the node also subscribes to the topic of the footprint.
     publisher = rospy.Publisher("/move_base/local_costmap/footprint", Polygon, queue_size=1)
     wait_for(lambda: publisher.get_num_connections(), "connection")
     for side in (0.4, 0.165):
         corners = ((-0.21, -side), (-0.21, side), (0.21, side), (0.21, -side))
         publisher.publish(Polygon([Point32(x, y, 0.0) for x, y in corners]))
-        width = pytest.approx(2.0 * (side + 0.1), abs=0.1)  # with the padding, of a robot that stands almost straight
+        width = pytest.approx(2.0 * (side + 0.1), abs=0.1)  # including the padding
         wait_for(lambda width=width: np.ptp([p.y for p in outline[-1].polygon.points]) == width, "the outline")
     publisher.unregister()
     for s in subscribers:
@@ -153,7 +153,7 @@ def test_costmaps_footprints_and_cloud(idle):
 
 # -- start and end -------------------------------------------------------------------------------------------------
 def test_zero_velocity_at_shutdown(idle):
-    """Ctrl-C while driving; the last test of this file, since the node has ended then."""
+    """Ctrl-C while driving. This is the last test of this file because it ends the node."""
     idle.client.send_goal(goal(4.0))
     wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
     assert idle.node.end() == 0

@@ -1,4 +1,4 @@
-"""The move_base node's names and types beside the C++ one's, and its eight parameter servers at work."""
+"""The move_base node's names and types, which are those of the C++ node, and its eight parameter servers."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from tests.support.ros_harness import LONGEST, wait_for
 pytestmark = pytest.mark.ros
 pytest_plugins = ("tests.support.move_base_stack",)
 SURFACE = json.loads((DATA / "move_base_surface.json").read_text())
-OWN_TOPICS = (  # beside those of the C++ node
+OWN_TOPICS = (  # topics that the C++ node does not have
     "/rosout",
     "/applr/heartbeat",
     "/collision_monitor/held_back",
@@ -43,7 +43,7 @@ def test_services_are_those_of_the_cpp_node(stack):
 
 
 def test_a_server_describes_the_cpp_parameters(stack):
-    """The other servers' tables are compared in tests/planner/parameters."""
+    """The tables of the other servers are compared in tests/planner/parameters."""
     server = PLANNER
     client = Client(server, timeout=LONGEST)
     got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=LONGEST)}
@@ -79,10 +79,10 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
         wait_for(lambda: client.get_configuration()[name] == value, "update")
         wait_for(lambda: rospy.get_param(server + "/" + name) == value, "mirror")
         assert client.update_configuration({name: beyond})[name] == bound
-        said = len(idle.node.text)
+        printed = len(idle.node.text)
         with pytest.raises(DynamicReconfigureCallbackException):
             client.update_configuration(dict(other, **{name: math.nan}))
-        assert "refused a change: %s is nan" % name in idle.node.text[said:]
+        assert "refused a change: %s is nan" % name in idle.node.text[printed:]
         time.sleep(0.05)
         now = client.get_configuration()
         assert (now[name], [now[n] for n in other]) == (bound, [before[n] for n in other])
@@ -92,9 +92,9 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
 
 
 def test_watch_over_the_policy():
-    """The watch by itself; with a running stack it is seen in tests/faults/test_processes.py."""
+    """The watchdog alone. tests/faults/test_processes.py tests it in a running stack."""
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
-    assert not watch.is_lost(100.0)  # never heard: left alone
+    assert not watch.is_lost(100.0)  # There was no heartbeat yet.
     watch.heartbeat(100.0)
     assert not watch.is_lost(105.0)
     assert watch.is_lost(105.05)

@@ -1,4 +1,4 @@
-"""The movers node beside a fake Jackal: what it publishes while somebody walks by, and that it is silent after that."""
+"""The movers node with a fake Jackal: its messages while a person walks by, and empty ones afterwards."""
 
 import numpy as np
 import pytest
@@ -17,19 +17,19 @@ WALL = ring(0.0, 0.0, 3.5, posts=250, size=0.06)
 
 
 class Walker(FakeJackal):
-    """A Jackal that stands, and somebody who walks to and fro before it at 1 m/s while `walks`."""
+    """A Jackal at rest, and a person who walks to and fro in front of it at 1 m/s while `walks` is set."""
 
     walks, y, way = False, -1.5, 1.0
 
     def _publish_pose(self, stamp):
         if self.walks:
-            self.y += 0.02 * self.way  # every second tick of 10 ms
+            self.y += 0.02 * self.way  # Called every 20 ms.
             self.way = -self.way if abs(self.y) > 1.5 else self.way
         self.robot.circles = np.array([*WALL, (1.8, self.y, 0.25)])
         super()._publish_pose(stamp)
 
 
-def test_says_where_a_walker_will_be_and_nothing_once_all_stand():
+def test_predicts_a_walker_and_publishes_nothing_once_all_stand():
     ros, jackal = session(), Walker(WALL)
     node = ros.node("movers")
     clouds, shown, tracked = [], [], []
@@ -44,16 +44,16 @@ def test_says_where_a_walker_will_be_and_nothing_once_all_stand():
         jackal.walks = True
 
         def met():
-            """Marks ahead of one who walks to the left, an arrow that points there, and the policy is told."""
+            """Return whether cloud, markers and tracked obstacles all show the person walking to the left."""
             marked, (points, *arrows) = points_of(clouds[-1]), shown[-1]
             ways = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
             ahead = [point for point in points.points if point.y > jackal.y + 0.5]
-            told = zip(*(getattr(tracked[-1], name) for name in ("x", "vx", "vy", "radius")))
-            known = [row for row in told if row == pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)]
+            rows = zip(*(getattr(tracked[-1], name) for name in ("x", "vx", "vy", "radius")))
+            known = [row for row in rows if row == pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)]
             marks = len(marked) and marked[:, 1].max() > jackal.y + 0.5 and ahead
             return known and marks and 0.6 < max(ways, default=0.0) < 1.4
 
-        wait_for(met, "marks")
+        wait_for(met, "the predicted obstacle points")
         jackal.walks = False
         wait_for(lambda: not clouds[-1].width, "an empty cloud")
         assert "Traceback" not in node.text

@@ -34,13 +34,13 @@ LAUNCH = """<launch>
 
 
 def names_of(node):
-    """Topics and services of a node, from the master."""
+    """Return the topics and services of a node from the master."""
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
     return {name for group in (publishers, subscribers, services) for name, nodes in group if node in nodes}
 
 
 class Watched:
-    """The robot's frames, places in the world and decisions, as they come."""
+    """Recorder of the robot's frames, positions in the world and decisions."""
 
     def __init__(self):
         self.frames, self.places, self.decided = set(), [], []
@@ -87,7 +87,7 @@ def test_a_stack_in_a_namespace(tmp_path):
 
 
 def replayed(master, bag, start):
-    """replay.launch shows what was live: latched messages also from before its start, parameters, one clock."""
+    """Check that replay.launch publishes the recorded messages, including latched ones from before its start."""
     shown, clock = {}, []
     for topic, kind in (
         ("/tf_static", TFMessage),

@@ -1,4 +1,4 @@
-"""Parameters on five servers within a deadline: the client beside a stand-in move_base."""
+"""The client for parameters with the five servers of a fake move_base."""
 
 import time
 from collections import Counter
@@ -48,13 +48,13 @@ def client(connected, monkeypatch):
 
 
 def applied(client, theta):
-    """Whether a set comes into force, however long a busy machine takes."""
+    """Return whether a parameter set comes into force, with time for a busy machine."""
     return not client.apply(theta, LONGEST)
 
 
 @contextmanager
 def started(on_report=lambda error: None):
-    """A connected client that applies what is requested."""
+    """Provide a connected client whose thread applies requests."""
     client = ReconfigureClient(on_report=on_report)
     client.start()
     try:
@@ -73,7 +73,7 @@ def test_values_are_read_back(client):
 
 @pytest.fixture
 def calls(client):
-    """Counts the calls of each server since the last look: every one is answered on parameter_updates."""
+    """Provide a function that returns the servers called since its last call, as seen on parameter_updates."""
     seen = Counter()
 
     def listen(name):
@@ -81,15 +81,15 @@ def calls(client):
 
     topics = [listen(name) for name in client.servers.values()]
 
-    def look():
+    def poll():
         time.sleep(0.2)
-        found = set(seen)
+        called = set(seen)
         seen.clear()
-        return found
+        return called
 
     wait_for(lambda: len(seen) == len(topics), "the latched messages")
-    look()
-    yield look
+    poll()
+    yield poll
     for topic in topics:
         topic.unregister()
 
@@ -101,8 +101,8 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
         assert applied(client, theta)
         assert calls() == expected
     local = client._servers["local_costmap"]
-    local._client.update_configuration({"footprint_padding": 0.02})  # a person's
-    wait_for(lambda: local.values["footprint_padding"] == 0.02, "the person's value")
+    local._client.update_configuration({"footprint_padding": 0.02})
+    wait_for(lambda: local.values["footprint_padding"] == 0.02, "the value set by another client")
     assert calls() == {COSTMAPS[0]}
     assert applied(client, theta)
     assert calls() == {COSTMAPS[0]}
@@ -124,12 +124,12 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     assert client.values()[i] == 2.0 * THETA_0[i]
     assert np.array_equal(client.theta(), THETA_0)
     client._servers["TrajectoryPlannerROS"]._client.update_configuration({"max_vel_x": 0.8})
-    wait_for(lambda: client.values()[i] == 0.8, "the person's value")
+    wait_for(lambda: client.values()[i] == 0.8, "the value set by another client")
     assert client.theta()[i] == 0.4
 
 
 def test_a_server_that_comes_back_gets_what_was_requested_last():
-    client = ReconfigureClient()  # not started: nothing is applied
+    client = ReconfigureClient()  # Without start(), requests are not applied.
     client.reapply()
     assert not client.busy
     client.request(SPACE.high)
@@ -140,11 +140,11 @@ def test_a_server_that_comes_back_gets_what_was_requested_last():
     assert np.array_equal(client._requested, SPACE.high)
 
 
-@pytest.mark.parametrize("said", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
-def test_what_a_server_says_that_is_no_number_is_not_known_and_set_anew(client, monkeypatch, said):
+@pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
+def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, monkeypatch, values):
     planner = client._servers["TrajectoryPlannerROS"]
     config = {name: value for name, value in planner.values.items() if name != "max_vel_x"}
-    monkeypatch.setattr(planner._client, "config", {**config, **said})
+    monkeypatch.setattr(planner._client, "config", {**config, **values})
     assert client.theta() is None
     assert applied(client, THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
@@ -154,7 +154,7 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
     rospy.set_param("/fake/late", [PLANNER])
     assert applied(client, SPACE.high)
     assert np.array_equal(client.theta(), SPACE.high)
-    with started() as client:  # a newer request while the first is under way
+    with started() as client:  # The second request comes while the first is under way.
         for theta in (SPACE.low, THETA_0):
             client.request(theta)
             time.sleep(0.05)
@@ -171,7 +171,7 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
     fake.thaw()
     wait_for(lambda: applied(client, SPACE.high), "the set after the calls that were given up")
     time.sleep(0.2)
-    assert np.array_equal(client.theta(), SPACE.high)  # none of the abandoned calls came through
+    assert np.array_equal(client.theta(), SPACE.high)  # None of the abandoned calls was applied.
 
 
 @pytest.mark.fault("2")
@@ -182,7 +182,7 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
     wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
     wait_for(lambda: not wide.connect(), "servers")
-    for theta, end in ((wide.space.low, "min"), (wide.space.high, "max")):  # what the servers declare bounds it, too
+    for theta, end in ((wide.space.low, "min"), (wide.space.high, "max")):  # The servers' bounds apply, too.
         assert applied(wide, theta)
         planner = wide._servers["TrajectoryPlannerROS"]
         for name in ("max_vel_x", "vx_samples", "occdist_scale"):
@@ -217,14 +217,14 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_what_is_miss
     assert applied(client, SPACE.high)
 
 
-def test_nothing_that_a_server_says_is_run(tmp_path):
-    """dynamic_reconfigure's client evaluates the edit_method of a parameter that it sets to a text."""
+def test_no_text_of_a_server_is_executed(tmp_path):
+    """dynamic_reconfigure's client would evaluate the edit_method of a parameter that it sets to a text."""
     mark = tmp_path / "ran"
     evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
     evil.until("all up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: not client.connect(), "the servers")
-    with suppress(TypeError):  # bounds that are texts
+    with suppress(TypeError):  # The bounds are texts.
         client.apply(SPACE.high)
     evil.kill()
     assert not mark.exists()

@@ -1,4 +1,4 @@
-"""The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, mistakes, factors."""
+"""The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, errors, lock step."""
 
 import itertools
 import time
@@ -37,12 +37,12 @@ HEARD = {
 
 
 def start(name, parameters):
-    """The bridge as a process of its own (Child)."""
+    """Start the bridge in a process of its own, and return the Child."""
     return session().node("sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items()))
 
 
 class Robot:
-    """The bridge in a process of its own, everything it says since the last `forget`, and what it is told."""
+    """The bridge in a process of its own, its messages since the last `forget`, and a publisher of commands."""
 
     def __init__(self, **parameters):
         self.heard = {topic: [] for topic in HEARD}
@@ -69,7 +69,7 @@ class Robot:
         return self.wait(lambda: len(self.heard[topic]) > seen and self.heard[topic][-1])
 
     def drive(self, v, w, until):
-        """Commands at 20 Hz of wall time until a condition holds."""
+        """Publish commands at 20 Hz of wall time until a condition holds."""
 
         def driven():
             self.command.publish(twist(v, w))
@@ -114,10 +114,10 @@ def position(message):
     return message.pose.pose.position.x, message.pose.pose.position.y
 
 
-def test_says_when_it_is_ready(robot):
+def test_reports_when_it_is_ready(robot):
     robot.wait(lambda: "ready: world generated:0" in robot.process.text)
     assert "pybullet build time" not in robot.process.text
-    assert "rosparam set /use_sim_time true" in robot.process.text  # which nobody has done here
+    assert "rosparam set /use_sim_time true" in robot.process.text  # The parameter is not set here.
 
 
 def test_topics_and_rates(robot):
@@ -126,7 +126,7 @@ def test_topics_and_rates(robot):
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/joint_states", "/sim_bridge/ground_truth")
     robot.wait(lambda: min(len(robot.heard[topic]) for topic in topics) > 60)
     heard = {topic: list(messages) for topic, messages in robot.heard.items()}
-    for topic in topics:  # a busy machine loses some
+    for topic in topics:  # A busy machine loses some messages.
         between = np.diff([message.header.stamp.to_sec() for message in heard[topic]])
         assert between.min() > 0.01
         assert np.median(between) == pytest.approx(0.02, abs=0.002), topic
@@ -195,7 +195,7 @@ def test_reset_puts_robot_and_odometry_back_and_clears_the_costmaps(robot):
     robot.wait(lambda: robot.place == (0.0, 0.0))
     robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
     clocks = [message.clock for message in robot.heard["/clock"]]
-    assert clocks == sorted(clocks)  # ROS time does not go back
+    assert clocks == sorted(clocks)  # ROS time must not jump back.
     service.shutdown("done")
 
 
@@ -205,7 +205,7 @@ def test_contact_is_reported(robot):
     robot.wait(lambda: len(robot.heard["/collision"]) > 10)
     assert not any(message.data for message in robot.heard["/collision"])
     turned = robot.now + 1.0
-    robot.drive(0.0, 1.57, lambda: robot.now > turned)  # to the side wall, to run into it
+    robot.drive(0.0, 1.57, lambda: robot.now > turned)  # The robot turns to the side wall and drives into it.
     robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.heard["/collision"]))
 
 
@@ -235,7 +235,7 @@ def test_ends_on_interrupt(robot):
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
 def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
-    """A planner that commands when its cycle is due, or a tick before, is waited for then alone, and never in vain."""
+    """The bridge waits for a planner only when its cycle is due or a tick before, and never in vain."""
     from sim_bridge import ros_bridge
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)
@@ -246,12 +246,12 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     period, cycles = 1.0 / hertz, itertools.count(1)
 
     def wait_for(condition, patience):
-        """The planner answers if its cycle is due by now."""
+        """Return whether the planner has answered, which it does when its cycle is due."""
         bridge.waits.append((bridge.simulator.state.time, plan()))
         return bridge.waits[-1][1]
 
     def plan():
-        early = 0.01 if len(bridge.commands) % 2 else 0.0  # with a scan that came a tick before the cycle was due
+        early = 0.01 if len(bridge.commands) % 2 else 0.0  # A scan may arrive a tick before the cycle is due.
         if bridge.simulator.state.time >= due[0] - early - 1e-6:
             due[0] = period * next(cycles)
             ros_bridge.Bridge.on_command(bridge, Twist())

@@ -1,6 +1,6 @@
-"""The collision monitor beside a move_base that has no motions of escape, as the C++ one: it moves in its place.
+"""Escape motions of the collision monitor for a move_base that makes none, such as the C++ one.
 
-That move_base is a made-up one, and then this package's, which hears of no monitor: it makes no such motions either.
+One test uses this package's move_base without ~held_back, so that it makes no escape motions. The others use a fake.
 """
 
 import time
@@ -29,7 +29,7 @@ ACTIVE, CANCELLED = GoalStatus.ACTIVE, GoalStatus.PREEMPTING
 
 
 class MoveBase:
-    """The topics of a move_base whose goal is 5 m away: status, plan, and commands if any."""
+    """Fake move_base whose goal is 5 m away: publishes status, plan, and commands if there are any."""
 
     def __init__(self):
         self.command, self.status, self.goal, self.left = (0.0, 0.0), None, "a", 5.0
@@ -58,7 +58,7 @@ class MoveBase:
 
 
 def monitor(escape):
-    """The node of the monitor; its diagnostics and what it says come into lists."""
+    """Start the monitor's node. Return it with lists of its actions and diagnostics."""
     names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
     actions, statuses = [], []
@@ -77,7 +77,7 @@ def end(*things):
 @pytest.mark.fault("17c")
 @pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
 def test_a_robot_too_near_a_post_for_its_planner_gets_on(escape):
-    """DWAPlannerROS finds no trajectory where the padded outline touches; the monitor had stopped the robot there."""
+    """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor stops the robot."""
     ros = session()
     jackal, watched = FakeJackal([POST]), monitor(escape)
     teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
@@ -119,7 +119,7 @@ def whole():
 
 @pytest.fixture
 def stack(whole):
-    """A robot that has driven half a metre, so that it knows what is behind it, and stands; no goal."""
+    """Provide a robot at rest without a goal, after half a metre of driving, so that the space behind it is known."""
     jackal, planner, watched = whole
     planner.status, planner.left, planner.goal = None, 5.0, str(time.time())
     planner.command, x = (0.3, 0.0), jackal.robot.pose[0]
@@ -145,14 +145,14 @@ def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_
     assert abs(v) <= 0.1
     assert abs(w) <= 0.4
     wait_for(lambda: any("makes no progress" in s.message for s in watched.statuses), "diagnostics")
-    said = next(s for s in watched.statuses if "makes no progress" in s.message)
-    assert said.level == DiagnosticStatus.WARN
+    status = next(s for s in watched.statuses if "makes no progress" in s.message)
+    assert status.level == DiagnosticStatus.WARN
     assert any(action.startswith("escape: move_base makes no progress") for action in watched.actions)
     planner.command, kept = (0.3, 0.0), Kept()
     now = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
     others = [c for c in moved(jackal, now) if c[1] != 0.3]
-    assert len(others) <= 2 + kept.waiting() / 0.05, "it has a command: that counts at once"
+    assert len(others) <= 2 + kept.waiting() / 0.05, "a command ends the escape motion at once"
     assert watched.node.text.count("trying small escape motions") == 1
 
 
@@ -162,17 +162,17 @@ def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_
     ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
 )
 def test_what_ends_a_motion(stack, change):
-    """Also where no commands come at all, as while a planner plans."""
+    """The monitor also makes escape motions while no commands arrive, for example during planning."""
     jackal, planner, watched = stack
     planner.status, planner.command = ACTIVE, None
     began = time.time()
-    wait_for(lambda: moved(jackal, began), "a motion, of a planner that is silent")
+    wait_for(lambda: moved(jackal, began), "a motion although the planner is silent")
     vars(planner).update(change)
-    told, kept = time.time(), Kept()
-    while time.time() < told + 4.0:
+    changed, kept = time.time(), Kept()
+    while time.time() < changed + 4.0:
         time.sleep(0.3)
         planner.goal = str(time.time()) if "goal" in change else planner.goal
-    last = max((at for at, *_ in moved(jackal, told)), default=told)
-    assert last - told < 1.5 + kept.waiting(), "with a status of a second ago it may go on; otherwise again after 2.5"
+    last = max((at for at, *_ in moved(jackal, changed)), default=changed)
+    assert last - changed < 1.5 + kept.waiting(), "a status is usable for 1 s; a new motion would begin after 2.5 s"
     assert jackal.commands[-1][1:] == (0.0, 0.0)
     assert not any("failed" in action for action in watched.actions), watched.node.text

@@ -1,4 +1,4 @@
-"""The viewer without a browser: what does not answer, sliders and methods, and that it is quiet without a page."""
+"""The viewer without a browser: access control, silent nodes, sliders, methods, and no subscriptions without a page."""
 
 import contextlib
 import http.client
@@ -34,7 +34,7 @@ def viewer(ros):
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
-    """Services of a busy machine take their time."""
+    """Allow for slow services on a busy machine."""
     monkeypatch.setattr("applr_ros1.nodes.viewer.listening.ANSWER_S", LONGEST)
 
 
@@ -104,21 +104,21 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
 
 
 def by_hand(element, value):
-    """What viser does when a person changes an element on the page."""
+    """Do what viser does when the user changes an element of the page."""
     element.value = value
     for callback in element._impl.update_cb:
         callback(SimpleNamespace(client=object(), target=element))
 
 
-def test_what_does_not_answer_is_said(viewer):
+def test_silent_nodes_and_topics_are_reported(viewer):
     text = state(viewer)
     assert "no move_base: nothing on /move_base/status" in text
     assert "no scan: nothing on /front/scan" in text
     assert "no applr node" in text
-    said = []
-    viewer.pilot._report = said.append
+    reports = []
+    viewer.pilot._report = reports.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
-    assert said == ["no subscribers on /applr/set_parameters"]
+    assert reports == ["no subscribers on /applr/set_parameters"]
 
 
 def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
@@ -132,7 +132,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
         wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
         wait_for(lambda: state(viewer) and viewer.pilot.theta()[at] == 0.45, "the value as the applr node read it")
-        wait_for(lambda: "parameters by hand" in state(viewer), "that somebody sets them")
+        wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
         by_hand(viewer.panel._method, "best single set")
         best = viewer.pilot.space.theta0
         wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), "its values")

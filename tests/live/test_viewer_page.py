@@ -1,4 +1,4 @@
-"""The viewer's page in a real browser, beside the whole stack: sliders, methods, a goal by a click, stop."""
+"""The viewer's page in a real browser with the whole stack: sliders, methods, a goal by a click, stop."""
 
 import re
 import shutil
@@ -22,17 +22,17 @@ NODES = {
     "applr": (),
     "viewer": ("_port:=%d" % free_port(),),
 }
-AHEAD = (305, 250)  # point of the page where the scene shows the ground ahead of the robot [px]
+AHEAD = (305, 250)  # point on the page that shows the ground ahead of the robot [px]
 SPEED = "/move_base/TrajectoryPlannerROS/max_vel_x"
 OPTIONS = [
-    "--no-sandbox",  # the tests may be root's
+    "--no-sandbox",  # The tests may run as root.
     "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
-FEW_PIXELS = "fixedDpr=0.3"  # viser would else try now and then how many it can draw, and stand still with too many
-# Drawn in software, sixty frames a second would keep the cores from the robot. Each still waits for the browser's own
-# turn to draw: frames that are ordered faster than they are drawn would hold the page up for minutes.
+FEW_PIXELS = "fixedDpr=0.3"  # fixed pixel ratio; viser would otherwise try larger ones and freeze
+# Drawn in software, sixty frames per second would take the CPU time of the robot. Each frame still waits for the
+# browser's own callback: frames requested faster than they are drawn would block the page for minutes.
 TEN_FRAMES_A_SECOND = """
 const turn = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = draw => setTimeout(() => turn(draw), 100);
@@ -70,7 +70,7 @@ def page():
 
 
 def reads(page, words):
-    """Wait until these words can be read on the page."""
+    """Wait until the page shows these words."""
     page.get_by_text(words).last.wait_for()
 
 
@@ -88,7 +88,7 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
 
 def test_the_robot_goes_to_a_click_and_stops(page):
     def stopped():
-        """False if the robot arrived or gave up before the click on the button."""
+        """Send a goal and stop. Return whether the goal was preempted, because it may have ended before."""
         page.mouse.click(*AHEAD)
         reads(page, "goal active")
         page.get_by_role("button", name="Stop").click()
@@ -98,7 +98,7 @@ def test_the_robot_goes_to_a_click_and_stops(page):
     wait_for(stopped, "a goal that is cancelled")
 
 
-def test_a_clock_that_stands_is_said_and_nobody_is_blamed_for_it(page):
+def test_a_stopped_clock_is_reported_but_no_silent_nodes(page):
     rospy.ServiceProxy("/gazebo/pause_physics", Empty)()
     reads(page, "the clock has stopped")
     assert not page.get_by_text("does not answer").count()

@@ -1,4 +1,4 @@
-"""What the applr node takes for its inputs: plans of this goal, poses of now. No ROS master is needed."""
+"""Inputs of the applr node: plans of the present goal, recent poses. No ROS master is needed."""
 
 import math
 from types import SimpleNamespace
@@ -25,11 +25,11 @@ def stamped(message, now, frame):
 
 
 class Beside:
-    """RobotInputs at a time [s], with scans, odometry far from where tf has the robot, plans and goals."""
+    """RobotInputs at the time `now` [s], with scans, plans, goals, and odometry whose pose differs from tf's."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
-        self.hear = {}  # by topic: the callback
+        self.hear = {}  # callbacks by topic
         monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
@@ -93,16 +93,16 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
-    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # a driver without stamps
+    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # This driver sets no stamps.
     beside.now += 0.4
     beside.plan(5.0)
     beside.now += 0.02
     beside.goal("two", -3.0)
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.now += 0.02
-    beside.plan(5.0)  # was under way
+    beside.plan(5.0)  # This plan was under way when the goal changed.
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
-    beside.plan(-2.8)  # to the first free place near the goal
+    beside.plan(-2.8)  # It ends at the nearest free cell.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
 
 
@@ -134,13 +134,13 @@ def test_a_static_transform_has_no_age(beside):
     assert beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0).transform.rotation.w == 1.0
 
 
-def test_what_moves_is_told_in_the_plans_frame_while_it_is_of_now(beside):
-    """The odometry's frame lies a quarter of a turn to the left in the map, half a metre along y."""
+def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
+    """The odometry frame is rotated by 90 degrees in the map, and moved by half a metre along y."""
     beside.goal("one", 5.0)
     for child, parent in (("odom", "map"), ("base_link", "odom")):
         beside.place(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
-    told = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
-    beside.inputs._on_movers(stamped(told, beside.time, "odom"))
+    movers = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
+    beside.inputs._on_movers(stamped(movers, beside.time, "odom"))
     for frame, moving in (
         ("odom", [(1.0, 2.0, 0.5, 0.0), (3.0, 0.0, 0.0, -1.0)]),
         ("map", [(-2.0, 1.5, 0.0, 0.5), (0.0, 3.5, 1.0, 0.0)]),

@@ -1,4 +1,4 @@
-"""./applr barn: a runner that makes the calls of the BARN Challenge's, in a made-up checkout; results."""
+"""./applr barn with a stand-in for the BARN Challenge's runner in a fake checkout."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def checkout(tmp_path):
-    """run.py and jackal_helper as in the Challenge's repository: world 2 of BARN's kind, world 300 of DynaBARN's."""
+    """Provide run.py and jackal_helper as in the Challenge's repository, with BARN's world 2 and DynaBARN's 300."""
     root = tmp_path / "checkout"
     helper = root / "jackal_helper"
     static, dynamic = helper / "worlds" / "BARN", helper / "worlds" / "DynaBARN"
@@ -54,7 +54,7 @@ def command(*arguments, **environment):
 
 
 def left_over(word):
-    """Command lines of living processes that hold a word."""
+    """Return the command lines of running processes that contain a word."""
     lines = [" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])]
     return [line for line in lines if word in line]
 
@@ -99,7 +99,7 @@ def barn_main(*arguments):
     [
         (["--worlds", "nine"], "give numbers and ranges such as 0-49,300"),
         (["--worlds", "7"], "no world 7"),
-        (["--controller", "none.launch"], r"there is no none\.launch"),
+        (["--controller", "none.launch"], r"none\.launch does not exist"),
     ],
 )
 def test_mistakes_are_one_line(checkout, tmp_path, arguments, words):

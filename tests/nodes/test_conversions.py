@@ -1,4 +1,4 @@
-"""Messages written in one piece equal the generated classes' byte for byte; scans and quaternions are judged."""
+"""Conversions of messages: packed messages equal the generated ones byte for byte, and invalid inputs are refused."""
 
 import io
 import math
@@ -37,7 +37,7 @@ def test_grid_equals_the_generated_message():
     plain.data = [int(conversions.OCCUPANCY[c]) for c in costmap().cells.ravel()]
     assert plain.data[:4] == [0, 99, 100, -1]
     by_itself = written(plain)
-    plain.data = []  # prepared writes what lies in its payload
+    plain.data = []  # `prepared` writes its payload instead.
     assert written(prepared) == by_itself
     back = OccupancyGrid().deserialize(by_itself)
     assert (back.info.width, back.info.height, back.info.origin.position.y) == (9, 6, 2.0)
@@ -92,7 +92,7 @@ def test_scans_that_cannot_be_used(change, words):
 
 
 def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():
-    """Beams of 1, 2 and 3 m; the laser at (1, 2, 0.5), hanging by a roll of pi and turned by 0.3, or pitched by 0.2."""
+    """Three beams of a laser at (1, 2, 0.5) with a roll of pi and a yaw of 0.3, or with a pitch of 0.2."""
     message = LaserScan(angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0])
     angles, ranges = -0.4 + 0.5 * np.arange(3), np.array([1.0, 2.0, 3.0], np.float32)
     place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
@@ -111,7 +111,7 @@ def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():
 
 
 def test_points_of_clouds():
-    """Fields in any order, rows with padding, either byte order; and the older message."""
+    """Fields may be in any order, rows padded, and bytes in either order. PointCloud is accepted, too."""
     kind = np.dtype({"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24})
     table = np.zeros((2, 3), kind)
     table["x"], table["y"], table["z"] = np.arange(6).reshape(2, 3), 10.0, -1.5
@@ -140,19 +140,19 @@ def test_maps():
 
 
 def turned(roll, yaw):
-    """A geometry_msgs/Transform turned by roll, then by yaw [rad]."""
+    """Return a geometry_msgs/Transform with roll and yaw [rad]."""
     x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
     return Transform(rotation=Quaternion(x * u, x * z, w * z, w * u))
 
 
-def test_what_a_driver_states_for_no_return_is_infinity():
+def test_a_drivers_range_for_no_return_becomes_infinity():
     scan = LaserScan(ranges=[0.0, 1.0, math.inf, 2.0], angle_increment=0.1)
     assert conversions.check_scan(scan, 0.0).tolist() == [math.inf, 1.0, math.inf, 2.0]
     assert conversions.check_scan(scan).tolist() == [0.0, 1.0, math.inf, 2.0]
 
 
 def test_range_max_may_be_infinite_and_no_number():
-    """As pointcloud_to_laserscan has it; laser_geometry takes what is nearer."""
+    """pointcloud_to_laserscan publishes an infinite range_max, and laser_geometry accepts it."""
     scan = LaserScan(angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0])
     for valid in (False, True):
         planners = conversions.laser_scan(scan, conversions.check_scan(scan), turned(0.0, 0.0))

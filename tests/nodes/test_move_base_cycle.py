@@ -1,4 +1,4 @@
-"""Control cycles of the move_base node, without a ROS master: when they come, and what leaves them."""
+"""Control cycles of the move_base node, without a ROS master: their timing and their outputs."""
 
 import math
 import threading
@@ -35,7 +35,7 @@ def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, 
 
 
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
-def test_feedback_states_a_pose_that_is_known(pose):
+def test_feedback_has_the_pose_if_it_is_known(pose):
     node = MagicMock()
     node._locate.return_value = pose, None
     node.move_base.step.return_value = Cycle()
@@ -47,7 +47,7 @@ def test_feedback_states_a_pose_that_is_known(pose):
     assert [(place.x, place.y) for place in sent] == ([] if pose is None else [(1.0, 2.0)])
 
 
-def test_diagnostics_say_which_critics_refused_the_samples():
+def test_diagnostics_report_which_critics_refused_the_samples():
     node, refused = MagicMock(), {"samples": 3, "obstacle": 3}
     node._locate.return_value = (1.0, 2.0, 0.5), None
     node.move_base.step.return_value = Cycle(controlled=True)
@@ -56,7 +56,7 @@ def test_diagnostics_say_which_critics_refused_the_samples():
     node.sensors.ages.return_value, node._refusals, node.loop.missed = {}, {}, 0
     reports = []
     for cycles in (1, 2, 0):
-        for _ in range(cycles):  # once there are reasons, they stay until they are reported
+        for _ in range(cycles):  # Refusals are kept until they are reported.
             MoveBaseNode._cycle(node, NOW)
         node._report_from = 0.0
         node._diagnostics.publish.reset_mock()

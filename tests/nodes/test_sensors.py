@@ -1,4 +1,4 @@
-"""Scans that wait for their transforms, and clocks that step back, without a ROS master; the time is the test's."""
+"""Scans that wait for their transforms, and clocks that jump back, without a ROS master and with a fake clock."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ from tests.support.fake_jackal import transform
 
 @pytest.fixture
 def robot(monkeypatch):
-    """sensors; time(t), scan(t), tf(t), odometry(t): the clock says t [s]; a message with that stamp comes."""
+    """Provide Sensors, time(t) to set the clock [s], and scan(t), tf(t), odometry(t) to send messages with stamp t."""
     callbacks, clock = {}, [rospy.Time(100)]
 
     def subscribe(topic, kind, callback, **_):
@@ -49,7 +49,7 @@ def robot(monkeypatch):
 
 
 def test_no_scan_is_lost_while_tf_is_late(robot):
-    """Scans at 25 Hz, tf at 50 Hz and 30 ms late, a look every 10 ms: each scan is used, once, in order."""
+    """With scans at 25 Hz, tf at 50 Hz and 30 ms late, and a poll every 10 ms, each scan is used once, in order."""
     used = []
     for k in range(200):
         now = 100.0 + 0.01 * k
@@ -73,7 +73,7 @@ def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     assert "0.55 s old" in robot.sensors.pose_trouble
 
 
-def test_of_several_the_newest_that_can_be_placed_counts_and_newer_ones_wait(robot):
+def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)
     robot.tf(100.95)
@@ -93,7 +93,7 @@ def test_scans_without_stamps_count_from_when_they_come_as_in_cpp(robot):
         assert [scan.stamp for scan in robot.sensors.observations().values()] == [pytest.approx(now)]
 
 
-def test_a_line_about_a_scan_says_stamp_age_and_reason(robot):
+def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
     assert robot.sensors.describe_latest("scan") == "no message has arrived"
     robot.time(103.0)
     robot.tf(102.9)
@@ -113,8 +113,8 @@ def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messag
     robot.odometry(100.5)
     robot.scan(100.5)
     assert robot.sensors.observations()
-    assert robot.sensors.pose(rospy.Time.from_sec(100.49), 0.3)[0] == pytest.approx(0.5)  # who looked earlier asks
-    robot.scan(100.51)  # waits
+    assert robot.sensors.pose(rospy.Time.from_sec(100.49), 0.3)[0] == pytest.approx(0.5)
+    robot.scan(100.51)  # This scan waits for its transform.
     now = robot.time(100.5 - step)
     assert clock.went_back()
     robot.sensors.forget()
@@ -135,7 +135,7 @@ def test_ages_are_those_of_what_was_used(robot):
     robot.tf(100.4)
     robot.tf(100.48)
     robot.odometry(100.45)
-    for t in (100.42, 100.49):  # the latter cannot be placed
+    for t in (100.42, 100.49):  # The second scan has no transform yet.
         robot.scan(t)
     now = robot.time(100.5)
     robot.sensors.pose(now, 0.3)
@@ -144,8 +144,8 @@ def test_ages_are_those_of_what_was_used(robot):
 
 
 @pytest.mark.parametrize("later", [0.0, 0.02])
-def test_lasers_that_share_a_topic_are_told_by_their_frames(robot, later):
-    """The one that looks back covers less, has the same stamps or others, and is used as often as the other."""
+def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, later):
+    """The rear laser has fewer beams and equal or later stamps, and is used as often as the front laser."""
     used = []
     for k in range(10):
         now = 100.0 + 0.1 * k

@@ -1,5 +1,4 @@
-"""Nodes that are started without a ROS master or with words that are no parameters, or stopped at once, say so in one
-line."""
+"""Nodes that are started without a ROS master, with invalid arguments, or interrupted at once."""
 
 import importlib
 import os
@@ -36,11 +35,11 @@ def start(*arguments):
 
 
 def ended(process, status):
-    """What a started command has printed, the errors as their only line."""
-    told, text = process.communicate(timeout=HANGS)
+    """Return the output of a command that ends with this status, and with a single line of errors if it fails."""
+    output, text = process.communicate(timeout=HANGS)
     assert process.returncode == status, text
     assert len(text.splitlines()) == status, text
-    return told + text
+    return output + text
 
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
@@ -52,7 +51,7 @@ def test_without_a_master(name):
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_words_that_are_no_parameters_start_nothing(name):
-    """`send_goal.py 1 0 0` would send the robot somewhere else, and so would `send_goal.py --help`."""
+    """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default goal."""
     wrong, helped = (start("-m", "applr_ros1.scripts", name, *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
     assert ended(wrong, 1).startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
     assert "~robot" in ended(helped, 0)
@@ -83,7 +82,7 @@ BODIES = {"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]]
         (BRIDGE, {"world": "physical_course", "simulator": "gazebo"}, "give pybullet or kinematic"),
     ],
 )
-def test_parameters_that_are_of_no_use_are_one_line(module, given, line, tmp_path, monkeypatch):
+def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypatch):
     if given == "a robot with errors":
         shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
         with open(tmp_path / "mine" / "planner.yaml", "a") as file:
@@ -102,7 +101,7 @@ def test_parameters_that_are_of_no_use_are_one_line(module, given, line, tmp_pat
 
 
 def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_path, monkeypatch):
-    """Any local user, and a website in a browser, can write on the parameter server."""
+    """Any local user, and a website in a browser, can write to the parameter server."""
     main, robot = importlib.import_module("applr_ros1.nodes.applr.main"), load("jackal")
     spec = f"{tmp_path}/own.py:Own"
     text = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
@@ -125,7 +124,7 @@ def test_ctrl_c_during_the_import(delay):
     begin = (
         "import sys\n"
         "from applr_ros1.common.errors import run_script\n"
-        "class Begun:  # says when the import begins\n"
+        "class Begun:  # reports the beginning of the import\n"
         "    def find_spec(self, name, *_):\n"
         "        if name == 'training': print('begun', flush=True)\n"
         "sys.meta_path.insert(0, Begun())\n"

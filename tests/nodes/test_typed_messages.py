@@ -1,4 +1,4 @@
-"""Messages of this package: what the applr node publishes, and what a bag's reader makes of it."""
+"""Messages of this package: publication by the applr node, and reading from a bag."""
 
 import io
 import math
@@ -23,7 +23,7 @@ from training.bags.bag import read
 
 @pytest.fixture
 def published(monkeypatch):
-    """What a ApplrTopics publishes, as (topic, message)."""
+    """Provide the list of published messages, as (topic, message)."""
     messages = []
 
     def publisher(topic, kind, **_):
@@ -38,7 +38,7 @@ def published(monkeypatch):
 
 
 def snapshot(number):
-    """Numbers of which none is like another, as a node heard them; its plan goes on where no encoding looks."""
+    """Return a Snapshot of random numbers, with a plan that is longer than any encoding uses."""
     rng = np.random.default_rng(number)
     stamps = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
     scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
@@ -74,7 +74,7 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     decide(topics, 2, None, "not finite")
     bag = written(tmp_path / "a.bag", published)
     decisions = [d._asdict() for d in bag.decisions]
-    found = [decision.pop("seen") for decision in decisions]
+    observed = [decision.pop("seen") for decision in decisions]
     assert decisions == [
         {
             "goal": "goal 7",
@@ -85,17 +85,17 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
         }
         for number, chosen in ((1, SPACE.as_dict(theta)), (2, {}))
     ]
-    for number, seen in enumerate(found, 1):
-        said = snapshot(number).seen
-        assert seen.scan[1:] == said.scan[1:]
-        assert (seen.time, seen.pose, seen.twist, seen.goal) == (said.time, said.pose, said.twist, said.goal)
-        np.testing.assert_array_equal(seen.scan[0], said.scan[0])
-        np.testing.assert_array_equal(seen.movers, said.movers)
-        assert len(seen.plan) < 200 < len(said.plan)
+    for number, seen in enumerate(observed, 1):
+        sent = snapshot(number).seen
+        assert seen.scan[1:] == sent.scan[1:]
+        assert (seen.time, seen.pose, seen.twist, seen.goal) == (sent.time, sent.pose, sent.twist, sent.goal)
+        np.testing.assert_array_equal(seen.scan[0], sent.scan[0])
+        np.testing.assert_array_equal(seen.movers, sent.movers)
+        assert len(seen.plan) < 200 < len(sent.plan)
         for kind in ENCODINGS.values():
             encoding = kind(robots.JACKAL, 1.0)
-            observed = [encoding.observe(Context.of(THETA_0, it, SPACE, encoding.layout)) for it in (seen, said)]
-            np.testing.assert_array_equal(*observed)
+            encoded = [encoding.observe(Context.of(THETA_0, each, SPACE, encoding.layout)) for each in (seen, sent)]
+            np.testing.assert_array_equal(*encoded)
 
 
 def test_a_decision_is_small_and_names_what_it_was_made_from(published):
@@ -105,11 +105,11 @@ def test_a_decision_is_small_and_names_what_it_was_made_from(published):
     assert [stamp.to_nsec() % 10**9 for stamp in stamps] == [1, 2, 3, 4]
     packed = io.BytesIO()
     message.serialize(packed)
-    assert len(packed.getvalue()) < 7000  # bytes, of which 2880 are the scan's
+    assert len(packed.getvalue()) < 7000  # size in bytes, including 2880 of the scan
 
 
 @pytest.mark.parametrize("name", robots.NAMES)
-def test_no_form_looks_beyond_the_plan_of_a_decision(name):
+def test_no_encoding_needs_more_than_the_plan_of_a_decision(name):
     robot = robots.load(name)
     width = DimensionlessEncoding(robot, 1.0).width
     farthest = max(layout_of(robot).lookahead, FAR_POINT * width)
