@@ -71,9 +71,7 @@ def test_drives_to_the_wall_and_stands_before_it(stack):
     wait_for(lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"), "the reason of the stop")
     blocked = []
     subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: blocked.append(m.data))
-    wait_for(
-        lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "with each command: a new goal must not lose it"
-    )
+    wait_for(lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "a message with each command")
     subscriber.unregister()
     assert jackal.robot.pose[0] < wall
 
@@ -93,10 +91,7 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
     commands = jackal.commands
-    wait_for(
-        lambda: (len(commands), time.sleep(0.3))[0] == len(commands),
-        "an end of zeros, so that others can drive the base",
-    )
+    wait_for(lambda: (len(commands), time.sleep(0.3))[0] == len(commands), "the end of zeros")
     drive(stack, 0.5)
 
 
