@@ -52,7 +52,9 @@ def group_of(path):
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="Also run tests marked slow, and all cases of comparisons.")
     parser.addoption(
-        "--faults-table", metavar="CSV", help="Table of faults (docs/results/faults.csv) that gets what tests measure."
+        "--faults-table",
+        metavar="CSV",
+        help="Table of faults (docs/results/faults.csv) to which tests write measurements.",
     )
 
 

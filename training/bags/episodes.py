@@ -28,7 +28,7 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 SUCCEEDED, ABORTED = 3, (4, 5)  # status codes of actionlib
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
-JUMP_M = 0.3  # distance beyond that at 5 m/s above which the robot was moved or the clock jumped [m]
+JUMP_M = 0.3  # movement between two poses, beyond 5 m/s times their interval, that counts as a jump [m]
 
 
 class Skipped(ApplrError):

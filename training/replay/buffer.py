@@ -16,7 +16,7 @@ from applr_ros1.common.errors import ApplrError
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 COLUMNS = ("scan", "rest", "action", "reward", "end")  # names of the ring's arrays
-GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # values of a row's end: how the episode continues after it
+GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # values of a row's end: how the episode continues after the row
 
 
 class Replay:
@@ -119,4 +119,4 @@ def _check_memory(rows: int, row: int) -> None:
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > memory:
         takes = f"a replay buffer of {rows} rows takes {rows * row / 1e9:.1f} GB"
-        raise ApplrError(f"{takes}, this machine has {memory / 1e9:.1f} GB: give smaller --total-timesteps")
+        raise ApplrError(f"{takes}, this machine has {memory / 1e9:.1f} GB: give a smaller --total-timesteps")

@@ -121,7 +121,7 @@ class Trajectory:
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
         for name, values in (("an observation", observations), ("an action", actions), ("a reward", rewards)):
             if not np.isfinite(values).all():
-                raise ApplrError(f"{name} holds NaN or inf")
+                raise ApplrError(f"{name} contains NaN or inf")
         return cls(
             layout.quantise(observations),
             np.ascontiguousarray(observations[:, layout.scan :]),
