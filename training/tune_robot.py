@@ -31,7 +31,7 @@ from training.evaluation.runner import content, content_of_worlds, world_list
 from training.evaluation.table import Trials
 from training.evaluation.verdict import SET, verdict
 from training.tuning import open_floor
-from training.tuning.best_set import LINES_S, best_set, drives_of, say, warm_starts
+from training.tuning.best_set import LINES_S, best_set, drives_of, show, warm_starts
 from training.tuning.clock import Clock
 from training.tuning.found_set import changes, driven_unseen, write_set
 from worlds.loading import SPECIFICATIONS
@@ -76,9 +76,9 @@ def run(options: TuneOptions) -> int:
     robot = options.robot
     out = make_folder(options.out or os.path.join("tune", robot.name))
     folder = out if robot_name(robot) in NAMES else Path(robot.folder)
-    with announced("driving on open floor (compiles kernels the first time, about a minute)", say, *LINES_S):
+    with announced("driving on open floor (compiles kernels the first time, about a minute)", show, *LINES_S):
         can, floor = open_floor.try_out(robot)
-    say("\n".join(floor))
+    show("\n".join(floor))
     if not (can or options.anyway):
         return 1
     worlds, starts = world_list(options.worlds, CHALLENGE, robot), warm_starts(robot)
@@ -93,13 +93,13 @@ def run(options: TuneOptions) -> int:
         theta, saved = best_set(options, settings, worlds, starts, table, clock)
         values = {name: value for name, value in space_of(robot).as_dict(theta).items() if name in saved}
         if not values:
-            say("better: no, no changed parameter saves anything")
+            show("better: no, no changed parameter saves anything")
             return 1
         drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
         changed = changes(robot, values, saved)
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
-        say("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
+        show("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
         written = []
         for file, monitor in JUDGED:
             method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor))
@@ -109,7 +109,7 @@ def run(options: TuneOptions) -> int:
                 write_bytes(folder / file, read_bytes(drives / file))
                 written.append(folder / file)
             end = f"written: {folder / file}" if method == SET else f"nothing written: the set is in {drives / file}"
-            say("\n".join([*lines, end, f"page: {shown}"]))
+            show("\n".join([*lines, end, f"page: {shown}"]))
     return 0 if written else 1
 
 

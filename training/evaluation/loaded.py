@@ -28,16 +28,16 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
         values: {name: value} of the set, which may leave out parameters.
     """
     made: Dict[str, Any] = {}
-    space, own, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
+    space, tree, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
     for server, request in space.requests(space.from_dict(dict(values))).items():
         costmap = server.rpartition("/")[0]
-        place = costmap if costmap and "plugins" not in branch(own, costmap) else server
+        place = costmap if costmap and "plugins" not in branch(tree, costmap) else server
         for i, target in space.targets_of(server):
             if space.names[i] not in values or space.names[i] not in known:
                 continue
-            names = [name for name in target.names if name in branch(own, place)] or target.names[:1]
+            names = [name for name in target.names if name in branch(tree, place)] or target.names[:1]
             branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
-    if TRAJECTORY in own.get("base_local_planner", TRAJECTORY):  # in all drives of a search the biases counted cells
+    if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):  # in all drives of a search the biases counted cells
         branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made
 

@@ -47,7 +47,7 @@ DRAWN: Dict[str, Any] = {  # randomisation of the drives; the ground stays that 
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
     **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
 }
-say = partial(print, flush=True)
+show = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
@@ -86,14 +86,14 @@ def best_set(
     means, driven = [], []  # type: List[np.ndarray], List[str]
 
     def report(line: str) -> None:
-        say(f"{options.minutes * clock.spent():4.1f} min: {line}")
+        show(f"{options.minutes * clock.spent():4.1f} min: {line}")
 
     def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
         """Return the results of each set in the worlds of a block. All sets drive one world before the next."""
         runner = partial(run, settings.model_copy(update={"simulator": simulator}))
         plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
         trials = [trial for of_world in zip(*plan) for trial in of_world]
-        with announced(f"driving {len(sets)} sets on {len(block)} courses, {simulator}", say, *LINES_S):
+        with announced(f"driving {len(sets)} sets on {len(block)} courses, {simulator}", show, *LINES_S):
             results = drive(pool, runner, table, trials)
         return [[results[trial] for trial in of_set] for of_set in plan]
 
@@ -126,7 +126,7 @@ def best_set(
         some = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
 
         def next_turn() -> Iterator[Block]:
-            say(f"reverting to the default, one by one: {len(turns)} parameters are left")
+            show(f"reverting to the default, one by one: {len(turns)} parameters are left")
             return clock.until(turns.pop(0), some)
 
         theta, saved = prune_parameters(space, partial(fine, seed=seed + 1), theta, next_turn, cost)

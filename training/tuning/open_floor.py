@@ -70,8 +70,8 @@ class Floor(Episode):
 
     def drive(self, world: World) -> str:
         """Drive one course to its end. Return the reason of a failure, or "" if the robot arrived."""
-        self._counts, self._critics, self._held = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
-        self._asked = 0.0  # commanded distance [m]
+        self._counts, self._critics, self._blocked = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
+        self._commanded = 0.0  # commanded distance [m]
         outcome = self.reset(world, SEED)
         while not outcome.over:
             outcome = self.decide(outcome.theta)
@@ -91,8 +91,8 @@ class Floor(Episode):
         self._critics.update(refusals)
         self._counts.update(cycles=1, turns=cycle.controlled, refused=bool(refusals), plans=cycle.new_plan)
         if self._counts["turns"]:  # the monitor's last command holds until the next command
-            self._held[self.verdict.reason] += self.verdict.blocked
-            self._asked += abs(self.verdict.command[0]) * CONTROL_PERIOD
+            self._blocked[self.verdict.reason] += self.verdict.blocked
+            self._commanded += abs(self.verdict.command[0]) * CONTROL_PERIOD
         return cycle, state
 
     def _why(self, outcome: Outcome) -> str:
@@ -100,15 +100,16 @@ class Floor(Episode):
         counts, way = self._counts, outcome.path_length_m
         if not counts["plans"]:
             return "the global planner finds no path"
-        refused, held = counts["refused"] / max(1, counts["turns"]), sum(self._held.values()) / counts["cycles"]
+        refused, blocked = counts["refused"] / max(1, counts["turns"]), sum(self._blocked.values()) / counts["cycles"]
         if refused > REASON_SHARE:
             del self._critics["samples"]
             critic = self._critics.most_common(1)[0][0]
             return f"the planner rejects every velocity in {100 * refused:.0f} % of its cycles, mostly by {critic}"
-        if held > REASON_SHARE:
-            return f"the collision monitor intervenes {100 * held:.0f} % of the time: {self._held.most_common(1)[0][0]}"
-        if self._asked > 1.0 + 2.0 * way:
-            return f"it moves {way:.1f} m although {self._asked:.1f} m are commanded"
+        if blocked > REASON_SHARE:
+            reason = self._blocked.most_common(1)[0][0]
+            return f"the collision monitor intervenes {100 * blocked:.0f} % of the time: {reason}"
+        if self._commanded > 1.0 + 2.0 * way:
+            return f"it moves {way:.1f} m although {self._commanded:.1f} m are commanded"
         if outcome.aborted:
             return "move_base ends with " + outcome.reason.partition(": ")[2]
         return STANDS

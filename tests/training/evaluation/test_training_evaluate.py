@@ -266,10 +266,10 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
         "class Nothing: pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    own = methods.make("my_module:Cautious")
-    own.reset(3)
-    assert theta(own, "max_vel_x") == 0.7
-    assert own.seed == 3
+    method = methods.make("my_module:Cautious")
+    method.reset(3)
+    assert theta(method, "max_vel_x") == 0.7
+    assert method.seed == 3
     with pytest.raises(ApplrError, match="not a subclass"):
         methods.make("my_module:Nothing")
     assert methods.parse("dwa,my_module:Cautious") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious")]
