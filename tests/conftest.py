@@ -52,9 +52,7 @@ def group_of(path):
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="Also run tests marked slow, and all cases of comparisons.")
     parser.addoption(
-        "--faults-table",
-        metavar="CSV",
-        help="Table of faults (docs/results/faults.csv) to which tests write measurements.",
+        "--faults-table", metavar="CSV", help="Table (docs/results/faults.csv) for measurements of faults."
     )
 
 
