@@ -90,9 +90,7 @@ def main():
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
     parser.add_argument("--robot", default="", help="robot whose move_base has the servers to start instead")
-    parser.add_argument(
-        "--text", default="", metavar="CODE", help="code that describes the choices of max_vel_x, a string"
-    )
+    parser.add_argument("--text", default="", metavar="CODE", help="code of the choices of max_vel_x, a string")
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
     if args.robot:

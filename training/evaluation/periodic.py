@@ -18,9 +18,7 @@ from training.evaluation.trial import BASELINE, POLICY, Result, Trial, plan_tria
 from training.workers.pool import Pool
 
 THETA0 = -1  # number of the round that drives the default parameters
-CHOOSING = (
-    2**31
-)  # offset of the seeds of trials that select an actor; evaluate.py uses smaller seeds, so its trials are unseen
+CHOOSING = 2**31  # offset of the seeds of trials that select an actor; all seeds of evaluate.py are smaller
 
 
 class PeriodicEvaluation:
@@ -53,7 +51,7 @@ class PeriodicEvaluation:
         """Return the number of the round to drive now, or None.
 
         Args:
-            step: Present step of the run.
+            step: Current step of the run.
             last: Whether this is the last step, whose policy is evaluated in any case.
             default: Whether the round of the default parameters may be driven now.
         """
@@ -80,7 +78,7 @@ class PeriodicEvaluation:
             number: Number of the round.
             pool: Pool of workers.
             run: Function that drives a trial in a worker with the weights of a policy.
-            weights: Weights of the present policy.
+            weights: Weights of the current policy.
             show: Called with each trial that was driven and its result.
             state: "step" of the run, and "version" of the policy in gradient steps.
 
@@ -102,7 +100,7 @@ class PeriodicEvaluation:
 
     @property
     def here(self) -> List[Dict[str, Any]]:
-        """Rounds of the present setting, the only ones that are comparable."""
+        """Rounds of the current setting; other rounds are not comparable."""
         return [r for r in self.history if all(r.get(name, value) == value for name, value in self._judged.items())]
 
     @property
@@ -112,5 +110,5 @@ class PeriodicEvaluation:
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
-        """Summary of the round that selected the present best actor, or None."""
+        """Summary of the round that selected the current best actor, or None."""
         return next((r for r in reversed(self.here) if r["best"]), None)

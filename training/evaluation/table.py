@@ -25,12 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
-COLUMNS: Dict[str, Any] = {
-    "world": "str",
-    "method": "str",
-    "trial": "int",
-    "seed": "int",
-}  # type by column
+COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # types by column
 KEY = tuple(COLUMNS)
 COLUMNS.update({field.name: field.type for field in fields(Result)})
 NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}

@@ -48,7 +48,7 @@ def outcomes(trials: pd.DataFrame) -> str:
 
 
 def worst_tenth(scores: pd.DataFrame) -> pd.Series:
-    """Return the mean score [s] of each method in its worst tenth of the worlds, which are at least one."""
+    """Return the mean score [s] of each method in the tenth of the worlds (at least one) where it is worst."""
     return scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
 
 

@@ -83,7 +83,7 @@ def search(
     """
     import cma  # not at the top: cma imports scipy.stats and matplotlib
 
-    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # The distribution begins off the bounds.
+    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # CMA-ES must not begin on the bounds.
     options = {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9}
     rng, strategy = np.random.default_rng(seed), cma.CMAEvolutionStrategy(middle, sigma, options)
     for generation, run in enumerate(rounds):

@@ -90,9 +90,7 @@ def test_same_seeds_for_every_method_and_whatever_else_is_driven():
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    assert (
-        both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
-    )  # more trials only append
+    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # rows only append
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
