@@ -23,17 +23,17 @@ class _Beside(importlib.abc.Loader):
 
     NAMES = tuple(f"{__name__}.{beside}" for beside in ("training", "worlds", "sim_bridge"))
 
-    def find_spec(self, name, path=None, target=None):
-        spec = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
+    def find_spec(self, name: str, path: typing.Any = None, target: typing.Any = None) -> typing.Any:
+        spec: typing.Any = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
         package = spec and spec.submodule_search_locations is not None
         return spec and importlib.util.spec_from_loader(name, self, origin=spec.origin, is_package=package)
 
-    def exec_module(self, module):
+    def exec_module(self, module: typing.Any) -> None:
         sys.modules[module.__name__] = importlib.import_module(module.__name__.partition(".")[2])
 
-    def get_code(self, name):  # `python -m` calls this method.
-        beside = name.partition(".")[2]
-        return importlib.util.find_spec(beside).loader.get_code(beside)
+    def get_code(self, name: str) -> typing.Any:  # `python -m` calls this method.
+        spec: typing.Any = importlib.util.find_spec(name.partition(".")[2])
+        return spec.loader.get_code(spec.name)
 
 
 if not any(os.path.isdir(os.path.join(folder, "training")) for folder in __path__):
@@ -42,7 +42,7 @@ if not any(os.path.isdir(os.path.join(folder, "training")) for folder in __path_
 
 if not typing.TYPE_CHECKING:  # A module with __getattr__ would hide unknown attributes from mypy.
 
-    def __getattr__(name):
+    def __getattr__(name: str) -> str:
         if name != "__version__":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         for file in (os.path.join(os.path.dirname(folder), "package.xml") for folder in __path__):
@@ -52,7 +52,7 @@ if not typing.TYPE_CHECKING:  # A module with __getattr__ would hide unknown att
         return importlib.import_module("importlib.metadata").version(__name__)
 
 
-def load_policy(robot="jackal", file=""):
+def load_policy(robot: typing.Any = "jackal", file: str = "") -> typing.Any:
     """Load a policy for one robot, with the `predict(observation)` of a stable-baselines3 model.
 
     Dependencies are imported at the first call to keep `import applr_ros1` fast.

@@ -16,7 +16,7 @@ class StorageError(ApplrError):
     """A file or folder that cannot be read or written."""
 
 
-def write_bytes(path, data: bytes) -> None:
+def write_bytes(path: Any, data: bytes) -> None:
     """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
     if os.path.lexists(path) and not os.path.isfile(path):  # Renaming would replace a device.
         raise StorageError(f"{path}: a folder, pipe or device; give the path of a regular file")
@@ -33,12 +33,12 @@ def write_bytes(path, data: bytes) -> None:
         raise StorageError(f"{path}: cannot be written ({reason(problem)}); the file there is untouched") from None
 
 
-def write_json(path, value: Any) -> None:
+def write_json(path: Any, value: Any) -> None:
     """Write a value as indented JSON, atomically."""
     write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
 
 
-def read_bytes(path) -> bytes:
+def read_bytes(path: Any) -> bytes:
     """Return the content of a file."""
     try:
         return Path(path).read_bytes()
@@ -46,7 +46,7 @@ def read_bytes(path) -> bytes:
         raise StorageError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
 
 
-def read_json(path) -> Any:
+def read_json(path: Any) -> Any:
     """Return the value in a JSON file."""
     try:
         return json.loads(read_bytes(path))

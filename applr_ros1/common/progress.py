@@ -13,33 +13,33 @@ NEXT_LINE_S = 10.0  # interval between progress lines [s]
 
 @contextlib.contextmanager
 def announced(
-    what: str, say: Callable[[str], object], first: float = FIRST_LINE_S, every: float = NEXT_LINE_S
+    work: str, report: Callable[[str], object], first: float = FIRST_LINE_S, every: float = NEXT_LINE_S
 ) -> Iterator[None]:
-    """Report work while it runs, if it takes longer than `first`, and its duration at the end.
+    """Report the work of a block if it takes longer than `first`, and its duration at the end.
 
     Args:
-        what: Description with the expected duration, such as "compiling kernels (about a minute the first time)".
-        say: Called with each line, from another thread.
+        work: Description with the expected duration, such as "compiling kernels (about a minute the first time)".
+        report: Called with each line, from another thread.
         first: Time before the first line [s].
         every: Interval between further lines [s].
     """
-    short, began, done, spoken = what.split(" (")[0], time.monotonic(), threading.Event(), False
+    short, began, done, reported = work.split(" (")[0], time.monotonic(), threading.Event(), False
 
-    def speak() -> None:
-        nonlocal spoken
-        while not done.wait(every if spoken else first):
-            say(f"still {short}: {round(time.monotonic() - began)} s" if spoken else what)
-            spoken = True
+    def repeat() -> None:
+        nonlocal reported
+        while not done.wait(every if reported else first):
+            report(f"still {short}: {round(time.monotonic() - began)} s" if reported else work)
+            reported = True
 
-    speaker = threading.Thread(target=speak, name="progress", daemon=True)
-    speaker.start()
+    reporter = threading.Thread(target=repeat, name="progress", daemon=True)
+    reporter.start()
     try:
         yield
     except BaseException:
-        spoken = False
+        reported = False
         raise
     finally:
         done.set()
-        speaker.join()
-        if spoken:
-            say(f"done {short}: took {time.monotonic() - began:.0f} s")
+        reporter.join()
+        if reported:
+            report(f"done {short}: took {time.monotonic() - began:.0f} s")

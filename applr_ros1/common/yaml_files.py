@@ -9,7 +9,7 @@ import yaml
 from applr_ros1.common.files import StorageError, read_bytes
 
 
-def read_yaml(path) -> Any:
+def read_yaml(path: Any) -> Any:
     """Return the value in a YAML file."""
     return yaml_value(read_bytes(path), path)
 

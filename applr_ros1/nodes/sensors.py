@@ -133,7 +133,7 @@ class Sensors:
         return f"the latest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
 
     def clear_errors(self) -> None:
-        """Nothing is wrong with the sources any more."""
+        """Clear the source errors."""
         for topic in self._topics.values():
             topic.trouble = ""
 

@@ -148,20 +148,20 @@ class RobotInputs:
             vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
         return np.column_stack([x, y, vx, vy]), msg.header.stamp
 
-    def _on_movers(self, msg):
+    def _on_movers(self, msg: Movers) -> None:
         with self._lock:
             self._movers = msg
 
-    def _on_plan(self, msg):
+    def _on_plan(self, msg: Path) -> None:
         if msg.poses:  # move_base publishes an empty plan if planning fails, but keeps the old plan.
             with self._lock:
                 self._plan, self._planned = msg, rospy.Time.now()
 
-    def _on_current_goal(self, msg):
+    def _on_current_goal(self, msg: PoseStamped) -> None:
         with self._lock:
             self._former_goal, self._current_goal = self._current_goal, msg.pose
 
-    def _on_status(self, msg):
+    def _on_status(self, msg: GoalStatusArray) -> None:
         running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
         with self._lock:
             self._goal_heard = rospy.Time.now()

@@ -17,13 +17,15 @@ import numpy as np
 import rospy
 
 from applr_ros1.common.errors import ApplrError, one_line
+from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
-from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient
+from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient, Server
+from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.sensors import Clock
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.observation import ObservationError
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL
+from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
 REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
@@ -50,27 +52,30 @@ class ApplrNode:
 
     def __init__(
         self,
-        method,
-        inputs,
-        topics,
-        period=None,
-        namespace="/move_base",
-        max_speed=math.inf,
-        seed=0,
-        meter_scoring=AUTO,
-        robot=JACKAL,
+        method: Method,
+        inputs: RobotInputs,
+        topics: ApplrTopics,
+        period: Optional[float] = None,
+        namespace: str = "/move_base",
+        max_speed: float = math.inf,
+        seed: int = 0,
+        meter_scoring: str = AUTO,
+        robot: Robot = JACKAL,
     ):
         self.robot, self.space = robot, space_of(robot)
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
         self._given_period = period
         self.enabled = True
-        self._by_hand = None  # parameters (n,) set by hand while the method is off, otherwise None
+        self._by_hand: Optional[np.ndarray] = None  # parameters (n,) set by hand while the method is off
         self._max_speed = max_speed
-        self.counts = Counter()
+        self.counts: Dict[str, int] = Counter()
         self.trouble = ""  # latest problem in one line, or ""
         self.degraded = ""  # reason why the chosen method is not in use, or ""
-        self._goal, self._due, self._failures, self._began = None, None, 0, None
-        self._last = None  # ROS time of the last decision
+        self._goal: Any = None  # id of the present goal
+        self._due: Any = None  # ROS time of the next decision
+        self._began: Any = None  # ROS time of the start of the course
+        self._last: Any = None  # ROS time of the last decision
+        self._failures = 0  # number of successive periods without a decision
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
         space = self.space.below("max_vel_x", max_speed)
@@ -82,7 +87,7 @@ class ApplrNode:
         """ROS time between decisions [s]: the given period, or else the method's."""
         return self.method.period if self._given_period is None else self._given_period
 
-    def _begin_course(self, now):
+    def _begin_course(self, now: rospy.Time) -> None:
         self.method.period = self.period  # The observation may depend on the period.
         try:
             self.method.reset(self.seed + self.counts["courses"])
@@ -116,7 +121,7 @@ class ApplrNode:
             except rospy.exceptions.ROSInterruptException:
                 return
 
-    def _clock_jumped(self):
+    def _clock_jumped(self) -> None:
         """Drop all inputs and the course, and request theta_0."""
         rospy.logwarn("applr: the clock jumped back; starting anew with theta_0")
         self.inputs.clear()
@@ -150,7 +155,7 @@ class ApplrNode:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
             self.enabled = False
 
-    def change_method(self, method: Any) -> None:
+    def change_method(self, method: Method) -> None:
         """Replace the method. In the middle of a course, the new method decides at once."""
         with self._deciding:
             self.method, self.degraded = method, ""
@@ -161,7 +166,7 @@ class ApplrNode:
             else:
                 self._begin_course(rospy.Time.now())
 
-    def _nap(self, now):
+    def _nap(self, now: rospy.Time) -> float:
         left = TICK_S if self._due is None else (self._due - now).to_sec()
         return left if 0.001 < left < TICK_S else TICK_S
 
@@ -170,7 +175,7 @@ class ApplrNode:
         with self._deciding:
             self._tick(now)
 
-    def _tick(self, now):
+    def _tick(self, now: rospy.Time) -> None:
         if not self._base_set and self.client.connected:
             self._base_set = True
             self._base()
@@ -189,7 +194,7 @@ class ApplrNode:
         if goal is not None and now >= self._due:
             self._decide(now, goal)
 
-    def _decide(self, now, goal):
+    def _decide(self, now: rospy.Time, goal: str) -> None:
         unsettled = self.client.busy or self.meter_scoring.waits(now)
         if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
             return  # Every course starts with theta_0, which is not in force yet.
@@ -214,7 +219,7 @@ class ApplrNode:
             return
         self._failures = 0
 
-    def _observe(self, now):
+    def _observe(self, now: rospy.Time) -> Tuple[Snapshot, Context]:
         """Return (Snapshot, Context) of a decision. Raises ObservationError if an input is missing or invalid."""
         theta = self.client.theta()
         if theta is None:
@@ -222,7 +227,7 @@ class ApplrNode:
         snapshot = self.inputs.snapshot(now, self._began)
         return snapshot, Context.of(theta, snapshot.seen, self.space, self.method.layout)
 
-    def _note_end(self, now):
+    def _note_end(self, now: rospy.Time) -> None:
         """Publish the observation at the end of a course, for training from recorded drives."""
         if self._last is not None:
             with suppress(ObservationError):
@@ -241,7 +246,7 @@ class ApplrNode:
         except Exception as e:  # A method may be user code. Whatever it raises, the node goes on.
             return None, one_line(e)
 
-    def _fail(self, kind, line):
+    def _fail(self, kind: str, line: str) -> None:
         """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
         self.counts[kind] += 1
         self._failures += 1
@@ -250,7 +255,7 @@ class ApplrNode:
             self._note_trouble(f"no decision for {LOST_PERIODS} periods: back to theta_0")
             self.client.request(self.space.theta0)
 
-    def _base(self):
+    def _base(self) -> None:
         """Request the parameters for the time between goals: theta_0, a static method's set, or those set by hand."""
         if self._by_hand is not None:
             self.client.request(self._by_hand)
@@ -266,32 +271,33 @@ class ApplrNode:
         """Restore theta_0 if this node has set other parameters."""
         self.client.stop()
         client, theta = self.client, self.client.space.clip(self.space.theta0)
-        only = np.array_equal(client.sent, theta) and (client.multipliers == 1.0).all()
-        if client.sent is None or (only and not client.busy):
+        sent: Any = client.sent
+        only = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
+        if sent is None or (only and not client.busy):
             return
         self.meter_scoring.forget()  # theta_0 is restored without multipliers, as at the planner's start.
         if client.apply(theta, RESTORE_S):  # A server may still have been busy with an earlier call.
             client.apply(theta, RESTORE_S)
 
-    def _on_restart(self, server):
+    def _on_restart(self, server: Server) -> None:
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.meter_scoring.forget()  # The new process may count in the other unit.
         self.client.reapply()
 
-    def _on_report(self, error):
+    def _on_report(self, error: str) -> None:
         self.counts["failed" if error else "applied"] += 1
         self._note_trouble(error and f"parameters not changed: {error}")
         if not error:
             self._publish_parameters()
 
-    def _note_trouble(self, line):
+    def _note_trouble(self, line: str) -> None:
         """Store the present problem, or "" for none, and log it if it is new."""
         fresh, self.trouble = line != self.trouble, line
         if line and fresh:
             rospy.logwarn(f"applr: {line}")
 
-    def _report(self, now):
+    def _report(self, now: rospy.Time) -> None:
         theta = self._publish_parameters()
         age = math.nan if self._last is None else (now - self._last).to_sec()
         if self.inputs.has_lost_move_base(now):
@@ -326,7 +332,7 @@ class ApplrNode:
             self.topics.parameters(theta, rospy.Time.now(), self.client.multipliers)
         return theta
 
-    def _doing(self):
+    def _doing(self) -> str:
         if not self.enabled:
             return "switched off: " + ("theta_0" if self._by_hand is None else "set by hand")
         return "idle: no goal" if self._goal is None else "deciding"

@@ -36,18 +36,18 @@ class ApplrTopics:
         """Publish a heartbeat, due every 2 s. Without it, this package's move_base restores its start-up values."""
         self._heartbeat.publish(Time(now))
 
-    def decision(self, number, now, goal, snapshot, context, theta, refused):
+    def decision(self, number: int, now: Any, goal: str, snapshot: Any, context: Any, theta: Any, refused: str) -> None:
         """Publish one decision: its Context, the stamps of its inputs, and theta (n,) or the reason for its refusal."""
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
         target = local_goal(context.plan, context.pose, context.layout.lookahead)
         pose = *transform_point(context.pose, *target), context.pose[2] + atan2(target[1], target[0])
         self._local_goal.publish(conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp))
 
-    def course_end(self, number, now, goal, snapshot, context):
+    def course_end(self, number: int, now: Any, goal: str, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
         self._course_end.publish(self._message(number, now, goal, snapshot, context, None, ""))
 
-    def _message(self, number, now, goal, snapshot, context, theta, refused):
+    def _message(self, number: int, now: Any, goal: str, snapshot: Any, context: Any, theta: Any, refused: str) -> Any:
         message = Decision(number=number, goal=goal, elapsed=context.time, refused=refused)
         message.header.stamp, message.header.frame_id = now, snapshot.frame
         message.scan, message.odometry, message.plan = snapshot.scan_stamp, snapshot.odom_stamp, snapshot.plan_stamp

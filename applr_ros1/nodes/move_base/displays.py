@@ -32,7 +32,7 @@ class _NewSubscriber(rospy.SubscribeListener):
         super().__init__()
         self._lock, self._send = lock, send
 
-    def peer_subscribe(self, topic_name, topic_publish, peer_publish):
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
         with self._lock:
             self._send(peer_publish)
 

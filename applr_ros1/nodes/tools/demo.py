@@ -195,22 +195,22 @@ class Observer:
         drive = Drive(0, 0, *how, np.column_stack(poses), speeds, decided, actions)
         return Scene(self.world.name, self.world, [drive], self._began - BASE_TIME_S)
 
-    def _move_base_up(self):
+    def _move_base_up(self) -> bool:
         if self._client is None:
             self._client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action = self._client.action_client
         ends = (action.pub_goal, action.pub_cancel, action.result_sub)
         return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
 
-    def _on_pose(self, message):
+    def _on_pose(self, message: Odometry) -> None:
         pose, twist = message.pose.pose, message.twist.twist
         at = (pose.position.x, pose.position.y, yaw_of(pose.orientation))
         self.track.append((message.header.stamp.to_sec(), *at, twist.linear.x, twist.angular.z))
 
-    def _on_contact(self, message):
+    def _on_contact(self, message: Bool) -> None:
         if message.data and self.track:
             self.contacts.append(self.track[-1][0])
 
-    def _on_parameters(self, message):
+    def _on_parameters(self, message: Parameters) -> None:
         if message.names and (not self.parameters or self.parameters[-1][1] != message.values):
             self.parameters.append((message.header.stamp.to_sec(), message.values))

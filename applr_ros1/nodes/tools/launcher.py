@@ -126,8 +126,8 @@ class Stack:
             )
         threading.Thread(target=self._pass_errors_on, daemon=True).start()
 
-    def _pass_errors_on(self):
-        for line in self._process.stderr:
+    def _pass_errors_on(self) -> None:
+        for line in self._process.stderr or ():
             died = DIED.search(line)
             self._died = self._died or (died.group(1) + " has died" if died else "")
             if not self._ends:  # At the end, roslaunch complains about nodes that end slowly.

@@ -132,7 +132,7 @@ class Viewer:
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [self._robot.name] + ([] if self._ready else [STARTS])
         lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
-        lines += [f"parameters by {self.pilot.who}"]
+        lines += [f"parameters by {self.pilot.source}"]
         lines += [self.panel.monitor()] if driving else []  # Without commands, the monitor always reports a stop.
         text = "\n".join([*lines, *silence])
         if text != self.text:

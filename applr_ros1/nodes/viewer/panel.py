@@ -63,8 +63,8 @@ class Panel:
     def update(self) -> None:
         """Update the dropdown and the sliders."""
         self._pilot.update()
-        if self._pilot.who in self._methods:
-            show(self._method, self._pilot.who)
+        if self._pilot.source in self._methods:
+            show(self._method, self._pilot.source)
         theta = self._pilot.theta()
         for slider, value in zip(self.sliders.values(), theta if theta is not None else ()):
             show(slider, round(min(max(float(value), slider.min), slider.max), 4))

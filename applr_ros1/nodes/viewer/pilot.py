@@ -42,7 +42,7 @@ class MethodSelector:
         self._asked = 0.0  # wall time of the last request
 
     @property
-    def who(self) -> str:
+    def source(self) -> str:
         """Name of the source of the parameters, for the page."""
         return METHODS.get(self.method, self.method) or "nobody"
 
