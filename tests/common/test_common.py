@@ -40,7 +40,7 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, end, status, line):
     assert capsys.readouterr().err == line
 
 
-def test_any_other_error_is_one_line_too_and_has_its_stack_for_who_asks(capsys, monkeypatch):
+def test_any_other_error_is_one_line_with_a_traceback_on_request(capsys, monkeypatch):
     line = r"p: ZeroDivisionError: .* \(test_common.py, line \d+\)\n"
     assert run_main(lambda: 1 // 0, "p") == 1
     assert re.fullmatch(line, capsys.readouterr().err)
@@ -125,7 +125,7 @@ def test_an_error_names_the_line_that_raised_it(tmp_path):
     assert one_line(ApplrError("9 is not 8")) == "9 is not 8"
 
 
-def test_work_that_an_error_ended_is_not_called_done():
+def test_failed_work_is_not_reported_as_done():
     lines = []
     with pytest.raises(IndexError), announced("compiling", lines.append, first=0.02):
         [][time.sleep(0.1) or 0]
@@ -148,7 +148,7 @@ def test_long_work_is_announced_and_never_silent_for_long():
 
 @pytest.mark.ros
 @pytest.mark.parametrize("raised", ["ROSException", "AttributeError"])
-def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch, raised):
+def test_publishing_to_a_closed_topic_at_shutdown_is_not_an_error(monkeypatch, raised):
     rospy = pytest.importorskip("rospy")
     from applr_ros1.common.ros_node import until_shutdown
 

@@ -88,7 +88,7 @@ def test_the_applr_node_is_killed(stack, client, measured):
 
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
-def test_nothing_reaches_the_base_any_more(stack, measured, killed):
+def test_commands_no_longer_reach_the_base(stack, measured, killed):
     """The base stops, and drives again after the monitor's restart."""
     stack.under_way()
     cut = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.faults.update(command=lambda _: None)
@@ -101,7 +101,7 @@ def test_nothing_reaches_the_base_any_more(stack, measured, killed):
 
 
 @pytest.mark.fault("6")
-def test_a_persons_change_is_in_the_next_observation(stack):
+def test_a_change_by_another_client_is_in_the_next_observation(stack):
     stack.under_way(room=10.0)
     person = Client(PLANNER, timeout=LONGEST)
 

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.ros
         (dict(x=1.0, frame=""), "frame_id"),
     ],
 )
-def test_goals_that_cannot_be(stack, measured, bad, words):
+def test_invalid_goals(stack, measured, bad, words):
     stack.cancel_goal()
     began = time.monotonic()
     stack.client.send_goal(goal(**bad))

@@ -49,7 +49,7 @@ def silent(message):
     ],
     ids=["no scan", "all NaN", "old scans", "scans ahead", "unknown frame", "no transform", "stopped clock"],
 )
-def test_the_robot_stands_says_why_and_goes_on(stack, measured, stream, fault, words):
+def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream, fault, words):
     stack.under_way()
     printed, acted = len(stack.output("move_base")), len(stack.actions)
     took = stack.stands_after(lambda: stack.relay.faults.__setitem__(stream, fault), locks=stream == "clock")

@@ -353,7 +353,7 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
     assert robot.values["level"] == 0
 
 
-def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
+def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     """A policy's parameters are per cell, and are rescaled if cost_cloud shows that the planner counts per metre."""
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
@@ -418,7 +418,7 @@ def test_at_its_end_the_defaults_come_back_beside_a_server_that_is_frozen_in_a_c
     rospy.delete_param("/fake/hang")
 
 
-def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
+def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
     (tmp_path / "teller.py").write_text(
         "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Teller(Method):\n"
         "    def theta(self, context):\n"

@@ -58,7 +58,7 @@ def drive(stack, v):
     wait_for(lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)), "the speed")
 
 
-def test_drives_to_the_wall_and_stands_before_it(stack):
+def test_drives_to_the_wall_and_stops_before_it(stack):
     jackal, _, actions = stack
     wait_for(lambda: jackal.commands, "a stop before the first command, in case an earlier monitor died")
     assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
@@ -97,7 +97,7 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
 
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_a_monitor_that_does_not_live_stops_the_base_and_ends_to_be_started_anew(stack, kind, measured):
+def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack, kind, measured):
     jackal, _, _ = stack
     drive(stack, 0.5)
     kept = Kept()
@@ -132,7 +132,7 @@ def node_pid(name):
     return xmlrpc.client.ServerProxy(uri).getPid("/test")[2]
 
 
-def test_diagnostics_have_the_ages_of_what_commands_are_made_from(stack):
+def test_diagnostics_have_the_ages_of_the_inputs(stack):
     messages = []
     subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: messages.append(m.status[0]))
     drive(stack, 0.3)
@@ -142,7 +142,7 @@ def test_diagnostics_have_the_ages_of_what_commands_are_made_from(stack):
     subscriber.unregister()
 
 
-def test_a_second_laser_that_is_silent_is_a_stop_and_one_that_speaks_is_taken(stack):
+def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
     stack[0].put((0.0, 0.0, 0.0))  # Later, an equal scan after the jump would count as a frozen one.
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"

@@ -53,7 +53,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
         assert rosservice.get_service_type(name) == kind
 
 
-def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(node):
+def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
     """The Husky's static parameter set. The layers of these parameter files have other names than the Husky's."""
     master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []

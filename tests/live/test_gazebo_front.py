@@ -39,7 +39,7 @@ def gazebo():
     assert "Traceback" not in child.text, child.text
 
 
-def test_starts_at_the_challenges_start_and_refuses_in_words_what_it_cannot_do(gazebo):
+def test_starts_at_the_challenges_start_and_explains_refusals(gazebo):
     get, set_state = (
         rospy.ServiceProxy("/gazebo/get_model_state", GetModelState),
         rospy.ServiceProxy("/gazebo/set_model_state", SetModelState),
@@ -83,7 +83,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     publisher.unregister()
 
 
-def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gazebo):
+def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     """Odometry does not jump with the robot, so that remembered obstacles must not block it at its new position."""
     monitor = session().node("applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered")
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
@@ -108,7 +108,7 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
     assert "Traceback" not in monitor.text
 
 
-def test_paused_time_stands_and_goes_on(gazebo):
+def test_time_pauses_and_resumes(gazebo):
     simulation = GazeboSimulation(START)
     clocks = []
     subscriber = rospy.Subscriber("/clock", Clock, lambda message: clocks.append(message.clock))
@@ -132,7 +132,7 @@ def move_base(gazebo):
     child.end()
 
 
-def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
+def test_move_base_stops_without_warnings_while_time_is_paused(gazebo, move_base):
     simulation = GazeboSimulation(START)
     training = Training(simulation, GOAL)
     simulation.reset()

@@ -27,14 +27,14 @@ def stop(speed, began, brakes):
     return Stop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
 
 
-def test_a_stop_that_began_late_is_no_weak_brake():
+def test_a_late_stop_is_not_mistaken_for_weak_brakes():
     straight, turns = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)], [stop(1.0, 0.1, 3.0)] * 4
     assert deceleration(straight, 0.1) < 0.4
     late = reaction(straight, turns)
     assert (late, deceleration(straight, late)) == pytest.approx((0.4, 0.8))
 
 
-def test_of_times_that_explain_all_stops_alike_the_least_from_the_median_up_counts():
+def test_of_equivalent_reaction_times_the_least_from_the_median_up_is_chosen():
     turns = [stop(1.0, began, 3.0) for began in (0.0, 0.05, 0.1, 0.3)]
     assert reaction([stop(1.8, 0.1, 2.0)], turns) == 0.1
 

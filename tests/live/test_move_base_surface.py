@@ -91,7 +91,7 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
         client.close()
 
 
-def test_watch_over_the_policy():
+def test_heartbeat_watchdog():
     """The watchdog alone. tests/faults/test_processes.py tests it in a running stack."""
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # There was no heartbeat yet.

@@ -109,7 +109,7 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     assert np.array_equal(client.theta(), theta)
 
 
-def test_a_server_that_came_back_is_called_whatever_was_last_heard_of_it(client, calls):
+def test_a_restarted_server_is_called_whatever_its_last_values(client, calls):
     description = client._servers["local_costmap"]._client.param_description
     client._servers["local_costmap"]._on_description(description)
     for expected in ({COSTMAPS[0]}, set()):
@@ -190,7 +190,7 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     wide.close()
 
 
-def test_fault_3_a_call_that_was_given_up_never_undoes_a_newer_one(client, fake):
+def test_fault_3_an_abandoned_call_never_overwrites_a_newer_one(client, fake):
     reports = []
     with started(reports.append) as client:
         fake.freeze()
@@ -230,7 +230,7 @@ def test_no_text_of_a_server_is_executed(tmp_path):
     assert not mark.exists()
 
 
-def test_servers_that_are_gone_are_named_and_what_is_requested_is_kept_for_them(client, fake):
+def test_dead_servers_are_named_and_the_request_is_kept(client, fake):
     reports = []
     with started(reports.append) as asking:
         fake.kill()

@@ -177,14 +177,14 @@ def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
     assert robot.now - silent_from < 0.5 + waits.waiting()
 
 
-def test_commands_that_are_no_numbers_are_refused_and_do_not_drive(robot):
+def test_commands_that_are_not_finite_are_refused(robot):
     robot.drive(float("nan"), 0.0, lambda: "rejected: send finite numbers" in robot.process.text)
     later = robot.now + 0.3
     robot.drive(0.3, float("inf"), lambda: robot.now > later)
     assert abs(robot.speed) < 0.02
 
 
-def test_reset_puts_robot_and_odometry_back_and_clears_the_costmaps(robot):
+def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(robot):
     cleared = []
     service = rospy.Service("/move_base/clear_costmaps", Empty, lambda _: cleared.append(1) or EmptyResponse())
     robot.drive(0.5, 0.3, lambda: hypot(*robot.place) > 0.2)

@@ -76,7 +76,7 @@ def end(*things):
 
 @pytest.mark.fault("17c")
 @pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
-def test_a_robot_too_near_a_post_for_its_planner_gets_on(escape):
+def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor stops the robot."""
     ros = session()
     jackal, watched = FakeJackal([POST]), monitor(escape)
@@ -135,7 +135,7 @@ def moved(jackal, since):
     return [(at, v, w) for at, v, w in jackal.commands if at > since and (v, w) != (0.0, 0.0)]
 
 
-def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_way(stack):
+def test_it_makes_escape_motions_for_a_stuck_planner_and_gives_way_to_commands(stack):
     jackal, planner, watched = stack
     began = time.time()
     planner.status = ACTIVE
@@ -161,7 +161,7 @@ def test_it_moves_for_a_planner_that_stands_though_its_goal_is_active_and_gives_
     [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "each other"}],
     ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
 )
-def test_what_ends_a_motion(stack, change):
+def test_ends_of_an_escape_motion(stack, change):
     """The monitor also makes escape motions while no commands arrive, for example during planning."""
     jackal, planner, watched = stack
     planner.status, planner.command = ACTIVE, None

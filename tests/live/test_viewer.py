@@ -53,7 +53,7 @@ def patience(monkeypatch):
         ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "not a name of this computer"),
     ],
 )
-def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(viewer, path, host, origin, reason):
+def test_page_and_websocket_require_the_token_and_refuse_other_websites(viewer, path, host, origin, reason):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
@@ -72,7 +72,7 @@ def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(vi
 
 
 @pytest.mark.parametrize("header", ["Origin", "Host"])
-def test_a_header_that_is_there_twice_is_refused(viewer, header):
+def test_a_duplicate_header_is_refused(viewer, header):
     _, _, where, token, _ = viewer.address.split("/")
     page = http.client.HTTPConnection("127.0.0.1", int(where.rpartition(":")[2]), timeout=LONGEST)
     page.putrequest("GET", f"/{token}/", skip_host=True)

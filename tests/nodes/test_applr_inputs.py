@@ -119,7 +119,7 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
             assert snapshot.seen.twist == (0.5, 0.0)
 
 
-def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
+def test_a_stale_localisation_prevents_decisions(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0, "map")
     beside.place("map", "odom", (0.0, 0.5, 0.0), beside.time)

@@ -73,7 +73,7 @@ def test_runs_the_runner_in_a_world(checkout, tmp_path, world):
     refused(lambda: barn_main(checkout, *options), r"out\.txt exists already: give another --out")
 
 
-def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
+def test_a_user_defined_controller_and_a_runner_that_fails(checkout, tmp_path):
     launch = tmp_path / "mine.launch"
     launch.write_text("<launch/>")
     barn.link_package(checkout, tmp_path / "package", launch)

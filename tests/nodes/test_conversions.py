@@ -151,7 +151,7 @@ def test_a_drivers_range_for_no_return_becomes_infinity():
     assert conversions.check_scan(scan).tolist() == [0.0, 1.0, math.inf, 2.0]
 
 
-def test_range_max_may_be_infinite_and_no_number():
+def test_range_max_may_be_infinite_but_not_nan():
     """pointcloud_to_laserscan publishes an infinite range_max, and laser_geometry accepts it."""
     scan = LaserScan(angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0])
     for valid in (False, True):

@@ -85,7 +85,7 @@ def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     assert robot.sensors.observations() == {}
 
 
-def test_scans_without_stamps_count_from_when_they_come_as_in_cpp(robot):
+def test_scans_without_stamps_get_their_arrival_times(robot):
     for now in (100.5, 100.6):
         robot.time(now)
         robot.tf(now)
@@ -104,7 +104,7 @@ def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
 
 
 @pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
-def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messages(robot, step, monkeypatch):
+def test_after_a_clock_jump_back_the_next_messages_are_used(robot, step, monkeypatch):
     monkeypatch.setattr(module, "is_wallclock", lambda: False)
     robot.time(100.5)
     clock = module.Clock()

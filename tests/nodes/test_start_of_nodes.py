@@ -50,7 +50,7 @@ def test_without_a_master(name):
 
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
-def test_words_that_are_no_parameters_start_nothing(name):
+def test_invalid_arguments_start_nothing(name):
     """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default goal."""
     wrong, helped = (start("-m", "applr_ros1.scripts", name, *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
     assert ended(wrong, 1).startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
@@ -100,7 +100,7 @@ def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypa
     refused(node.main, line)
 
 
-def test_code_is_imported_for_a_method_that_the_node_was_started_with_alone(tmp_path, monkeypatch):
+def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monkeypatch):
     """Any local user, and a website in a browser, can write to the parameter server."""
     main, robot = importlib.import_module("applr_ros1.nodes.applr.main"), load("jackal")
     spec = f"{tmp_path}/own.py:Own"
@@ -152,7 +152,7 @@ with lock:
 """
 
 
-def test_a_lock_that_the_main_thread_holds_is_waited_for_at_the_end_of_a_node():
+def test_shutdown_waits_for_a_lock_of_the_main_thread():
     with ros_harness.RosMaster() as master:
         child = master.spawn(sys.executable, "-c", NODE)
         child.until("ready")

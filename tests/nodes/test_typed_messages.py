@@ -98,7 +98,7 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             np.testing.assert_array_equal(*encoded)
 
 
-def test_a_decision_is_small_and_names_what_it_was_made_from(published):
+def test_a_decision_is_small_and_names_its_inputs(published):
     decide(applr_topics.ApplrTopics(), 2, THETA_0)
     ((_, message),) = [one for one in published if one[0] == "applr/decision"]
     stamps = message.scan, message.odometry, message.plan, message.movers.header.stamp
