@@ -125,3 +125,10 @@ def test_every_fault_of_the_table_has_a_test():
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
     marked = " ".join(re.findall(r"pytest\.mark\.fault\((.+?)\)", tests))
     assert numbers == set(re.findall(r'"(\w+)"', marked))
+
+
+def test_docstrings_and_comments_begin_with_a_noun_or_a_verb():
+    odd = re.compile(r'"""(What|Whether|Who|Those|That|So many)\b|# (of|that|which|where) ')
+    for path in [path for path in files("*.py") if path.relative_to(ROOT).parts[0] != "tests"]:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            assert not odd.search(line), "%s:%d: %s" % (path, number, line.strip())

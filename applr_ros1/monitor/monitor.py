@@ -60,7 +60,7 @@ class Verdict:
 
     @property
     def blocked(self) -> bool:
-        """Whether the command was limited to almost zero."""
+        """True if the command was limited to almost zero."""
         v, w = self.command
         return self.action != PASS and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
 

@@ -22,7 +22,7 @@ STEP = 0.2  # between the points of a way where it is measured [widths]
 AHEAD = (2.0, 5.0)  # points of the true course whose directions are told [widths]
 CAP, FAR, LONG, FAST = 2.0, 8.0, 30.0, 2.0  # largest clearance, distance and length [widths], and speed [m/s] told
 MOVERS = 2  # the nearest moving obstacles that are told
-ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # of these numbers: those that a mirror turns round
+ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the numbers that change sign in a mirrored scene
 SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
 
 

@@ -156,7 +156,7 @@ class ReconfigureClient:
 
     @property
     def connected(self) -> bool:
-        """Whether all servers of the space have been found."""
+        """True if all servers of the space have been found."""
         return len(self._servers) == len(self.space.servers)
 
     @property
@@ -300,7 +300,7 @@ class ReconfigureClient:
 
     @property
     def busy(self) -> bool:
-        """Whether the latest request is not in force yet."""
+        """True until the latest request is in force."""
         return self._requested is not self._in_force
 
     def stop(self) -> None:
