@@ -28,7 +28,7 @@ class Loader(yaml.SafeLoader):
 
 def _saved(loader: Any, node: Any) -> Dict[str, Any]:
     """Return the values saved by `dynparam dump` or rqt_reconfigure as a plain mapping."""
-    values = loader.construct_mapping(node, deep=True)["dictitems"]
+    values = loader.construct_mapping(node, deep=True).get("dictitems", {})
     return {name: value for name, value in values.items() if name != "groups"}
 
 

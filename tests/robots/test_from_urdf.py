@@ -420,6 +420,12 @@ def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
     assert not (tmp_path / "my_robot").exists()
 
 
+def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
+    macro = "<link name='${part}'/>"
+    assert "has xacro tags" in make(CART + macro)[1]
+    assert make(f"{CART}<!-- {macro} -->", name="a.xacro")[0] == 0
+
+
 def test_a_link_that_is_not_there_and_a_robot_that_is(make):
     status, output, _ = make(CART, "--laser", "scaner")
     assert (status, "has no link scaner: did you mean scanner?\n" in output) == (1, True)

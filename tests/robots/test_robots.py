@@ -59,7 +59,7 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
 
 def test_values_that_rqt_reconfigure_saved_are_read(tmp_path):
     tag = "!!python/object/new:dynamic_reconfigure.encoding.Config"
-    text = f"{tag}\ndictitems:\n  max_vel_x: 0.7\n  groups: {tag}\n    dictitems: {{id: 0}}\n    state: []\nstate: []\n"
+    text = f"{tag}\ndictitems:\n  max_vel_x: 0.7\n  groups: {tag}\n    state: []\nstate: []\n"
     tree = robots.load(with_files(tmp_path / "mine", saved=(text, "TrajectoryPlannerROS"))).parameters()
     assert tree["TrajectoryPlannerROS"]["max_vel_x"] == 0.7
     with pytest.raises(ApplrError, match="could not determine a constructor"):

@@ -76,12 +76,12 @@ class UrdfFile:
         content = read_bytes(path)
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
-        if "<xacro:" in text or "${" in text:
-            raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
         try:
             self.xml = ElementTree.fromstring(text)
         except ElementTree.ParseError as error:
             raise ApplrError(f"{path} is no XML ({error}): give a URDF or xacro file") from None
+        if not path.endswith(".xacro") and any("xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()):
+            raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
         if self.xml.tag != "robot":
             raise ApplrError(f"{path}: the root element is <{self.xml.tag}>: give a URDF, whose root is <robot>")
         if self.xml.find("link") is None:
