@@ -1,7 +1,7 @@
 """Trains a policy with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
 
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
-learns from a dataset. docs/howto/training.md describes the command, training/learner/run.py has the run.
+learns from a dataset. See docs/howto/training.md for the command, and training/learner/run.py for the run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
     def run() -> int:
         config = parse(arguments)
-        from training.learner.run import TrainingRun  # not at the top: --help would wait for the import of torch
+        from training.learner.run import TrainingRun  # Imported late, because --help must not wait for torch.
 
         if config.seeds == 1:
             return TrainingRun(config).run()

@@ -1,10 +1,10 @@
 """Largest safe scale of a command: the swept-body geometry of the collision monitor, in numba.
 
-The model of the base has three phases. It continues as measured for the age of its pose. It follows the command for the
-reaction time, with its turn as commanded, faster, still as measured, or zero. It then brakes along the same arc, below
-.3 m/s gently. A stop brakes at once along the current arc. The body is a convex outline widened by a margin, and must
-not touch any obstacle point on the way. The outline itself must not enter an unobserved cell. At the end it may turn by
-the yaw swing of a braking base, because nearly stopped wheels have unequal friction.
+The model of the base has three phases. First the base keeps its measured velocity for as long as its pose is old. Then
+it follows the command for the reaction time; its turn rate may be as commanded, higher, as measured, or zero. Last, it
+brakes along the same arc, more gently below .3 m/s. A stop brakes at once along the current arc. The body is a convex
+outline widened by a margin, and must not touch any obstacle point. The outline itself must not enter unobserved cells.
+At the end the base may turn by its yaw swing, because nearly stopped wheels have unequal friction.
 """
 
 import math
@@ -21,12 +21,12 @@ CHECK_STEP_S = 0.02  # interval between two checked poses [s]
 # LAST_SPEED_M_S [m/s] the Jackal on Gazebo's ground decelerates by .3 to .6 m/s^2, depending on the wheels' angles.
 LAST_SPEED_M_S = 0.3
 LAST_DECELERATION_M_S2 = 0.6
-# Yaw swing of such a base during the last part of a stop [rad]: not exceeded in 98 of 100 simulated stops.
+# Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated stops.
 SWING_RAD = 0.15
 AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
-DEEPER_M = 1e-3  # largest further approach of a point that is inside the margin from the start [m]
-HALVINGS = 5  # number of bisections of the search for the largest safe scale
-# Distance past the stopping point that must be observed [m]. Touched cells count as observed to their far side.
+DEEPER_M = 1e-3  # how much deeper a point that starts inside the margin may get [m]
+HALVINGS = 5  # number of bisections in the search for the largest safe scale
+# Distance past the stopping point that must be observed [m]. A partly observed cell counts as observed.
 BEYOND_M = 1.5 * CELL_M
 EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # value of `seen` for known space
 
@@ -76,15 +76,15 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
         margin: distance by which the body is widened [m].
         twist: measured (v, w) [m/s, rad/s].
         command: requested (v, w) [m/s, rad/s].
-        times: (age of the robot's frame [s], time for which the base follows the command before it brakes [s]).
+        times: (age of the robot's pose [s], time for which the base follows the command before it brakes [s]).
         brake: (deceleration down to LAST_SPEED_M_S [m/s^2], angular deceleration [rad/s^2]).
         seen: (cells, corner[0] and corner[1] of SeenSpace, edge_points of the body, (x, y, yaw) of the robot in the
             frame of the cells), or EVERYTHING.
-        turns: (last turn rate given to the base [rad/s], see on_arc; largest ratio of actual to commanded turn rate;
+        turns: (previous commanded turn rate [rad/s], for on_arc; largest ratio of actual to commanded turn rate;
             distance from the origin forward to the centre of rotation [m]; lateral slip to the left [m/s]).
 
     Returns:
-        (scale in [0, 1], free): scale * command is safe; free is False if even braking at once is not.
+        (scale in [0, 1], free): scale * command is safe; free is False if even braking at once leads to contact.
     """
     # Rows: x and y of the points, their allowed depths in the widened body and in the outline, workspace of _is_deeper.
     rows = np.empty((7, points.shape[0]))
@@ -126,7 +126,7 @@ def on_arc(v, command_v, command_w, turned):
 def _is_free_every_way(rows, planes, margin, twist, command, scale, times, brake, seen, turns):
     """Return whether a command is free for every possible response of the turn rate.
 
-    The base may turn as commanded at once, faster, still as measured, or not at all. It may leave the arc outwards.
+    The base may turn as commanded at once, faster, still as measured, or not at all. It may thus run wide of the arc.
     """
     for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):
         repeats = (k == 1 and share == 1.0) or (k == 3 and command[1] == 0.0)
@@ -140,8 +140,8 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
     """Return whether the body touches nothing while the base continues, follows scale * command, and then brakes.
 
     share is the ratio of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes at
-    once. The lateral velocity is that of a turn about the centre of rotation plus the measured lateral slip. There is
-    no slip if the base turns faster than commanded, because its tyres then have friction.
+    once. The lateral velocity is that of a turn about the centre of rotation plus the measured lateral slip. If the
+    base turns faster than commanded its tyres must be gripping, so no slip is added.
     """
     v, w = twist
     turned, _, ahead, slide = turns

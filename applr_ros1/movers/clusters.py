@@ -8,18 +8,18 @@ import math
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.free_space import full_turn
 
-MAX_CLUSTERS = 256  # largest number of clusters of a scan
+MAX_CLUSTERS = 256  # maximum number of clusters per scan
 # Columns of a cluster: raw centre [m], radius [m], nearest range [m], bearings of its edges in the fixed frame [rad]
 # (first, last beam), per edge (first, last beam) whether a nearer or unknown point occludes it, standard deviation of
 # the centre [m], and three of its points [m].
 CX, CY, RADIUS, NEAR, FROM, TO, HIDDEN_FROM, HIDDEN_TO, SIGMA, POINTS = range(10)
 COLUMNS = POINTS + 6
 
-# Smallest angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, J. Int. Rob. Sys. 2004).
+# Minimum angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, J. Int. Rob. Sys. 2004).
 GRAZING_RAD = 0.2
-APART_M = 0.08  # distance of neighbouring points of a cluster that is always allowed because of noise [m]
-GAP_BEAMS = 3  # largest number of beams from one point of a cluster to the next
-FEWEST_POINTS = 3  # smallest number of points of a cluster
+APART_M = 0.08  # gap between neighbouring points that never splits a cluster, to allow for noise [m]
+GAP_BEAMS = 3  # maximum number of beams from one point of a cluster to the next
+FEWEST_POINTS = 3  # minimum number of points per cluster
 
 
 @kernel
@@ -39,7 +39,7 @@ def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
     step = abs(limits[1])
     widen = math.sin(step) / math.sin(max(GRAZING_RAD - step, 0.02))
     full = full_turn(n, step)
-    begin = 0  # On a full turn a cluster may lie across the ends, so the search starts between two clusters.
+    begin = 0  # In a full turn a cluster may wrap around from the last beam to the first: start at a gap.
     while full and begin < n - 1 and _joined(ranges, table, limits, begin - 1, begin, widen):
         begin += 1
     count, k = 0, begin
@@ -95,12 +95,12 @@ def _hides(ranges, limits, edge, way, full):
     if not full and not 0 <= beyond < n:
         return 1.0
     r = ranges[beyond % n]
-    return 0.0 if r >= ranges[edge % n] else 1.0  # A nearer, NaN or too near range occludes.
+    return 0.0 if r >= ranges[edge % n] else 1.0  # NaN and ranges below range_min occlude, too.
 
 
 @kernel
 def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
-    """Fit the disc of the beams from first to last. Return False if it is larger than `largest`."""
+    """Fit a disc to the beams `first` to `last`. Return False if it is larger than `largest`."""
     n = ranges.shape[0]
     step = abs(limits[1])
     i, j = first % n, last % n
@@ -132,8 +132,8 @@ def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
 def centre(cluster, radius, sensor):
     """Return the centre (x, y) and its standard deviation [m] of a disc of this radius, given its visible part.
 
-    An edge beyond which the laser sees farther is the disc's edge. If only one edge is occluded, the centre is placed
-    one radius beside the visible edge.
+    If the range beyond an edge is longer, that edge is the true edge of the disc. If the other edge is occluded, the
+    centre is placed one radius inward from the visible edge.
     """
     distance = cluster[NEAR] + radius
     half = math.asin(min(radius / distance, 1.0))

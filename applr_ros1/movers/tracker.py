@@ -16,18 +16,18 @@ from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.free_space import FreeSpace, depths
 from applr_ros1.robots import Robot
 
-REACH_M = 8.0  # largest range of a tracked obstacle [m]
-LARGEST_M = 0.8  # largest radius of a tracked obstacle [m]
-PAUSE_S = 1.0  # gap between stamps, or step back, that counts as a jump of time [s]
-FASTER_FACTOR = 1.5  # multiple of the base's maximum speed from which a change of pose counts as a jump
-SHIFT_M, TURN_RAD = 0.3, 0.3  # correction of the odometry that is allowed on top of this [m, rad]
+REACH_M = 8.0  # maximum range of a tracked obstacle [m]
+LARGEST_M = 0.8  # maximum radius of a tracked obstacle [m]
+PAUSE_S = 1.0  # forward gap or backward step between stamps that counts as a time jump [s]
+FASTER_FACTOR = 1.5  # a pose change faster than this multiple of the maximum speed counts as a jump
+SHIFT_M, TURN_RAD = 0.3, 0.3  # additional pose change that odometry corrections may cause [m, rad]
 SMOOTH_S = 0.1  # time constant of the low-pass filter on speed and turn rate [s]
 
 
 class Movers(NamedTuple):
-    """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of one length.
+    """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of equal length.
 
-    id: persistent number (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: of the disc [m].
+    id: persistent number (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius of the disc [m].
     """
 
     id: np.ndarray
@@ -68,9 +68,9 @@ class MoverTracker:
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[tuple] = None  # stamp and pose of the last scan
-        self._correction: Pose = (0.0, 0.0, 0.0)  # correction of the odometry's poses by static tracks
-        self._turning = self._speed = 0.0  # filtered turn rate and speed of the laser by the odometry [rad/s, m/s]
-        self._rates = 0.0, 0.0  # turn rates before the last two scans [rad/s]
+        self._correction: Pose = (0.0, 0.0, 0.0)  # pose correction of the odometry, from static tracks
+        self._turning = self._speed = 0.0  # low-pass filtered, of the laser, from odometry [rad/s, m/s]
+        self._rates = 0.0, 0.0  # magnitudes of the turn rate over the last two scan intervals [rad/s]
 
     def update(self, scan: LaserScan) -> Movers:
         """Update the tracks with a scan whose sensor_pose is the laser's pose in the odometry's frame at its stamp.

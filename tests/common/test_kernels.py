@@ -1,6 +1,6 @@
-"""The disk cache of machine code: its keys, privacy, and use by several processes at once.
+"""Tests of the disk cache of machine code: its keys, privacy, and use by several processes at once.
 
-Each case runs in processes of its own, on a copy of the decorator's file with a package of two kernels.
+Each test starts fresh processes on a copy of kernels.py in a temporary package with two kernels.
 """
 
 import os
@@ -39,7 +39,7 @@ print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 
 @pytest.fixture
 def start(tmp_path):
-    """Provide a function that starts a process on a version of the package, which it writes if the folder is new."""
+    """Return start(folder), which runs a process on the package in `folder`, and writes the package if it is missing."""
 
     def start(folder, **options):
         planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))

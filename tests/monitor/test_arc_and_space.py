@@ -1,4 +1,4 @@
-"""Rules of the collision monitor on motion: arcs, forgotten points, lateral slip, odometry that contradicts poses."""
+"""Tests of how the collision monitor treats motion: arcs, forgotten points, lateral slip, contradictory odometry."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ HERE = (0.0, 0.0, 0.0)
 
 
 def test_creeping_and_stopping_follow_the_arc_of_the_command():
-    """The values are from a drive in which the robot left a turn straight on and hit a wall."""
+    """The values are from a drive in which the robot went straight on out of a turn and hit a wall."""
     monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # The turn rate equals the commanded one.
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
     v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), turning)
@@ -52,7 +52,7 @@ def test_a_braking_base_gets_only_reachable_turn_rates():
 
 
 def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
-    """The planner sends five commands a second. Silence is detected sooner if the base brakes."""
+    """At 5 Hz each command stays in force longer, so the safe speed is lower. Braking shortens `silence`."""
     reached = {}
     for period in (0.05, 0.2):
         monitor = seen_all_around(wall(1.4))
@@ -87,7 +87,7 @@ def test_a_braking_base_may_leave_its_turn_outwards():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_outline_may_swing_at_the_end_of_a_stop(side):
-    """The yaw swing is .15 rad after .3 m/s or more, and moves a rear corner .05 m aside. It is less at lower speed."""
+    """A stop from .3 m/s or more may swing the yaw by .15 rad, and a rear corner by .05 m. A slower stop swings it less."""
     planes, free = half_planes(SETTINGS.body), {}
     for speed in (0.15, 0.3, 0.6):
         for gap in np.arange(0.032, 0.07, 0.002):
@@ -158,13 +158,13 @@ def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
     cell = tuple(np.floor(edge[len(edge) // 2] / CELL_M).astype(int) % len(monitor.seen.cells))
     assert monitor.seen.cells[cell] == 1
     stamp, noise = 0.1, np.random.default_rng(0)
-    # The robot waits, goes 9 m away and returns, or observes too many points. Varying ranges avoid frozen images.
+    # The robot waits, goes 9 m away and returns, or observes too many points. Equal ranges would count as frozen.
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
     for x in places.get(forgets, [0.0] * 6):
         stamp += 100.0 if forgets == "time" else 0.1
         far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # Nearer points occlude old ones.
         ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
-        monitor.matcher.clear()  # The synthetic ranges match no room.
+        monitor.matcher.clear()  # The synthetic ranges are of no real room, so they must not be matched.
         assert monitor.add_scan(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
@@ -236,7 +236,7 @@ def test_poses_give_forward_lateral_and_turn_velocity():
     motion, yaw = PoseMotion(), 0.0
     for step in range(10):
         stamp, yaw = 0.05 * step, math.pi / 2 + 0.3 * 0.05 * step
-        motion.take(stamp, (-0.2 * stamp, 1.5 * stamp, yaw))  # ahead is +y, to the left is -x
+        motion.take(stamp, (-0.2 * stamp, 1.5 * stamp, yaw))  # The base heads along +y, so its left is -x.
     v, w, s = motion.velocity
     assert (v, w) == pytest.approx((1.5, 0.3), abs=0.06)
     assert s == pytest.approx(0.2 - 1.5 * 0.3 * 0.325, abs=0.06), "the heading has turned by .1 rad meanwhile"
@@ -252,7 +252,7 @@ def test_poses_give_forward_lateral_and_turn_velocity():
 
 @pytest.mark.parametrize(("reported", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
 def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(reported, action):
-    """The base drives at 2 m/s by its poses, .9 m before a wall, while odometry reports -2, .3 or 2 m/s."""
+    """According to its poses the base drives at 2 m/s, .9 m before a wall, while odometry reports -2, .3 or 2 m/s."""
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         now, x = 0.05 * step, 0.1 * step
@@ -263,7 +263,7 @@ def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(report
 
 
 def test_a_base_that_rolls_back_may_reverse_at_once():
-    """Before a wall the command is no larger than from standstill, although braking first takes the reaction time."""
+    """A base that rolls backwards gets the same command towards a wall as a base at standstill."""
     commands = []
     for v in (0.0, -0.33):
         monitor = CollisionMonitor()
@@ -297,7 +297,7 @@ def test_no_input_makes_a_command_invalid(pose, twist, command, ages):
 @examples(300)
 @given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
 def test_no_input_makes_a_scan_fail(numbers, ranges, field):
-    """One field at a time and all fields are invalid, and also ranges. The fault is reported in one line."""
+    """Any values are tried in one field, in all fields, and in the ranges. The fault is reported in one line."""
     good = (0.05, -2.0, 0.5, 0.1, 10.0, 0.1, 0.2)
     one = [*good[:field], numbers[field], *good[field + 1 :]]
     for stamp, first, increment, least, most, x, yaw in (one, numbers, good):

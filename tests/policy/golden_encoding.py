@@ -55,7 +55,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """Return the outputs of the encoding. The parameters of one decision are the current ones at the next."""
+    """Return the outputs of the encoding. The parameters chosen by one decision are in force at the next."""
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])
@@ -75,7 +75,7 @@ def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.n
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from no moving obstacle to more than in an observation
+    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from no obstacle to more than an observation holds
     return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space)
 
 

@@ -1,4 +1,4 @@
-"""Figures of the paper, drawn from our trials: time over world index, and parameter profiles."""
+"""Figures of the paper, drawn from our trials: time against world index, and parameter profiles."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
 
 
 def times(results: Results, sets: Sequence[str]) -> Any:
-    """Draw the mean time in each world over its index, in the order of the baseline's mean time (paper, Fig. 6)."""
+    """Plot the mean time in each world against world index, ordered by the baseline's mean time (paper, Fig. 6)."""
     figure = _figure(*((8.0, 4.0) if len(sets) == 1 else (5.5 * len(sets), 4.0)))
     shade, (axes,) = colors(results), figure.subplots(1, len(sets), squeeze=False)
     for ax, name in zip(axes, sets):

@@ -1,10 +1,10 @@
 """Main program of the applr node: reads the private parameters, connects method, inputs and topics, and runs the node.
 
-Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (auto), ~robot (jackal; name
-or folder of a description), ~seed, ~period [s] (0: the method's), ~max_speed [m/s] (0: no limit), ~meter_scoring (auto,
-true or false: see meter_scoring.py), ~tf_prefix and ~move_base (its name). Topic: ~set_parameters
-(applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod). See
-docs/reference/topics.md.
+Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (default: auto), ~robot
+(name or folder of a description; default: jackal), ~seed, ~period (decision period [s]; 0 means the method's own),
+~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or false: see meter_scoring.py), ~tf_prefix, and
+~move_base (name of the move_base node). Topic: ~set_parameters (applr_ros1/Parameters). Services: ~enable
+(std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod). See docs/reference/topics.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
 def started_with(spec: str) -> str:
-    """Return the specification if it was given on the command line or, as by roslaunch, in APPLR_METHOD, otherwise "".
+    """Return `spec` if it was given on the command line or in APPLR_METHOD, which roslaunch sets, otherwise "".
 
     Any local user, and a website in a browser, can write to the parameter server. No code is imported for a method that
     is given only there.

@@ -20,7 +20,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 
 class ApplrTopics:
-    """Publishers under applr in the node's namespace, and of /diagnostics, which all robots share."""
+    """Publishers for the topics in <namespace>/applr, and for /diagnostics, which is shared by all robots."""
 
     def __init__(self, robot: Robot = JACKAL):
         self._space, self._farthest = space_of(robot), FARTHEST_M * robot.world_scale
@@ -63,7 +63,7 @@ class ApplrTopics:
     def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: Optional[np.ndarray] = None) -> None:
         """Publish theta (n,), the parameters in force at ROS time `now`.
 
-        multipliers: Factors (n,) applied to theta on its way to the planner; None for ones.
+        multipliers: Factors (n,) applied to theta on its way to the planner; None means all ones.
         """
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
