@@ -54,14 +54,14 @@ class Randomisation:
     Each is a number, or a range (low, high) from which a number is drawn at reset.
     """
 
-    start_xy: float = 0.0  # largest shift of the start along x and y [m]
-    start_yaw: float = 0.0  # largest rotation of the start [rad]
-    scan_noise: Span = 1.0  # factor of the laser's noise
+    start_xy: float = 0.0  # maximum shift of the start along x and y [m]
+    start_yaw: float = 0.0  # maximum rotation of the start [rad]
+    scan_noise: Span = 1.0  # scale factor for laser noise
     latency: Span = 0.0  # delay from command() to the wheels [s]
-    friction: Span = 1.0  # factor of the wheels' friction
-    slip: Span = 1.0  # factor of the random slip and drift
-    ground: Span = 1.0  # share of the robot's own ground, at most 1; the remainder is plain ground
-    odometry: Span = 1.0  # factor of the odometry's errors
+    friction: Span = 1.0  # scale factor for wheel friction
+    slip: Span = 1.0  # scale factor for random slip and drift
+    ground: Span = 1.0  # blend from plain ground (0) to the ground of the robot's description (1)
+    odometry: Span = 1.0  # scale factor for odometry errors
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -75,7 +75,7 @@ class Randomisation:
         def pick(span: Span) -> float:
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        names = [name for name in vars(self) if not name.startswith("start_")]  # The order fixes the draws of a seed.
+        names = [name for name in vars(self) if not name.startswith("start_")]  # A seed depends on this order.
         return replace(self, **{name: pick(getattr(self, name)) for name in names})
 
 

@@ -12,7 +12,7 @@ from applr_ros1.common.angles import Pose, compose, inverse
 
 SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
-# Differences between the two velocities that an accelerating base can show: constant part [m/s, rad/s], and share.
+# Tolerance for an accelerating base: a constant part [m/s, rad/s] plus a fraction of the velocity from the poses.
 DIFFERENCE_M_S, DIFFERENCE_RAD_S = 0.15, 0.4
 DIFFERENCE_SHARE = 0.2
 

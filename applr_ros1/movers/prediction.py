@@ -19,8 +19,8 @@ from applr_ros1.robots import Robot
 
 STEP_S = 0.15  # interval between two predicted positions of a disc [s]
 HORIZON_S = 1.0  # prediction horizon [s]
-CLEARED_S = 3.0  # time after the last moving obstacle for which beams without return clear the costmaps [s]
-FAR_M = 100.0  # range of the end points of such beams [m]; exceeds every obstacle_range, so they mark no cell
+CLEARED_S = 3.0  # time for which beams without return clear the costmaps after the last moving obstacle is lost [s]
+FAR_M = 100.0  # range of the end points of beams without return [m]; exceeds every obstacle_range, so they mark no cell
 ROOM_M = 0.19  # gap between the Jackal's circumscribed circle and predicted discs [m]; scaled for other robots
 
 
@@ -30,7 +30,7 @@ class Prediction:
     Attributes:
         movers: moving obstacles in the latest scan.
         points: (n, 3) float32, predicted obstacle points in the frame of that scan's pose [m].
-        room: smallest distance of a predicted disc from the robot's centre [m]. Nearer points would only block it.
+        room: minimum gap between a predicted disc and the robot's centre [m]. Nearer points would only block the robot.
     """
 
     def __init__(self, robot: Robot):
@@ -69,7 +69,7 @@ class Prediction:
         return SensorCloud(scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin)
 
     def _seen(self, scan: LaserScan, robot: Pose, time: float) -> np.ndarray:
-        """Return the ranges (beams,) float32 [m] to the discs in `time` [s]; +inf if not below the current range."""
+        """Return the ranges (beams,) float32 [m] to the discs in `time` seconds; +inf if behind the current range."""
         movers, beams = self.movers, beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
         x, y = movers.x + time * movers.vx, movers.y + time * movers.vy
         clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room

@@ -17,14 +17,14 @@ Command = Tuple[float, float]
 
 
 class LocalPlanner(abc.ABC):
-    """Local planner, constructed from its server's and its static parameters by name.
+    """Base class of the local planners. The constructor takes the server's and the static parameters as dicts.
 
     Time, pose, velocity and costmap are arguments, so a planner never fetches data itself. Angles are in rad, lengths
     in m. A planner keeps state between calls (plan, latches, flags), which `reset` clears.
 
     Attributes:
         remembers_reached: whether a goal once reached stays reached until the next plan or reconfigure, because C++'s
-            move_base reads the flag only in its next cycle. Otherwise move_base asks anew in each cycle.
+            move_base reads the flag only in its next cycle. Otherwise move_base asks again in every cycle.
         goal_reached: whether the last compute_velocity found the goal reached.
         cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if there was none.
     """

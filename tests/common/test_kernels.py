@@ -39,7 +39,7 @@ print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 
 @pytest.fixture
 def start(tmp_path):
-    """Return start(folder), which runs a process on the package in `folder`, and writes the package if it is missing."""
+    """Return start(folder), which runs a process on the package in `folder` and writes a missing package first."""
 
     def start(folder, **options):
         planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))

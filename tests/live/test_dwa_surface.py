@@ -54,14 +54,14 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
-    """The Husky's static parameter set. The layers of these parameter files have other names than the Husky's."""
+    """Drives with the Husky's static parameter set, although the costmap layers have other names than the Husky's."""
     master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))
 
     def has(theta):
-        """Return whether the planner has had the parameter set at some time."""
+        """Return whether this parameter set was ever in force."""
         wanted = space.requests(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 
@@ -78,7 +78,7 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
     client.send_goal(goal(1.0))
     assert finish(client)[1] == "Goal reached.", node.text
     assert len(decisions) >= 2, applr.text
-    for theta in decisions[:-1]:  # The latest may not have been applied yet.
+    for theta in decisions[:-1]:  # The latest decision may not be in force yet.
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
     warned = [line for line in applr.text.splitlines() if "WARN" in line]

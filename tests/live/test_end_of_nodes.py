@@ -1,4 +1,4 @@
-"""Nodes that are interrupted while messages arrive, which must not print a traceback."""
+"""Tests that nodes print no traceback when they are interrupted while messages arrive."""
 
 import itertools
 import os

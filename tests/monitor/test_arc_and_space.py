@@ -87,7 +87,7 @@ def test_a_braking_base_may_leave_its_turn_outwards():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_outline_may_swing_at_the_end_of_a_stop(side):
-    """A stop from .3 m/s or more may swing the yaw by .15 rad, and a rear corner by .05 m. A slower stop swings it less."""
+    """A stop from .3 m/s or more may swing the yaw by .15 rad, and a rear corner by .05 m. Slower stops swing less."""
     planes, free = half_planes(SETTINGS.body), {}
     for speed in (0.15, 0.3, 0.6):
         for gap in np.arange(0.032, 0.07, 0.002):

@@ -1,8 +1,8 @@
 """The tracker on recorded scenes of simulated robots, which are stored in files beside this one.
 
-A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,). poses: (n, 3) of the laser
-by the odometry. steps: (n, beams) difference of each range to that of the previous beam [5 mm]; a range of -1 is +inf,
-and 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest moving obstacles in the odometry's frame.
+A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,). poses: (n, 3) laser poses
+according to odometry. steps: (n, beams) difference of each range to that of the previous beam [5 mm]; a range of -1 is
++inf, and 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest moving obstacles in the odometry's frame.
 """
 
 import math
@@ -17,7 +17,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
 
 VIEW = 5.0  # distance from the laser within which an obstacle that three beams hit should be tracked [m]
-NEAR = 0.4  # largest distance of a track from the edge of its true disc [m]
+NEAR = 0.4  # maximum distance of a track from the edge of its true disc [m]
 SPEEDS = 0.3, 5.0  # speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
 
 

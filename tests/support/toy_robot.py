@@ -70,7 +70,7 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
 
 
 class Told:
-    """Local planner with scripted commands: the n-th is answer(n), (whether there is a command, (v, w))."""
+    """Local planner with scripted commands: call n returns answer(n), a pair (ok, (v, w))."""
 
     goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
 

@@ -21,7 +21,7 @@ from training.bags.topics import TopicNames
 class BagWriter:
     """Context manager that writes a ROS 1 bag with the topics of a robot's stack.
 
-    Times are in seconds from 0. The file gets its name when it is complete.
+    Times are in seconds from 0. The bag has a temporary name until it is complete.
 
     Args:
         path: Path of the bag, which must not exist.

@@ -61,5 +61,5 @@ def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
 
 
 def without_folders(option: str) -> str:
-    """Return a text option, such as a comma-separated list of worlds, with each path reduced to its last name."""
+    """Return a text option, such as a comma-separated list of worlds, with each path reduced to its base name."""
     return ",".join(Path(part).name for part in option.split(","))

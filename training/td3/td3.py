@@ -88,7 +88,7 @@ class TD3:
         actions: size of an action.
         options: hyperparameters.
         seed: seed of the initial weights.
-        device: torch's name of the device that computes.
+        device: torch device, such as "cuda:0".
         mirror: effect of exchanging left and right on the policy's observation; None if unknown.
         hidden: number of entries at the end of an observation that only the critics receive.
 
@@ -230,14 +230,14 @@ class TD3:
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a state, whose source errors call `what`. Learning rates stay those of this run.
+        """Restore a state. Learning rates stay those of this run. what: name of the source, for errors.
 
         Raises:
             ApplrError: The layers differ.
         """
         theirs = state["networks"]
         average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
-        theirs = {**average, **theirs}  # A state without a running average begins one with its policy.
+        theirs = {**average, **theirs}  # Without a running average, one starts from the policy.
         _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})

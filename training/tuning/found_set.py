@@ -65,8 +65,8 @@ def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str)
 def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a table of the changed parameters: both values, saving per course [s], and meaning.
 
-    The saving of a parameter is the cost of reverting it alone to its default: the mean over courses with its 95 %
-    interval, in which failures weigh heavily, and the median.
+    The saving of a parameter is the time lost per course if it alone is reverted to its default. The table has the mean
+    with its 95 % confidence interval, in which failures weigh heavily, and the median.
 
     Args:
         robot: Robot that was tuned.

@@ -52,8 +52,8 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
 def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
     """Write the padded cells that become or cease to be seeds into `changed`; return their number.
 
-    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. The second rectangle
-    contains the first one and all earlier seeds. Returns -1 if `changed` is too short.
+    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. [ax0, axn) x [ay0, ayn)
+    must contain this rectangle and all earlier seeds. Returns -1 if `changed` is too short.
     """
     count = 0
     for y in range(ay0, ayn):

@@ -268,7 +268,7 @@ class Costmap:
         return rect
 
     def clear(self) -> None:
-        """Reset master and layers to the default, as the service clear_costmaps does. The latest scan marks again."""
+        """Reset master and layers, as clear_costmaps does. The next update marks the latest scan again."""
         self.cells[:] = self.default
         for layer in self.layers:
             layer.reset()

@@ -20,7 +20,7 @@ def single(value):
 
 @kernel(error_model="numpy")
 def sample_axes(p, scratch, plan):
-    """Fill the values of the axes and return their numbers for vx, vy and w. Samples run over w first, vx last.
+    """Fill the values of the axes and return their numbers for vx, vy and w. w varies fastest over the samples.
 
     plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits the speed.
     """

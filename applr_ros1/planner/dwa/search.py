@@ -1,6 +1,6 @@
 """Search for the velocity of a cycle without rolling out samples that cannot win.
 
-Called by planner.py. A cycle begins with the pose as used and the targets of the four distance grids (section 3 of
+Called by planner.py. A cycle begins by rounding the pose and starting the four distance grids (section 3 of
 docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of their cost (bounds.py). The
 critics (critics.py) evaluate the sample with the lowest bound, until no bound beats the best cost. The choice equals
 that of the C++ planner to the last bit.

@@ -46,7 +46,7 @@ class Configuration:
         """Return the server's values after a request: converted, clamped, with older names updated.
 
         Changes nothing yet (see accept). If a parameter is given under both names, the value that differs from the
-        current one is used, that of the newer name first.
+        current one is used. If both differ, the newer name wins.
 
         Raises:
             ParameterError: A name is unknown, or a value is not finite, has another type or cannot be used.

@@ -1,7 +1,7 @@
 """Tests that the live parameters read only once are the same in the C++ source, the tables and MoveBase.
 
-A value from a file and the same value from a later reconfigure must leave MoveBase in the same state, unless a user of
-the parameter has read it only once.
+A value from a file and the same value from a later reconfigure must leave MoveBase in the same state, unless some code
+reads the parameter only at start-up.
 """
 
 import copy
@@ -18,7 +18,7 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
 PLUGINS = "base_global_planner", "base_local_planner"  # parameters that choose plugins, which cannot be changed
-# Users of parameters that C++ reads once: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
+# Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
 # trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
 # latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
 BOTH = {
@@ -87,7 +87,7 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
     robot, planner = robots.load(name), PLANNERS[name]
     readers, declared = {}, {}
     plain = robot.parameters()
-    plain[planner].pop("controller_frequency", None)  # The value of move_base is used, as in most files.
+    plain[planner].pop("controller_frequency", None)  # move_base's own value then applies, as in most files.
     plain["global_costmap"].update(width=4, height=4)
     round_ = copy.deepcopy(plain)
     round_["local_costmap"].pop("footprint")

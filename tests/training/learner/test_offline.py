@@ -73,7 +73,7 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
 
 
 def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
-    """Minari makes the environment of a dataset whose metadata lack the spaces."""
+    """If the metadata lack the spaces, Minari would create the environment, which may run any code. Ours must not."""
     path = Path(write(tmp_path / "mine")) / "data/metadata.json"
     about = json.loads(path.read_text())
     del about["observation_space"], about["action_space"]
@@ -117,11 +117,11 @@ def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # no shipped set
+@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # has no tuned set
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)
     method, centre = methods.make("explore", robot), methods.make(around, robot)
     assert method.theta(None) == pytest.approx(centre.theta(None))
-    assert method.per_cell == centre.per_cell  # unit of the distance biases
+    assert method.per_cell == centre.per_cell  # whether the distance biases are per cell
     assert method.period == recipe("offline")["decision_period"]
