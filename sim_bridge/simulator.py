@@ -75,7 +75,7 @@ class Randomisation:
         def pick(span: Span) -> float:
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        names = [name for name in vars(self) if not name.startswith("start_")]  # A seed depends on this order.
+        names = [name for name in vars(self) if not name.startswith("start_")]  # The order fixes what a seed draws.
         return replace(self, **{name: pick(getattr(self, name)) for name in names})
 
 

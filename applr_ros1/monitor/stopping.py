@@ -26,7 +26,7 @@ SWING_RAD = 0.15
 AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
 DEEPER_M = 1e-3  # how much deeper a point that starts inside the margin may get [m]
 HALVINGS = 5  # number of bisections in the search for the largest safe scale
-# Distance past the stopping point that must be observed [m]. A partly observed cell counts as observed.
+# Distance past the stopping point that must be observed [m]. Partly observed cells count as observed, hence 1.5 cells.
 BEYOND_M = 1.5 * CELL_M
 EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # value of `seen` for known space
 

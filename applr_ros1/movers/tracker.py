@@ -69,7 +69,7 @@ class MoverTracker:
         self._free.clear()
         self._last: Optional[tuple] = None  # stamp and pose of the last scan
         self._correction: Pose = (0.0, 0.0, 0.0)  # pose correction of the odometry, from static tracks
-        self._turning = self._speed = 0.0  # low-pass filtered, of the laser, from odometry [rad/s, m/s]
+        self._turning = self._speed = 0.0  # filtered turn rate and speed, from odometry [rad/s, m/s]
         self._rates = 0.0, 0.0  # magnitudes of the turn rate over the last two scan intervals [rad/s]
 
     def update(self, scan: LaserScan) -> Movers:

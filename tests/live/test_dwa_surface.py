@@ -1,4 +1,4 @@
-"""The move_base node with DWAPlannerROS: names, types, parameters and displays are those of the C++ node."""
+"""Tests that the move_base node with DWAPlannerROS has the names, types, parameters and displays of the C++ node."""
 
 import copy
 import json

@@ -158,7 +158,7 @@ def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
     cell = tuple(np.floor(edge[len(edge) // 2] / CELL_M).astype(int) % len(monitor.seen.cells))
     assert monitor.seen.cells[cell] == 1
     stamp, noise = 0.1, np.random.default_rng(0)
-    # The robot waits, goes 9 m away and returns, or observes too many points. Equal ranges would count as frozen.
+    # The robot waits, goes 9 m away and returns, or observes too many points. Identical scans would be frozen.
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
     for x in places.get(forgets, [0.0] * 6):
         stamp += 100.0 if forgets == "time" else 0.1
@@ -226,7 +226,7 @@ def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
 
     for x in (-0.15, 0.0, 0.15):
         for y in np.arange(-0.6, -0.25, 0.04):
-            if meets(x, y - 0.012) == meets(x, y + 0.012):  # Posts right at the edge are skipped.
+            if meets(x, y - 0.012) == meets(x, y + 0.012):  # Posts on the edge itself are skipped.
                 arguments = (np.array([[x, y]]), planes, 0.03, (0.0, w), (0.0, w), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
                 free = safe_scale(*arguments, (0.0, 1.0, ahead, 0.0))[0] == 1.0
                 assert free != meets(x, y), (x, y)

@@ -1,4 +1,4 @@
-"""The tracker on recorded scenes of simulated robots, which are stored in files beside this one.
+"""Tests of the tracker on recorded scenes of simulated robots, stored in files beside this one.
 
 A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,). poses: (n, 3) laser poses
 according to odometry. steps: (n, beams) difference of each range to that of the previous beam [5 mm]; a range of -1 is

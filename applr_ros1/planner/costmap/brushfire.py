@@ -24,7 +24,7 @@ from applr_ros1.common.kernels import kernel
 WALL = 0  # level of the padding
 SEED = 1  # level of a lethal cell, the source of a spread
 NONE = 255  # level of a cell that no obstacle reaches
-MAX_REACH = 25  # largest reach whose levels fit into uint8 [cells]; InflationLayer spreads larger ones anew every time
+MAX_REACH = 25  # maximum reach with levels in uint8 [cells]; beyond it InflationLayer recomputes the spread
 CODE = 4095  # mask of the offset code in a link
 
 
