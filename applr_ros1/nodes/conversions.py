@@ -128,15 +128,21 @@ def _rotation(transform: Any) -> Tuple[float, float, float, float]:
     return q.x, q.y, q.z, q.w
 
 
+def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
+    """Return the cosine of the angle between the z axes before and after a rotation (x, y, z, w)."""
+    return 1.0 - 2.0 * (quaternion[0] ** 2 + quaternion[1] ** 2)
+
+
 def laser_scan(message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point] = None) -> LaserScan:
     """Convert a message whose ranges have been checked to the planner's scan.
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame. origin: start of the rays if not the laser.
     """
-    upright = 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)  # cosine of the laser's tilt
+    quaternion = _rotation(transform)
+    upright = cos_tilt(quaternion)
     ranges, first = from_above(message, ranges, upright < -LEVEL_COS)
     stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
-    rotation = None if abs(upright) > LEVEL_COS else _rotation(transform)
+    rotation = None if abs(upright) > LEVEL_COS else quaternion
     limits = message.angle_increment, message.range_min, message.range_max
     sweep = abs(message.time_increment) * (len(ranges) - 1)
     return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id)

@@ -36,14 +36,19 @@ def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
-def outcomes(trials: pd.DataFrame) -> str:
-    """Return a table of the methods as text: courses, arrivals, contacts, and means over the arrivals."""
+def outcomes(trials: pd.DataFrame, worst: pd.Series) -> str:
+    """Return a table of the methods as text: courses, arrivals, contacts, means over the arrivals, and `worst`.
+
+    Args:
+        trials: Trials of all methods (paired_trials).
+        worst: Mean score of each method in its worst tenth of the worlds [s].
+    """
     import pandas as pd
 
     by_method = trials.groupby("method", sort=False)
     counts = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
     means = trials[trials.success].groupby("method")[list(MEANS)].mean().rename(columns=MEANS)
-    table = pd.DataFrame(counts).join(means).join(worst_tenth(mean_scores(trials)).rename("worst tenth [s]"))
+    table = pd.DataFrame(counts).join(means).join(worst.rename("worst tenth [s]"))
     return table.round(2).rename_axis(None).to_string()
 
 
@@ -62,8 +67,9 @@ def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
         The method to drive with, which is BASELINE unless another method is significantly better on average and not
         worse in its worst tenth of the worlds; and the lines of the verdict: a table, and a line for each other method.
     """
-    scores, lines, better = mean_scores(trials), [outcomes(trials)], []
+    scores = mean_scores(trials)
     worst = worst_tenth(scores)
+    lines, better = [outcomes(trials, worst)], []
     rivals = scores.columns.drop(BASELINE)
     for method in rivals:
         comparison = compare(scores[method], scores[BASELINE])

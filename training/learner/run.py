@@ -248,7 +248,7 @@ class TrainingRun:
             "sigma": self.config.noise(learner.transitions),
             "updates": learner.td3.updates,
             "policy_lag": np.mean(learner.lags or [np.nan]),
-            "actors": self.pool.alive,
+            "actors": len(self.pool.workers),
             "replaced": self.pool.replaced,
             **learner.td3.report(),
         }

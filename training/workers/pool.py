@@ -48,7 +48,6 @@ class Pool(ThreadPoolExecutor):
         slots: Number of calls that can run at once.
         in_process: Whether submit() returns when the call is done.
         workers: Current workers.
-        alive: Number of workers.
         replaced: Number of workers that died or hung and were replaced.
 
     Raises:
@@ -60,7 +59,7 @@ class Pool(ThreadPoolExecutor):
             raise ApplrError(f"--ray-address is {ray_address}, but there are no workers: request 1 or more")
         self.slots, self.in_process, self.seconds = max(1, workers), workers == 0, seconds
         super().__init__(self.slots)
-        self.alive, self.replaced = workers, 0
+        self.replaced = 0
         self._lock, self._closed = threading.Lock(), False
         self._start: Callable[[], Any] = ChildProcess
         self._disconnect: Callable[[], None] = lambda: None

@@ -119,7 +119,7 @@ class RobotInputs:
             raise ObservationError(trouble)
         ranges, first, upright = scan.ranges, scan.angle_min, 1.0
         if scan.rotation is not None:
-            upright = 1.0 - 2.0 * (scan.rotation[0] ** 2 + scan.rotation[1] ** 2)
+            upright = conversions.cos_tilt(scan.rotation)
             ranges, first = conversions.from_above(scan, ranges, upright < 0.0)
         if abs(upright) < LEAST_LEVEL_COS:
             raise ObservationError(f"the laser in {scan.frame} is tilted: the policy needs a level laser")

@@ -90,7 +90,12 @@ def _watch(out: rospy.Publisher) -> int:
         return 0
     if heard < math.inf:
         rospy.logerr("collision monitor: its process has ended; the base is stopped until roslaunch restarts it")
-        for _ in range(LAST_ZEROS):  # A single zero might be lost because exiting closes the connections.
-            out.publish(Twist())
-            time.sleep(ZEROS_S)
+        publish_zeros(out, LAST_ZEROS)
     return node.wait()
+
+
+def publish_zeros(out: rospy.Publisher, count: int) -> None:
+    """Publish `count` zeros before a process ends. A single zero might be lost because exiting closes connections."""
+    for _ in range(count):
+        out.publish(Twist())
+        time.sleep(ZEROS_S)

@@ -33,7 +33,7 @@ from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.robots import Robot
 
-from .guard import Heartbeat
+from .guard import Heartbeat, publish_zeros
 from .stalled_move_base import StalledMoveBase
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
@@ -102,9 +102,7 @@ class CollisionMonitorNode:
                     self._fail(problem)
             if not heartbeat.beat():
                 with self._lock:  # Held until rospy has shut down: no command may follow the zeros.
-                    for _ in range(LAST_ZEROS):  # A single zero might be lost because shutdown closes connections.
-                        self._out.publish(conversions.twist(0.0, 0.0))
-                        time.sleep(ZEROS_S)
+                    publish_zeros(self._out, LAST_ZEROS)
                     rospy.signal_shutdown("the guard process has ended")
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT_S
