@@ -51,6 +51,7 @@ class Server:
 
     def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
         self.name, self._on_restart, self._described = name, on_restart, False
+        self._restarted = False  # whether the process is new, so that `values` may be those of the former one
         self.call: Future = Future()
         self.call.set_result("")
         self._client = Client(name, DEADLINE_S, None, self._on_description)
@@ -72,7 +73,7 @@ class Server:
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
         if self._described:  # Each process sends its description once, so that this is a new process.
-            self._client.config = {}
+            self._restarted = True
             self._on_restart(self)
         self._described = True
 
@@ -87,8 +88,8 @@ class Server:
         return self._client.config
 
     def has(self, values: Mapping[str, Any]) -> bool:
-        """Return whether the values {name: value} are in force."""
-        return are_in_force(values, self.values)
+        """Return whether the values {name: value} are in force. False until a restarted server has been set."""
+        return not self._restarted and are_in_force(values, self.values)
 
     def request(self, values: np.ndarray) -> Dict[str, float]:
         """Return this server's part of values (n,) as {name: value}. The library converts the types."""
@@ -103,6 +104,7 @@ class Server:
         """Wait for parameter_updates as well: a server's answer may differ from what it then applies."""
         try:
             self._client.update_configuration(dict(values))
+            self._restarted = False
             until = time.monotonic() + ANNOUNCED_S
             while not self.has(values) and time.monotonic() < until:
                 time.sleep(0.002)
