@@ -1,0 +1,7 @@
+"""Short names of array types, for signatures of kernels."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]  # numbers, of any shape
+Ints = NDArray[np.int64]  # indices and counts, of any shape
