@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any, Union
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import Robot, load
 
-from .simulator import Randomisation, RobotState, Simulator, SimulatorError
+from .simulator import Randomisation, RobotState, Simulator
 
-__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "make"]
+__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "make"]
 
 NAMES = ("pybullet", "kinematic")
 
@@ -26,11 +27,10 @@ def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any)
         **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
 
     Raises:
-        SimulatorError: An argument is invalid.
-        ApplrError: There is no such robot, or its description is invalid.
+        ApplrError: There is no such simulator or robot, or an argument is invalid.
     """
     if name not in NAMES:
-        raise SimulatorError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
+        raise ApplrError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
     described = load(robot) if isinstance(robot, str) else robot
     if name == "pybullet":  # The import stands here so that the kinematic simulator works without pybullet.
         from .pybullet_simulator import PybulletSimulator

@@ -8,19 +8,25 @@ Bullet's effects in space, such as a wheel that climbs an obstacle.
 from __future__ import annotations
 
 from math import atan2, ceil, cos, hypot, inf, sin
-from typing import Any, Optional
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
 
 from . import mechanics as m
 from . import wheels
-from .simulator import Pose, RobotState, Simulator
+from .mechanics import STEP
+from .simulator import RobotState, Simulator
 
-STEP = m.STEP
-# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of a drive
+Contact = Tuple[float, float, float, float, float]  # depth, point (2), direction (2)
+Constants = Tuple[Array, Array, Array, Array]  # scalars, supports and parts of Mechanics, and wheels.rim_table()
+Obstacles = Tuple[Array, Array]  # circles (n, 5) x, y, radius [m], velocity [m/s], and boxes (m, 5) as in World
+# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of a drive: mean
+# speed of the rims [m/s], and 1 if there was a contact
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
 _UNDONE_M_S = 1.0  # largest speed at which an overlap is resolved [m/s]
@@ -37,7 +43,6 @@ class KinematicSimulator(Simulator):
         mechanics = self._mechanics = m.mechanics(self.robot)
         self._constants = mechanics.scalars, mechanics.supports, mechanics.parts, wheels.rim_table(self.robot)
         self._noises = wheels.noises(mechanics.supports)
-        self._friction = self.robot.base.wheel_friction
 
     def _place(self, pose: Pose, new_world: bool) -> None:
         if new_world:
@@ -49,9 +54,7 @@ class KinematicSimulator(Simulator):
     def _move_to(self, pose: Pose) -> None:
         self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._body = np.zeros(SIZE)
-        c, s = cos(pose[2]), sin(pose[2])
-        com_x, com_y = self._mechanics.com
-        self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
+        self._body[:3] = *transform_point(pose, *self._mechanics.com), pose[2]
 
     def _drive(self, steps: int) -> None:
         circles = self._circles
@@ -61,25 +64,22 @@ class KinematicSimulator(Simulator):
             velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
         ground, shape = self._ground(), (steps, self._noises)
-        noise = (
-            self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)
-        )  # Gazebo's wheels have no noise.
-        place = self._body, self._rolling, steps, self._schedule(steps), circles, self._boxes
-        friction = self._friction * self.drawn.friction
-        drive(*place, *self._constants, noise, friction, self.drawn.slip, ground)
+        # Gazebo's wheels have no noise.
+        noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)
+        surface = self.drawn.slip, self.robot.base.wheel_friction * self.drawn.friction, ground
+        drive(self._body, self._rolling, self._schedule(steps), (circles, self._boxes), self._constants, noise, surface)
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
         com_x, com_y = self._mechanics.com
-        c, sn = cos(yaw), sin(yaw)
         u += w * com_y  # from the centre of mass to base_link
         odometry, span = self._odometry, steps * STEP
         odometry.update(span, rolled, yaw, w, (u - self.state.twist[0]) / span)
-        pose = x - c * com_x + sn * com_y, y - sn * com_x - c * com_y, yaw
+        pose = (*transform_point((x, y, yaw), -com_x, -com_y), yaw)
         self.state = RobotState(
             self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist, contact > 0.0, False, odometry.imu
         )
 
-    def _schedule(self, steps: int) -> np.ndarray:
+    def _schedule(self, steps: int) -> Array:
         """Return (k, 3) the first step of each velocity target, and the target [m/s, rad/s]."""
         start, command = self._steps, self._command
         rows = [(0, *self._target(start * STEP))]
@@ -95,7 +95,7 @@ class KinematicSimulator(Simulator):
 
 
 @kernel
-def _circle_contact(px, py, r, part):
+def _circle_contact(px: float, py: float, r: float, part: Array) -> Contact:
     """Return the contact of a circle at (px, py) in the body frame with one part of the outline.
 
     Returns:
@@ -115,7 +115,7 @@ def _circle_contact(px, py, r, part):
 
 
 @kernel
-def _box_contact(px, py, ax, ay, hx, hy, part):
+def _box_contact(px: float, py: float, ax: float, ay: float, hx: float, hy: float, part: Array) -> Contact:
     """Return the contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
 
     The result is that of _circle_contact, computed from the smallest overlap along four axes.
@@ -139,7 +139,9 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
 
 
 @kernel
-def _contacts(x, y, c, s, parts, reach, circles, boxes, contacts):
+def _contacts(
+    x: float, y: float, c: float, s: float, parts: Array, reach: float, circles: Array, boxes: Array, contacts: Array
+) -> int:
     """Write the contacts of the outline at (x, y) with heading (c, s) into `contacts`, and return their number.
 
     No part (k, 4) of Mechanics extends beyond `reach`. The columns of `contacts` (_MOST_CONTACTS, 8) are depth, point,
@@ -177,7 +179,9 @@ def _contacts(x, y, c, s, parts, reach, circles, boxes, contacts):
 
 
 @kernel
-def _press(u, s, w, contacts, n, rims, scalars):
+def _press(
+    u: float, s: float, w: float, contacts: Array, n: int, rims: Array, scalars: Array
+) -> Tuple[float, float, float, bool]:
     """Return the velocity (u, s, w) after the impulses of n contacts, and whether any contact pressed.
 
     Normal impulses prevent an approach beyond the gap and resolve a share UNDO of an overlap. Coulomb friction acts
@@ -219,7 +223,7 @@ def _press(u, s, w, contacts, n, rims, scalars):
 
 
 @kernel
-def _near(obstacles, radii, x, y, span):
+def _near(obstacles: Array, radii: Array, x: float, y: float, span: float) -> Array:
     """Return a copy of the obstacles (n, 5) whose circles of radii (n,) [m] reach within span [m] of (x, y)."""
     dx, dy, far = obstacles[:, 0] - x, obstacles[:, 1] - y, radii + span
     return obstacles[dx * dx + dy * dy < far * far]
@@ -227,14 +231,19 @@ def _near(obstacles, radii, x, y, span):
 
 @kernel
 def drive(
-    state, rolling, steps, targets, circles, boxes, scalars, supports, parts, table, noise, friction, slip, ground
-):
-    """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
+    state: Array, rolling: Array, targets: Array, obstacles: Obstacles, robot: Constants, noise: Array, surface: Pose
+) -> None:
+    """Advance state (SIZE,) and rolling (wheels.new_drive()) by one step of STEP for each row of `noise`.
 
-    `targets` (k, 3) has the first step of each velocity target, and the target. `circles` (n, 5) x, y, radius, velocity
-    and `boxes` (m, 5) are the obstacles. `scalars`, `supports` and `parts` are those of Mechanics, and `table` is
-    wheels.rim_table(). `noise` (steps, wheels.noises()) is standard normal. wheels.tyres() takes `friction`, `ground`.
+    `targets` (k, 3) has the first step of each velocity target, and the target [m/s, rad/s]. `noise` (steps,
+    wheels.noises()) is standard normal. `surface` has slip, friction and ground, as for the functions of wheels.py.
     """
+    (scalars, supports, parts, table), (circles, boxes), (slip, friction, ground), steps = (
+        robot,
+        obstacles,
+        surface,
+        len(noise),
+    )
     reach = scalars[m.REACH]
     span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
     circles = _near(circles, circles[:, 2], state[X], state[Y], span)
@@ -249,7 +258,7 @@ def drive(
         wheels.turn_wheels(rolling, v, yaw_rate, table, scalars, noise[step], slip, ground)
         rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
         rolled += 0.5 * (rims[0] + rims[1])
-        du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)
+        du, ds, dw = wheels.tyres(rolling, (u, s, w), scalars, supports, friction, lift, ground)
         u, s, w = u + du, s + ds, w + dw
         c, sn = cos(yaw), sin(yaw)
         n = _contacts(x, y, c, sn, parts, reach, circles, boxes, contacts)

@@ -13,11 +13,14 @@ from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots.robot import Laser
 
 _NO_MOVERS = np.empty((0, 3))
-# Indices of a fan: first angle, increment, beams in a full turn, smallest and largest range
+Rays = Tuple[Array, Array, Array]  # description of a fan (indices below), cosine and sine of its beams
+# indices of a fan: first angle, angle between beams [rad], beams in a full turn, smallest and largest range [m]
 _FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)
 
 
@@ -30,34 +33,32 @@ class Lidar:
         boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
 
-    def __init__(self, laser: Laser, cylinders: np.ndarray, boxes: np.ndarray) -> None:
-        self._fan, self._cos, self._sin = _fan(laser)
+    def __init__(self, laser: Laser, cylinders: Array, boxes: Array) -> None:
+        self._rays = _rays(laser)
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
         self._order = np.arange(len(self.circles))  # circles by distance in the last scan
         self._keys = np.empty(len(self.circles))
         self._sorted_at = (np.inf, np.inf)
 
-    def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = _NO_MOVERS) -> np.ndarray:
+    def scan(self, x: float, y: float, yaw: float, movers: Array = _NO_MOVERS) -> Array32:
         """Return the exact ranges (beams,) float32 [m] of the laser at (x, y) with heading `yaw`.
 
         +inf means nothing within range_max, and -inf an obstacle nearer than range_min or around the laser. `movers`
         (k, 3) are additional circles x, y, radius for this scan only.
         """
-        if (
-            abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5
-        ):  # The laser has jumped, so the old order is useless.
+        # After a jump of the laser, the order of the last scan is useless.
+        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
         self._sorted_at = (x, y)
-        ranges = np.empty(len(self._cos), dtype=np.float32)
-        rays = self._fan, self._cos, self._sin
-        _scan(x, y, yaw, self.circles, movers, self.edges, self._order, self._keys, *rays, ranges)
+        ranges = np.empty(len(self._rays[1]), dtype=np.float32)
+        _scan((x, y, yaw), self.circles, movers, self.edges, self._order, self._keys, self._rays, ranges)
         return ranges
 
 
 @lru_cache(maxsize=16)
-def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the parameters of a fan for _scan, and cosine and sine of its beams."""
+def _rays(laser: Laser) -> Rays:
+    """Return the rays of a laser for _scan."""
     first, step = laser.first_angle, laser.increment
     angles = first + step * np.arange(laser.beams)
     while first > pi:  # Bearings from -pi to pi must lie at most one turn away from the fan.
@@ -66,7 +67,7 @@ def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     return fan, np.cos(angles), np.sin(angles)
 
 
-def box_edges(boxes: np.ndarray) -> np.ndarray:
+def box_edges(boxes: Array) -> Array:
     """Return the end points (4 m, 4) x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
     edges = np.empty((4 * len(boxes), 4))
     for i, (x, y, yaw, size_x, size_y) in enumerate(boxes):
@@ -79,7 +80,7 @@ def box_edges(boxes: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _bearing(y, x):
+def _bearing(y: float, x: float) -> float:
     """Approximate atan2(y, x) with an error below .0003 rad.
 
     The result only selects the beams to test, and two more beams are tested on either side.
@@ -99,12 +100,13 @@ def _bearing(y, x):
 
 
 @kernel
-def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
+def _cut_circle(cx: float, cy: float, r: float, d2: float, rays: Rays, best: Array) -> bool:
     """Shorten the beams that hit the circle with centre (cx, cy) in the laser frame.
 
     Returns:
         True if the laser is inside the circle.
     """
+    fan, cos_t, sin_t = rays
     if d2 <= r * r:
         return True
     d = sqrt(d2)
@@ -136,8 +138,9 @@ def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
 
 
 @kernel
-def _cut_edge(x0, y0, x1, y1, fan, cos_t, sin_t, best):
+def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: Rays, best: Array) -> None:
     """Shorten the beams that hit the segment from (x0, y0) to (x1, y1) in the laser frame."""
+    fan, cos_t, sin_t = rays
     a0 = _bearing(y0, x0)
     span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from the first end to the second
     n = best.shape[0]
@@ -158,7 +161,10 @@ def _cut_edge(x0, y0, x1, y1, fan, cos_t, sin_t, best):
 
 
 @kernel
-def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ranges):
+def _scan(
+    pose: Pose, circles: Array, movers: Array, edges: Array, order: Ints, keys: Array, rays: Rays, ranges: Array32
+) -> None:
+    (x, y, yaw), fan = pose, rays[0]
     best = np.full(ranges.shape[0], fan[_FAR])
     c, s = np.cos(yaw), np.sin(yaw)
     covered = False
@@ -175,11 +181,11 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ran
     for a in range(order.shape[0]):
         k = order[a]
         dx, dy = circles[k, 0] - x, circles[k, 1] - y
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], fan, cos_t, sin_t, best)
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], rays, best)
     for k in range(movers.shape[0]):
         dx, dy = movers[k, 0] - x, movers[k, 1] - y
         d2 = dx * dx + dy * dy
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], d2, fan, cos_t, sin_t, best)
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], d2, rays, best)
     for k in range(0, edges.shape[0], 4):
         inside = True
         for e in range(k, k + 4):
@@ -188,7 +194,7 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ran
             if x0 * y1 - y0 * x1 > 0.0:  # The laser is on the inner side of this edge.
                 continue
             inside = False  # Only sides that face the laser are visible.
-            _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, fan, cos_t, sin_t, best)
+            _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, rays, best)
         covered |= inside
     for i in range(ranges.shape[0]):
         if covered or best[i] <= fan[_NEAR]:

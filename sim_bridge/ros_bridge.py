@@ -3,7 +3,7 @@
 Start it with `rosrun applr_ros1 sim_bridge.py`. Names are those of the robot's description, here the Jackal's.
 
 Published topics: /clock (100 Hz); front/scan at the laser's rate; odometry/filtered, /tf, /tf_static, imu/data,
-joint_states, collision, ~collision, ~ground_truth (frame world) at the odometry's rate; ~obstacles (latched), ~movers.
+collision, ~collision, ~ground_truth (frame world) at the odometry's rate; ~obstacles (latched), ~movers.
 Subscribed topics: cmd_vel and ROBOT_velocity_controller/cmd_vel (the latest command counts).
 Services: ~reset (moves robot and odometry back to the start and clears the costmaps), ~load_world (loads the world
 named by the parameter ~world).

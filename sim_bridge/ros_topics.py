@@ -5,36 +5,32 @@ ros_bridge.py publishes through this module. Positions are planar, with the z of
 
 from __future__ import annotations
 
-from math import pi
-from typing import Any, Optional, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 import rospy
 from geometry_msgs.msg import Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState, LaserScan
+from sensor_msgs.msg import Imu, LaserScan
 from std_msgs.msg import Bool, ColorRGBA
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.angles import Pose, quaternion_of
+from applr_ros1.common.arrays import Array32
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import Laser, OdometryErrors
-from worlds import World, WorldError
+from worlds import World
 from worlds.occupancy import occupancy
 
 from .mechanics import GRAVITY
-from .simulator import Pose, RobotState, Simulator
+from .simulator import RobotState, Simulator
 
 WORLD = "world"
 OBSTACLE_HEIGHT_M = 0.5  # height of the markers of obstacles [m]
 MAP_RESOLUTION_M = 0.05  # resolution of the published map [m]
-WHEELS = {  # names of the wheel joints, left before right
-    "skid_steer": ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"),
-    "two_wheel": ("wheel_left_joint", "wheel_right_joint"),
-}
-_SLIP = {"skid_steer": 1.5, "two_wheel": 1.0}  # ratio of a wheel's path in a turn to the path without slip
+COLOURS = {"cylinders": (0.45, 0.47, 0.5, 1.0), "boxes": (0.62, 0.5, 0.35, 1.0), "movers": (0.8, 0.4, 0.2, 1.0)}
 _COVARIANCE = [0.0] * 36
 for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
     _COVARIANCE[7 * _i] = _value
@@ -61,20 +57,17 @@ class BridgeTopics:
         self.odometry = rospy.Publisher(names.odometry, Odometry, queue_size=10, tcp_nodelay=True)
         self.scan = rospy.Publisher(names.scan, LaserScan, queue_size=10, tcp_nodelay=True)
         self.imu = rospy.Publisher(names.imu, Imu, queue_size=10)
-        self.joints = rospy.Publisher("joint_states", JointState, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
         self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "collision")]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
-        self._turned = [0.0, 0.0]  # angles of the left and right wheels [rad]
-        self._last: Optional[float] = None  # simulated time of the last update of the angles [s]
 
     def publish_clock(self, stamp: rospy.Time) -> None:
         """Publish simulated time."""
         self.clock.publish(stamp)
 
-    def publish_scan(self, ranges: np.ndarray, stamp: rospy.Time) -> None:
+    def publish_scan(self, ranges: Array32, stamp: rospy.Time) -> None:
         """Publish a scan, ranges (beams,) float32 [m]."""
         self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))
 
@@ -87,23 +80,16 @@ class BridgeTopics:
             publisher.publish(touched)
         if self.imu.get_num_connections():
             self.imu.publish(_imu(self.prefix + "imu_link", self.robot.odometry, state, stamp))
-        self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish static frames, static obstacles and the map, after every reset and change of world."""
         self.publish_frames(simulator, stamp)
-        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
-        markers = [Marker(action=Marker.DELETEALL)]  # also deletes the markers of publish_movers
-        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
-        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
-        markers[0].header.frame_id = WORLD
-        self.obstacles.publish(markers)
+        world, clear = simulator.world, Marker(action=Marker.DELETEALL)  # also deletes the markers of publish_movers
+        clear.header.frame_id = WORLD
+        cylinders = _markers("cylinders", world.cylinders.tolist(), stamp)
+        self.obstacles.publish([clear, *cylinders, *_markers("boxes", world.boxes.tolist(), stamp)])
         if self.map is not None:
-            try:
-                self.map.publish(_map(self.robot.frames.map, simulator.world, stamp))
-            except WorldError as problem:
-                rospy.logerr("sim_bridge: no map of this world: %s", problem)
-        self._last = None
+            self.map.publish(_map(self.robot.frames.map, world, stamp))
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the static frames: the parts of the robot, and the pose of odom in the world."""
@@ -119,21 +105,7 @@ class BridgeTopics:
         """Publish the moving cylinders at the current time, if there are subscribers."""
         circles = simulator.mover_circles().tolist()
         if circles and self.movers.get_num_connections():
-            self.movers.publish([_cylinder(row, i, stamp, "movers") for i, row in enumerate(circles)])
-
-    def _publish_joints(self, state: RobotState, stamp: rospy.Time) -> None:
-        now, base = state.time, self.robot.base
-        names, half = WHEELS[base.drive], 0.5 * _SLIP[base.drive] * base.track
-        if self._last is not None and now > self._last:
-            v, w = state.odom_twist
-            for i, sign in enumerate((-1.0, 1.0)):
-                rate = (v + sign * half * w) / base.wheel_radius
-                self._turned[i] = (self._turned[i] + rate * (now - self._last)) % (2 * pi)
-        self._last = now
-        if self.joints.get_num_connections():
-            message = JointState(name=names, position=self._turned * (len(names) // 2))
-            message.header.stamp = stamp
-            self.joints.publish(message)
+            self.movers.publish(_markers("movers", circles, stamp))
 
 
 def quaternion(yaw: float) -> Quaternion:
@@ -172,9 +144,9 @@ def _odometry(frame: str, child: str, pose: Pose, twist: Tuple[float, float], st
     return message
 
 
-def _scan(frame: str, laser: Laser, ranges: np.ndarray, stamp: rospy.Time) -> LaserScan:
+def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> LaserScan:
     if laser.no_return is not None:
-        ranges = np.where(np.isposinf(ranges), laser.no_return, ranges)
+        ranges = np.where(np.isposinf(ranges), np.float32(laser.no_return), ranges)
     message = LaserScan(
         angle_min=laser.first_angle,
         angle_max=laser.last_angle,
@@ -200,25 +172,15 @@ def _imu(frame: str, errors: OdometryErrors, state: RobotState, stamp: rospy.Tim
     return message
 
 
-def _marker(
-    kind: int, x: float, y: float, yaw: float, size: Any, number: int, stamp: rospy.Time, name: str, colour: Any
-) -> Marker:
-    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD, color=ColorRGBA(*colour))
-    marker.header.frame_id, marker.header.stamp = WORLD, stamp
-    marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT_M / 2
-    marker.pose.orientation = quaternion(yaw)
-    marker.scale.x, marker.scale.y, marker.scale.z = size
-    return marker
-
-
-def _cylinder(circle: Sequence[float], number: int, stamp: rospy.Time, name: str = "obstacles") -> Marker:
-    x, y, radius = circle
-    colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
-    size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT_M)
-    return _marker(Marker.CYLINDER, x, y, 0.0, size, number, stamp, name, colour)
-
-
-def _box(rectangle: Sequence[float], number: int, stamp: rospy.Time) -> Marker:
-    x, y, yaw, size_x, size_y = rectangle
-    size, colour = (size_x, size_y, OBSTACLE_HEIGHT_M), (0.62, 0.5, 0.35, 1.0)
-    return _marker(Marker.CUBE, x, y, yaw, size, number, stamp, "obstacles", colour)
+def _markers(name: str, shapes: Sequence[Sequence[float]], stamp: rospy.Time) -> List[Marker]:
+    """Return the markers of cylinders x, y, radius, or of boxes x, y, yaw, size_x, size_y [m, rad]."""
+    markers = []
+    for number, (x, y, *rest) in enumerate(shapes):
+        yaw, size_x, size_y = rest if name == "boxes" else (0.0, 2 * rest[0], 2 * rest[0])
+        marker = Marker(ns=name, id=number, type=Marker.CUBE if name == "boxes" else Marker.CYLINDER)
+        marker.header.frame_id, marker.header.stamp, marker.color = WORLD, stamp, ColorRGBA(*COLOURS[name])
+        marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT_M / 2
+        marker.pose.orientation = quaternion(yaw)
+        marker.scale.x, marker.scale.y, marker.scale.z = size_x, size_y, OBSTACLE_HEIGHT_M
+        markers.append(marker)
+    return markers

@@ -13,7 +13,8 @@ from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common import angles
+from applr_ros1.common.angles import Pose, normalize_angle, normalize_angle_modulo, transform_point
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import Robot, load
 from worlds import World
@@ -22,12 +23,7 @@ from .lidar import Lidar
 from .mechanics import STEP
 from .odometry import Odometry
 
-Pose = Tuple[float, float, float]
 Span = Union[float, Tuple[float, float]]  # constant, or range (low, high) drawn from at every reset
-
-
-class SimulatorError(ApplrError):
-    """Invalid argument of a simulator. The message is one line with problem, value and remedy."""
 
 
 @dataclass
@@ -38,9 +34,9 @@ class RobotState:
     """
 
     time: float = 0.0
-    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # true pose in the world frame
+    pose: Pose = (0.0, 0.0, 0.0)  # true pose in the world frame
     twist: Tuple[float, float] = (0.0, 0.0)  # true twist in the body frame
-    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # pose estimated by the odometry, in frame odom
+    odom_pose: Pose = (0.0, 0.0, 0.0)  # pose estimated by the odometry, in frame odom
     odom_twist: Tuple[float, float] = (0.0, 0.0)
     contact: bool = False  # whether the robot touched an obstacle during the last advance()
     flipped: bool = False
@@ -67,7 +63,7 @@ class Randomisation:
         for name, value in vars(self).items():
             low, high = value if isinstance(value, (tuple, list)) else (value, value)
             if not 0 <= low <= high:
-                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0 or a range (low, high)")
+                raise ApplrError(f"randomisation {name} = {value!r}: give a number >= 0 or a range (low, high)")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
         """Return a copy in which each range is replaced by a number drawn uniformly from it."""
@@ -84,7 +80,7 @@ class _Command:
     v: float = 0.0
     w: float = 0.0
     until: float = -1.0  # simulated time at which the base stops on its own [s]
-    # Commands (start time, v, w) delayed by the latency
+    # commands (start time [s], v, w) delayed by the latency
     pending: List[Tuple[float, float, float]] = field(default_factory=list)
 
 
@@ -116,15 +112,12 @@ class Simulator(ABC):
 
         The same world, seed and commands give bit-identical states and scans.
         """
-        place = tuple(float(value) for value in (world.course.start if start is None else start))
+        x, y, yaw = map(float, world.course.start if start is None else start)
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
-        shift = self._rng.uniform(-1, 1, 3).tolist()
-        pose = (
-            place[0] + shift[0] * self.drawn.start_xy,
-            place[1] + shift[1] * self.drawn.start_xy,
-            angles.normalize_angle_modulo(place[2] + shift[2] * self.drawn.start_yaw),
-        )
+        dx, dy, turn = self._rng.uniform(-1, 1, 3).tolist()
+        most, yaw = self.drawn.start_xy, normalize_angle_modulo(yaw + turn * self.drawn.start_yaw)
+        pose = x + dx * most, y + dy * most, yaw
         new_world = self._lidar is None or world is not self.world
         if new_world:
             self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
@@ -142,7 +135,7 @@ class Simulator(ABC):
     def command(self, v: float, w: float) -> None:
         """Set the velocity command [m/s, rad/s]. The base stops when its command timeout has passed."""
         if not (isfinite(v) and isfinite(w)):
-            raise SimulatorError(f"command ({v!r}, {w!r}) is not finite: give finite velocities")
+            raise ApplrError(f"command ({v!r}, {w!r}) is not finite: give finite velocities")
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
@@ -156,15 +149,14 @@ class Simulator(ABC):
             self._drive(steps)
         return self.state
 
-    def scan(self) -> np.ndarray:
+    def scan(self) -> Array32:
         """Return the laser ranges (beams,) float32 [m] at the current time, with new noise at each call.
 
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
-        pose = self.state.pose
-        laser = self.robot.laser
-        place = angles.transform_point(pose, laser.pose[0], laser.pose[1])
-        ranges = self._lidar.scan(*place, pose[2] + laser.pose[2], self.mover_circles())
+        pose, laser = self.state.pose, self.robot.laser
+        place = transform_point(pose, laser.pose[0], laser.pose[1])
+        ranges: Array32 = self._lidar.scan(*place, pose[2] + laser.pose[2], self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)
@@ -184,7 +176,7 @@ class Simulator(ABC):
         As in Gazebo, the position of the odometry is unchanged, because it comes from the wheels. Its heading follows,
         because it comes from the IMU.
         """
-        x, y, yaw = float(pose[0]), float(pose[1]), angles.normalize_angle(float(pose[2]))
+        x, y, yaw = float(pose[0]), float(pose[1]), normalize_angle(float(pose[2]))
         self._move_to((x, y, yaw))
         self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)
         odom_x, odom_y, _ = self.state.odom_pose
@@ -192,13 +184,11 @@ class Simulator(ABC):
         self.odom_origin = (x - odom_x, y - odom_y)
         return self.state
 
-    def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
-        """Return the moving cylinders (k, 3) x, y, radius of the world, now or at a simulated time [s]."""
-        movers = self.world.movers
-        if not movers:
-            return _NO_CIRCLES
+    def mover_circles(self, time: Optional[float] = None) -> Array:
+        """Return the moving cylinders (k, 3) x, y, radius [m] of the world, now or at a simulated time [s]."""
         time = self.state.time if time is None else time
-        return np.array([(*mover.position(time), mover.radius) for mover in movers], dtype=np.float64)
+        circles = [(*mover.position(time), mover.radius) for mover in self.world.movers]
+        return np.array(circles, dtype=np.float64).reshape(-1, 3)
 
     def close(self) -> None:
         """Release all resources. Only `close` itself may be called afterwards."""
@@ -228,9 +218,6 @@ class Simulator(ABC):
             since, command.v, command.w = command.pending.pop(0)
             command.until = since + (self.robot.base.command_timeout or inf)
         return (command.v, command.w) if time < command.until - 1e-9 else (0.0, 0.0)
-
-
-_NO_CIRCLES = np.empty((0, 3))
 
 
 def warm_up(simulator: Simulator, world: World) -> None:

@@ -16,38 +16,42 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import cos, exp, pi, sin, sqrt
-from typing import Sequence
+from typing import Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
 
 from . import mechanics as m
 from .mechanics import STEP
 
-# Indices of the state of the drive: ramped command, rim speeds, acceleration of the body by the tyres, angles of the
-# left and right wheels [rad], noise of each side, noise of each support
+Triple = Tuple[float, float, float]
+# Indices of the state of the drive: ramped command [m/s, rad/s], rim speeds [m/s], filtered acceleration of the body by
+# the tyres [m/s^2], angles of the left and right wheels [rad], noise of each side, noise of each support
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _KEEP_PULL = exp(-STEP / 0.02)  # decay per step of the filtered acceleration, whose time constant is 20 ms
 _JAM_SHARE = 0.1  # inverse of the largest ratio of a wheel's contact force to its load on Gazebo's ground
 _STICK_M_S = 0.01  # slip speed below which Gazebo's friction is less than its full force [m/s]
 
 
-def new_drive(supports: np.ndarray, seed: Sequence[int]) -> np.ndarray:
+def new_drive(supports: Array, seed: Sequence[int]) -> Array:
     """Return the state of a drive at rest. The angles of its wheels are drawn from the seed."""
     drive = np.zeros(GRIP_NOISE + len(supports))
     drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
     return drive
 
 
-def noises(supports: np.ndarray) -> int:
+def noises(supports: Array) -> int:
     """Return the number of normal random numbers per step, one for each side and one for each support."""
     return 2 + len(supports)
 
 
 @kernel(error_model="numpy", forceinline=True)
-def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
+def turn_wheels(
+    drive: Array, v: float, w: float, table: Array, scalars: Array, noise: Array, slip: float, ground: float
+) -> None:
     """Run one step of the velocity controller towards (v, w) [m/s, rad/s] within its acceleration limits.
 
     Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. `table` is rim_table(), `noise` (noises(),) is standard normal,
@@ -81,7 +85,7 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
 
 
 @kernel
-def _rims(v, w, table, scalars):
+def _rims(v: float, w: float, table: Array, scalars: Array) -> Tuple[float, float]:
     """Return the mean and half the difference of the rim speeds for (v, w) by bilinear interpolation of the table."""
     sign = 1.0 if v > 0.0 else -1.0
     a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
@@ -95,10 +99,12 @@ def _rims(v, w, table, scalars):
 
 
 @kernel(error_model="numpy", forceinline=True)
-def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
+def tyres(
+    drive: Array, twist: Triple, scalars: Array, supports: Array, friction: float, lift: Array, ground: float
+) -> Triple:
     """Return the change (du, ds, dw) of the body's velocity by tyres and casters in one step.
 
-    The centre of mass moves at (u, s) ahead and to the left [m/s], and the body turns at w [rad/s]. `scalars` and
+    `twist` is the velocity of the centre of mass ahead and to the left [m/s], and the yaw rate [rad/s]. `scalars` and
     `supports` are those of Mechanics, `friction` is that of the wheels, and `lift` (n,) is the share of its load that
     each support carries. `ground` is 0 for plain ground and 1 for Gazebo's; values in between weight both.
 
@@ -106,12 +112,15 @@ def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
     two passes. The solution is stable and keeps a robot at rest. Acceleration transfers load between the supports.
     """
     if supports.shape[0] == 4:  # A constant count lets the compiler unroll the loop.
-        return _tyres(4, drive, u, s, w, scalars, supports, friction, lift, ground)
-    return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift, ground)
+        return _tyres(4, drive, twist, scalars, supports, friction, lift, ground)
+    return _tyres(supports.shape[0], drive, twist, scalars, supports, friction, lift, ground)
 
 
 @kernel(inline="always", error_model="numpy")
-def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
+def _tyres(
+    n: int, drive: Array, twist: Triple, scalars: Array, supports: Array, friction: float, lift: Array, ground: float
+) -> Triple:
+    u, s, w = twist
     mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
     tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
     tip_y = drive[PULL_Y] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_Y]
@@ -173,7 +182,7 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
 
 
 @kernel(error_model="numpy")
-def _pyramid(slip_x, slip_y, c, sn, friction):
+def _pyramid(slip_x: float, slip_y: float, c: float, sn: float, friction: float) -> Tuple[float, float]:
     """Return force over slip, ahead and aside, of one wheel edge on Gazebo's ground per unit of friction times load.
 
     The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle with cosine c and sine sn). ODE uses this
@@ -188,7 +197,7 @@ def _pyramid(slip_x, slip_y, c, sn, friction):
 
 
 @lru_cache(maxsize=64)
-def rim_table(robot: Robot) -> np.ndarray:
+def rim_table(robot: Robot) -> Array:
     """Return the table (17, 17, 2) of rim speeds that realise a command on nominal, even, plain ground.
 
     Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the largest speed and j/16
@@ -196,25 +205,20 @@ def rim_table(robot: Robot) -> np.ndarray:
     tightest feasible curve at that speed. The table is computed by simulated driving in about 50 ms.
     """
     base, mechanics = robot.base, m.mechanics(robot)
-    steps = base.max_speed / m.TABLE, base.max_yaw_rate / m.TABLE
-    return _rim_table(*steps, robot.simulation.grip_limit, mechanics.scalars, mechanics.supports, base.wheel_friction)
-
-
-@kernel
-def _rim_table(v_step, w_step, grip_limit, scalars, supports, friction):
+    v_step, w_step = base.max_speed / m.TABLE, base.max_yaw_rate / m.TABLE
     table = np.zeros((m.TABLE + 1, m.TABLE + 1, 2))
     for i in range(m.TABLE + 1):
         for j in range(m.TABLE + 1):
             v, w = i * v_step, max(j, 1e-3) * w_step
-            if v * w > grip_limit:
+            if v * w > robot.simulation.grip_limit:
                 table[i, j] = table[i, j - 1]
             else:
-                table[i, j, 0], table[i, j, 1] = _settle(v, w, scalars, supports, friction)
+                table[i, j] = _settle(v, w, mechanics.scalars, mechanics.supports, base.wheel_friction)
     return table
 
 
 @kernel
-def _settle(v, w, scalars, supports, friction):
+def _settle(v: float, w: float, scalars: Array, supports: Array, friction: float) -> Tuple[float, float]:
     """Drive at (v, w), adjust the rim speeds until body and command agree, and return (addition to v, multiplier)."""
     drive, lift = np.zeros(GRIP_NOISE + supports.shape[0]), np.ones(supports.shape[0])
     half = 0.5 * scalars[m.TRACK]
@@ -222,7 +226,7 @@ def _settle(v, w, scalars, supports, friction):
     u, s, turn = v + w * scalars[m.COM_Y], w * scalars[m.COM_X], w
     for _ in range(1200):
         drive[LEFT], drive[RIGHT] = ahead - side, ahead + side
-        du, ds, dw = tyres(drive, u, s, turn, scalars, supports, friction, lift, 0.0)
+        du, ds, dw = tyres(drive, (u, s, turn), scalars, supports, friction, lift, 0.0)
         u, s, turn = u + du, s + ds, turn + dw
         c, sn = cos(turn * STEP), sin(turn * STEP)
         u, s = c * u + sn * s, c * s - sn * u

@@ -4,4 +4,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]  # numbers, of any shape
+Array32 = NDArray[np.float32]
 Ints = NDArray[np.int64]  # indices and counts, of any shape

@@ -13,7 +13,7 @@ import tf2_ros
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState, LaserScan
+from sensor_msgs.msg import Imu, LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import Empty, EmptyResponse, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -29,7 +29,6 @@ HEARD = {
     "/front/scan": LaserScan,
     "/odometry/filtered": Odometry,
     "/imu/data": Imu,
-    "/joint_states": JointState,
     "/collision": Bool,
     "/sim_bridge/ground_truth": Odometry,
     "/sim_bridge/obstacles": MarkerArray,
@@ -123,7 +122,7 @@ def test_reports_when_it_is_ready(robot):
 def test_topics_and_rates(robot):
     began, simulated, kept = time.monotonic(), robot.now, Kept()
     robot.forget()
-    topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/joint_states", "/sim_bridge/ground_truth")
+    topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
     robot.wait(lambda: min(len(robot.heard[topic]) for topic in topics) > 60)
     heard = {topic: list(messages) for topic, messages in robot.heard.items()}
     for topic in topics:  # A busy machine loses some messages.
