@@ -3,6 +3,7 @@ user-defined methods.
 """
 
 import json
+import re
 import time
 
 import numpy as np
@@ -131,7 +132,10 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters as they are set")
-    assert robot.count("failed") < robot.count("applied")  # An answer may be late on a busy machine.
+    failed = [line for line in node.text.splitlines() if "parameters not changed" in line]
+    late = re.compile("does not answer|busy with an earlier call")  # as on a busy machine
+    assert not [line for line in failed if not late.search(line)]
+    wait_for(lambda: as_set(robot, client), "the last decision in force")
     robot.goal = None  # The course is over. The next course starts with theta_0.
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
     wait_for(lambda: robot.ends, "the observation at the end of the course")
