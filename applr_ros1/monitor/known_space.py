@@ -8,6 +8,7 @@ creep speed (safe_scale in stopping.py looks the cells up).
 """
 
 import math
+from typing import Tuple
 
 import numpy as np
 
@@ -24,6 +25,15 @@ CELL_M = 0.05  # side of a cell of the grid of observed space [m]
 TOUCHED_M = 0.71 * CELL_M  # distance from the body within which the centre of a touched cell may lie [m]
 BEHIND_M = 0.1  # depth behind a hit that counts as observed, because only a way through the hit leads there [m]
 SHOWN_M = 2.5  # distance from the scanner up to which a scan observes space; exceeds all stopping distances [m]
+
+# Ranges (n,) float32 [m] of a scan, its angle_min, angle_increment [rad], range_min and range_max [m], and sensor_pose.
+Rays = Tuple[np.ndarray, Tuple[float, float, float, float], Pose]
+
+
+def _rays(scan: LaserScan) -> Rays:
+    x, y, yaw = map(float, scan.sensor_pose)
+    beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
+    return np.ascontiguousarray(scan.ranges, dtype=np.float32), beams, (x, y, yaw)
 
 
 class ObstacleMemory:
@@ -59,20 +69,18 @@ class ObstacleMemory:
             (k, 2) the points [m] that were forgotten because of their age, their distance or a full memory. No scan has
             shown that they are gone.
         """
-        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-        x, y, yaw = (float(v) for v in scan.sensor_pose)
-        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
         limits = self.radius, float(scan.stamp) - self.seconds, float(scan.stamp)
-        self._count, lost = _update(self._points, self._count, self._forgotten, ranges, beams, (x, y, yaw), limits)
+        self._count, lost = _update(self._points, self._count, self._forgotten, _rays(scan), limits)
         return self._forgotten[:lost]
 
     def around(self, pose: Pose, reach: float) -> np.ndarray:
         """Return the points (k, 2) [m] within `reach` [m] of a robot at pose (x, y, yaw), in the robot's frame."""
-        return _around(self._points, self._count, tuple(map(float, pose)), float(reach))
+        near: np.ndarray = _around(self._points, self._count, tuple(map(float, pose)), float(reach))
+        return near
 
 
 @kernel
-def _around(points, count, pose, reach):
+def _around(points: np.ndarray, count: int, pose: Pose, reach: float) -> np.ndarray:
     near = np.empty((count, 2))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     n = 0
@@ -85,12 +93,27 @@ def _around(points, count, pose, reach):
 
 
 @kernel
-def _update(points, count, forgotten, ranges, beams, sensor, limits):
-    """Return the number of points and the number of rows written to `forgotten`."""
-    count, lost = _keep(points, count, forgotten, ranges, beams, sensor, limits)
-    angle_min, increment, range_min, range_max = beams
-    sx, sy, syaw = sensor
-    radius, _, now = limits
+def _update(
+    points: np.ndarray, count: int, forgotten: np.ndarray, scan: Rays, limits: Tuple[float, float, float]
+) -> Tuple[int, int]:
+    """Update the rows (x, y, stamp) of `points`, and return the numbers of points and of rows written to `forgotten`.
+
+    limits: largest distance of a point [m], oldest stamp of a point, and stamp of the scan [s].
+    """
+    ranges, (angle_min, increment, range_min, range_max), (sx, sy, syaw) = scan
+    radius, oldest, now = limits
+    kept = lost = 0
+    for k in range(count):
+        x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
+        if _is_measured(x, y, scan):
+            continue
+        if stamp < oldest or (x - sx) ** 2 + (y - sy) ** 2 > radius * radius:
+            forgotten[lost] = x, y
+            lost += 1
+            continue
+        points[kept, 0], points[kept, 1], points[kept, 2] = x, y, stamp
+        kept += 1
+    count = kept
     surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
     count -= surplus  # The oldest points are at the front.
     forgotten[lost : lost + surplus] = points[:surplus, :2]
@@ -104,7 +127,7 @@ def _update(points, count, forgotten, ranges, beams, sensor, limits):
             continue
         angle = syaw + angle_min + i * increment
         x, y = sx + r * math.cos(angle), sy + r * math.sin(angle)
-        if (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
+        if (x - sx) ** 2 + (y - sy) ** 2 > radius * radius:
             continue
         if (x - last_x) ** 2 + (y - last_y) ** 2 < SPACING_M * SPACING_M:
             continue
@@ -116,30 +139,12 @@ def _update(points, count, forgotten, ranges, beams, sensor, limits):
 
 
 @kernel
-def _keep(points, count, forgotten, ranges, beams, sensor, limits):
-    """Move the points that are kept to the front of the array, and return the numbers of kept and forgotten points."""
-    radius, oldest, _ = limits
-    kept = lost = 0
-    for k in range(count):
-        x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
-        if _is_measured(x, y, ranges, beams, sensor):
-            continue
-        if stamp < oldest or (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
-            forgotten[lost] = x, y
-            lost += 1
-            continue
-        points[kept, 0], points[kept, 1], points[kept, 2] = x, y, stamp
-        kept += 1
-    return kept, lost
-
-
-@kernel
-def _is_measured(x, y, ranges, beams, sensor):
+def _is_measured(x: float, y: float, scan: Rays) -> bool:
     """Return whether the scan replaces a point: a beam ends there, or passes it together with both neighbours.
 
     False if the scanner cannot see the point, because it is out of range or may stand between two beams.
     """
-    angle_min, increment, range_min, range_max = beams
+    ranges, (angle_min, increment, range_min, range_max), sensor = scan
     dx, dy = x - sensor[0], y - sensor[1]
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < range_min:
@@ -184,11 +189,8 @@ class SeenSpace:
 
     def update(self, scan: LaserScan) -> None:
         """Mark the space that a scan in the fixed frame observes. NaN, -inf and ranges below range_min observe none."""
-        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
-        x, y, yaw = map(float, scan.sensor_pose)
-        shown = min(self._shown, float(scan.range_max), THIN_M / abs(beams[1]))
-        _observe(self.cells, self.corner, ranges, beams, (x, y, yaw), shown)
+        shown = min(self._shown, float(scan.range_max), THIN_M / abs(float(scan.angle_increment)))
+        _observe(self.cells, self.corner, _rays(scan), shown)
 
     def forget(self, points: np.ndarray) -> None:
         """Mark the cells around forgotten obstacle points (k, 2) [m] as unknown."""
@@ -202,7 +204,7 @@ class SeenSpace:
 
 
 @kernel
-def _follow(cells, corner, x, y):
+def _follow(cells: np.ndarray, corner: np.ndarray, x: float, y: float) -> None:
     """Move the window to the robot, and mark the cells that enter it as unknown."""
     n = cells.shape[0]
     for axis, place in enumerate((x, y)):
@@ -217,9 +219,9 @@ def _follow(cells, corner, x, y):
 
 
 @kernel
-def _observe(cells, corner, ranges, beams, sensor, shown):
+def _observe(cells: np.ndarray, corner: np.ndarray, scan: Rays, shown: float) -> None:
+    ranges, (angle_min, increment, range_min, _), sensor = scan
     _follow(cells, corner, sensor[0], sensor[1])
-    angle_min, increment, range_min = beams
     n = cells.shape[0]
     reach = int(shown / CELL_M)
     ci, cj = int(math.floor(sensor[0] / CELL_M)), int(math.floor(sensor[1] / CELL_M))
@@ -240,7 +242,7 @@ def _observe(cells, corner, ranges, beams, sensor, shown):
 
 
 @kernel
-def _forget(cells, corner, points):
+def _forget(cells: np.ndarray, corner: np.ndarray, points: np.ndarray) -> None:
     n, around = cells.shape[0], int(math.ceil(BEHIND_M / CELL_M))
     for k in range(points.shape[0]):
         ci, cj = int(math.floor(points[k, 0] / CELL_M)), int(math.floor(points[k, 1] / CELL_M))
@@ -250,7 +252,7 @@ def _forget(cells, corner, points):
 
 
 @kernel
-def _stand(cells, corner, planes, reach, pose):
+def _stand(cells: np.ndarray, corner: np.ndarray, planes: np.ndarray, reach: float, pose: Pose) -> None:
     _follow(cells, corner, pose[0], pose[1])
     n = cells.shape[0]
     around = int(reach / CELL_M) + 2

@@ -12,23 +12,14 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import LaserScan
+from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
-from applr_ros1.monitor.motion import SPAN_S, PoseMotion
+from applr_ros1.monitor.motion import SPAN_S, PoseMotion, Twist
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import (
-    EVERYTHING,
-    SWING_RAD,
-    braking_time,
-    edge_points,
-    half_planes,
-    on_arc,
-    safe_scale,
-)
 from applr_ros1.robots import JACKAL
 
-Twist = Tuple[float, float]  # v [m/s], w [rad/s]
 Slips = List[Tuple[float, float, float]]  # possible velocities of the base: v [m/s], w [rad/s], lateral slip [m/s]
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE_FACTOR = 2.0  # multiple of the fastest command above which a measured speed is rejected
@@ -53,7 +44,7 @@ class Verdict:
         reason: one line that explains the limit; "" if the command passes unchanged.
     """
 
-    command: Tuple[float, float]
+    command: Twist
     action: str = PASS
     scale: float = 1.0
     reason: str = ""
@@ -104,7 +95,7 @@ class CollisionMonitor:
 
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
-        self._planes, self._edge = half_planes(self.settings.body), edge_points(self.settings.body)
+        self._planes, self._edge = stopping.half_planes(self.settings.body), stopping.edge_points(self.settings.body)
         self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
         self.fastest = self._fastest(self.settings.reaction_time)
         self._lasers = {name: _Laser(self.settings) for name in ("", *more_scans)}
@@ -185,8 +176,9 @@ class CollisionMonitor:
         if self._asked is not None:
             self._beats.append(now - self._asked)
         self._asked = now
-        pose, twist, command = (tuple(map(float, numbers)) for numbers in (pose, twist, command))  # type: ignore
-        command = tuple(0.0 if abs(value) < TINY_SPEED else value for value in command)  # type: ignore
+        x, y, yaw, v0, w0, v, w = map(float, (*pose, *twist, *command))
+        pose, twist = (x, y, yaw), (v0, w0)
+        command = 0.0 if abs(v) < TINY_SPEED else v, 0.0 if abs(w) < TINY_SPEED else w
         stamps = [laser.stamp for laser in self._lasers.values() if laser.stamp is not None]
         self.ages = (now - min(stamps) if len(stamps) == len(self._lasers) else 0.0, *ages)
         problem = self._problem(pose, twist, command) or self._frozen(now - ages[0], pose, twist)
@@ -224,7 +216,7 @@ class CollisionMonitor:
             now: time [s].
             measured: speed of the wheels [m/s].
             command: requested (v, w) [m/s, rad/s].
-            turning: measured turn rate [rad/s]; None if unknown.
+            turning: measured turn rate [rad/s], None if it is unknown.
         """
         (then, was, turned), (v, w) = self._given, command
         if was * measured > 0.0 and now >= then:  # Otherwise the base stands or already moves the other way.
@@ -233,7 +225,7 @@ class CollisionMonitor:
                 if v == 0.0 and w == 0.0:
                     w = turned * left / abs(was)
                 elif v * was > 0.0:
-                    w = on_arc(left, v, w, turned)
+                    w = stopping.on_arc(left, v, w, turned)
                 v, w = math.copysign(left, was), w if turning is None else self._clamp_turn(w, turning)
         self._brakes = v != command[0]
         self._given = now, v, w
@@ -260,15 +252,17 @@ class CollisionMonitor:
         v, w = most * v, most * w
         speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
         turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
-        longest = since + reaction + max(braking_time(speed, settings.deceleration), turn / settings.yaw_deceleration)
-        aside = abs(settings.turn_ahead) * min(turn * longest + SWING_RAD, 2.0)  # The origin orbits the point ahead.
+        braking = max(stopping.braking_time(speed, settings.deceleration), turn / settings.yaw_deceleration)
+        longest = since + reaction + braking
+        # The origin orbits the centre of rotation.
+        aside = abs(settings.turn_ahead) * min(turn * longest + stopping.SWING_RAD, 2.0)
         reach = self._radius + settings.margin + speed * longest + aside + 0.05
         points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
         seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose
         scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
         creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
         if creeps and scale < creep:  # The robot may creep into unobserved space if no known obstacle is in the way.
-            known, free = self._scale(points, twists, (v, w), (since, reaction), EVERYTHING)
+            known, free = self._scale(points, twists, (v, w), (since, reaction), stopping.EVERYTHING)
             if known > scale:
                 scale = min(known, creep)
                 reason = "creeping: space within the stopping distance has not been observed"
@@ -284,14 +278,15 @@ class CollisionMonitor:
         reason = "limited: an obstacle or unobserved space is within the stopping distance"
         return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
 
-    def _scale(self, points: Any, twists: Slips, command: Twist, times: Twist, seen: tuple) -> Tuple[float, bool]:
+    def _scale(self, points: Any, twists: Slips, command: Twist, times: Twist, seen: Any) -> Tuple[float, bool]:
         """Return the smallest safe_scale over all velocities, for points (k, 2) [m] in the robot's frame."""
         s, scales = self.settings, []
-        brake = s.deceleration, s.yaw_deceleration
         for v, w, slip in twists:
-            turns = self._given[2], s.turn_gain, s.turn_ahead, slip
-            scales.append(safe_scale(points, self._planes, s.margin, (v, w), command, times, brake, seen, turns))
-        return min(scales)
+            brake, turns = (s.deceleration, s.yaw_deceleration), (self._given[2], s.turn_gain, s.turn_ahead, slip)
+            given = points, self._planes, s.margin, (v, w), command, times, brake, seen, turns
+            scales.append(stopping.safe_scale(*given))
+        least: Tuple[float, bool] = min(scales)
+        return least
 
     def _is_impossible(self, twist: Sequence[float]) -> bool:
         return any(abs(value) > IMPOSSIBLE_FACTOR * limit for value, limit in zip(twist, self.fastest))

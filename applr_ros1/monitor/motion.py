@@ -10,6 +10,7 @@ from typing import Deque, Tuple
 
 from applr_ros1.common.angles import Pose, compose, inverse
 
+Twist = Tuple[float, float]  # v [m/s], w [rad/s]
 SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
 # Tolerance for an accelerating base: a constant part [m/s, rad/s] plus a fraction of the velocity from the poses.
@@ -52,7 +53,7 @@ class PoseMotion:
         time = stamp - since
         self.velocity = (c * x + s * y) / time, yaw / time, (c * y - s * x) / time
 
-    def contradicts(self, twist: Tuple[float, float]) -> bool:
+    def contradicts(self, twist: Twist) -> bool:
         """Return whether the base moves against the measured (v, w) [m/s, rad/s], or much faster."""
         return any(
             abs(moved) > limit

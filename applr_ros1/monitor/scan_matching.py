@@ -34,8 +34,8 @@ ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
 ELSEWHERE_SHARE = 0.15  # share of points seen through, in both directions, that shows another place
 
-
-Reference = Tuple[np.ndarray, Tuple[float, float], Pose]  # ranges, (first angle, increment), corrected pose
+Beams = Tuple[float, float]  # first angle, angle increment [rad]
+Reference = Tuple[np.ndarray, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
 
 
 class ScanMatcher:
@@ -114,10 +114,10 @@ class ScanMatcher:
         """Return whether a scan and the last one see through each other's points, or the last has few points."""
         assert self._last is not None
         last = self._last[2]
-        shown, appeared = _seen_through(*newest, self._measured, *last[1:])
-        seen, gone = _seen_through(*last, measured, *newest[1:])
+        shown, appeared = _seen_through(newest, (self._measured, *last[1:]))
+        seen, gone = _seen_through(last, (measured, *newest[1:]))
         came = shown >= ENOUGH_POINTS and appeared > ELSEWHERE_SHARE * shown
-        return came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen)
+        return bool(came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen))
 
     def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
         """Return the initial guesses: the odometry's pose, and the extrapolated pose if it differs."""
@@ -127,7 +127,7 @@ class ScanMatcher:
         gone_on = compose(self._last[1], (v, s, w))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW_M else [pose]
 
-    def _align(self, earlier: Reference, ranges: Any, beams: tuple, guesses: List[Pose]) -> Optional[Pose]:
+    def _align(self, earlier: Reference, ranges: Any, beams: Beams, guesses: List[Pose]) -> Optional[Pose]:
         """Return the pose at which a scan fits an earlier scan, or None if no guess leads to a fit."""
         old, old_beams, old_pose = earlier
         if self._surface[0] is not old:
@@ -147,7 +147,7 @@ class ScanMatcher:
         fits, _, pose = max(tried, key=lambda match: match[:2])
         return pose if fits else None
 
-    def _nearest(self, pose: Pose) -> Optional[int]:
+    def _nearest(self, pose: Pose) -> Any:
         """Return the index of the reference nearest to a pose, or None if there is no reference."""
         if not self._references:
             return None
@@ -162,7 +162,7 @@ def _difference(a: Pose, b: Pose) -> Tuple[float, float]:
 
 
 @kernel
-def _nearest(places, pose):
+def _nearest(places: np.ndarray, pose: Pose) -> int:
     best, nearest = np.inf, 0
     for i in range(places.shape[0]):
         turned = abs(places[i, 2] - pose[2]) % (2.0 * math.pi)
@@ -173,7 +173,7 @@ def _nearest(places, pose):
 
 
 @kernel
-def _points(ranges, beams):
+def _points(ranges: np.ndarray, beams: Beams) -> np.ndarray:
     """Return (k, 3) x, y [m] in the scanner's frame and index of every STRIDE_BEAMS-th beam that has a return."""
     points = np.empty((ranges.shape[0] // STRIDE_BEAMS + 1, 3))
     k = 0
@@ -186,7 +186,9 @@ def _points(ranges, beams):
 
 
 @kernel
-def _match(surface, old_beams, old_pose, points, guess):
+def _match(
+    surface: np.ndarray, old_beams: Beams, old_pose: Pose, points: np.ndarray, guess: Pose
+) -> Tuple[Pose, int, float]:
     """Return the pose (x, y, yaw) at which points fit an earlier scan's lines() best, their number, and sum of weights.
 
     Computes in the frame of the earlier scan's scanner, so that its lines are computed only once. Writes the earlier
@@ -235,25 +237,26 @@ def _match(surface, old_beams, old_pose, points, guess):
 
 
 @kernel
-def _seen_through(old, old_beams, old_pose, new, beams, pose):
+def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
     """Return the number of points of scan `old` in the field of view of scan `new`, and the number it sees through."""
+    (old_ranges, old_beams, old_pose), (ranges, beams, pose) = old, new
     seen = gone = 0
-    for i in range(old.shape[0]):
-        if math.isnan(old[i]):
+    for i in range(old_ranges.shape[0]):
+        if math.isnan(old_ranges[i]):
             continue
         angle = old_pose[2] + old_beams[0] + i * old_beams[1]
-        dx = old_pose[0] + old[i] * math.cos(angle) - pose[0]
-        dy = old_pose[1] + old[i] * math.sin(angle) - pose[1]
+        dx = old_pose[0] + old_ranges[i] * math.cos(angle) - pose[0]
+        dy = old_pose[1] + old_ranges[i] * math.sin(angle) - pose[1]
         place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
         j = int(place + 0.5)
-        if 0 < j < new.shape[0] - 1:
+        if 0 < j < ranges.shape[0] - 1:
             seen += 1
-            gone += min(new[j - 1], new[j], new[j + 1]) > math.sqrt(dx * dx + dy * dy) + WIDE_M
+            gone += min(ranges[j - 1], ranges[j], ranges[j + 1]) > math.sqrt(dx * dx + dy * dy) + WIDE_M
     return seen, gone
 
 
 @kernel
-def lines(ranges, beams):
+def lines(ranges: np.ndarray, beams: Beams) -> np.ndarray:
     """Return (n, 6) for a scan: per beam the point [m], unit normal of the surface to the next point, and direction.
 
     All are in the scanner's frame. The normal is NaN if there is no surface: at an edge, and for a beam without return.
@@ -282,7 +285,7 @@ def lines(ranges, beams):
 
 
 @kernel
-def _line(surface, place):
+def _line(surface: np.ndarray, place: float) -> Tuple[bool, float, float, float, float]:
     """Return the surface in the direction of a fractional beam index: (hit, point on the surface, unit normal)."""
     i = int(math.floor(place))
     if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
@@ -293,7 +296,7 @@ def _line(surface, place):
 
 
 @kernel
-def _beam_near(surface, beams, x, y, last):
+def _beam_near(surface: np.ndarray, beams: Beams, x: float, y: float, last: float) -> float:
     """Return beam_at of the point x, y [m] in the scanner's frame, faster if the point is near the beam `last`.
 
     Steps from beam to beam by the angle between beam and point, with a short series for the arc tangent.
@@ -309,13 +312,13 @@ def _beam_near(surface, beams, x, y, last):
         t = across / along
         beyond = t * (1.0 - t * t * (1.0 / 3.0 - t * t * (0.2 - t * t / 7.0))) / beams[1]
         if 0.0 <= beyond < 1.0:
-            return i + beyond
+            return float(i + beyond)
         i += int(math.floor(beyond))
-    return beam_at(beams[0], beams[1], math.atan2(y, x))
+    return float(beam_at(beams[0], beams[1], math.atan2(y, x)))
 
 
 @kernel
-def beam_at(angle_min, increment, bearing):
+def beam_at(angle_min: float, increment: float, bearing: float) -> float:
     """Return the fractional index of the beam towards a bearing [rad]. Past the scan's end if there is none."""
     turn = bearing - angle_min if increment > 0.0 else angle_min - bearing
     if -2.0 * math.pi < turn < 0.0:
@@ -326,7 +329,9 @@ def beam_at(angle_min, increment, bearing):
 
 
 @kernel
-def _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2):
+def _solve(
+    a00: float, a01: float, a02: float, a11: float, a12: float, a22: float, b0: float, b1: float, b2: float
+) -> Pose:
     """Solve the symmetric, positive definite system a x = b of three unknowns (Cramer's rule)."""
     c00, c01, c02 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
     c11, c12, c22 = a00 * a22 - a02 * a02, a01 * a02 - a00 * a12, a00 * a11 - a01 * a01

@@ -24,6 +24,9 @@ SECTOR_RAD = math.pi / 4  # smallest width of a sector without returns that can 
 STOOD_SHARE = 0.3  # share of the beams of such a sector that must have had an obstacle to return them
 REPEATED_M_RAD = 0.005  # motion beyond which an identical image counts as repeated old data [m, rad]
 
+# Ranges (n,) of a scan, (range_min, range_max) [m], (first angle, angle increment) [rad] and pose of the laser.
+Image = Tuple[np.ndarray, Tuple[float, float], Tuple[float, float], Pose]
+
 
 class ScannerCheck:
     """Fault detector that compares each scan with the previous scans of its laser.
@@ -37,7 +40,7 @@ class ScannerCheck:
 
     def clear(self) -> None:
         """Forget all scans, for instance after the odometry was reset."""
-        self._last: Any = None  # ranges, (range_min, range_max), beams and pose of the last scan with hits
+        self._last: Any = None  # Image of the last scan with hits
         self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
         self._doubts = False  # whether any beam is doubted
         self._forget_image()
@@ -84,10 +87,10 @@ class ScannerCheck:
         """Return the mask (n,) of the beams that point to hits of the last scan, and the number of these hits."""
         marks = np.zeros(len(scan.ranges), np.bool_)
         pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
-        return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
+        return marks, 0 if self._last is None else _mark_expected(self._last, beams, pose, reach, marks)
 
     def _frozen(self, ranges: np.ndarray, pose: Pose) -> str:
-        if self._image is None or not _is_same(ranges, self._image):
+        if self._image is None or not np.array_equal(ranges, self._image, equal_nan=True):
             self._image, self._equal, self._since = ranges.copy(), 0, pose
             self.repeats = False
             return ""
@@ -120,7 +123,7 @@ def geometry_fault(scan: LaserScan) -> str:
 
 
 @kernel
-def _count_ranges(ranges, range_min, range_max, full_turn):
+def _count_ranges(ranges: np.ndarray, range_min: float, range_max: float, full_turn: bool) -> Tuple[int, int, int]:
     """Return the numbers of invalid ranges and of hits, and the length of the longest run of beams without return."""
     n = ranges.shape[0]
     blind = hits = run = widest = 0
@@ -138,22 +141,18 @@ def _count_ranges(ranges, range_min, range_max, full_turn):
     return blind, hits, widest
 
 
-def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
-    """Return whether two images are equal; NaN equals NaN."""
-    return len(a) == len(b) and bool(np.all((a == b) | (np.isnan(a) & np.isnan(b))))
-
-
 @kernel
-def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
+def _mark_expected(old: Image, beams: Tuple[float, float], pose: Pose, reach: float, marks: np.ndarray) -> int:
     """Mark the beams of a new scan that point to hits of an old scan within reach, and return the number of hits."""
+    ranges, limits, old_beams, old_pose = old
     n = marks.shape[0]
     count = 0
-    for i in range(old.shape[0]):
-        if not limits[0] <= old[i] < limits[1]:
+    for i in range(ranges.shape[0]):
+        if not limits[0] <= ranges[i] < limits[1]:
             continue
         angle = old_pose[2] + old_beams[0] + i * old_beams[1]
-        dx = old_pose[0] + old[i] * math.cos(angle) - pose[0]
-        dy = old_pose[1] + old[i] * math.sin(angle) - pose[1]
+        dx = old_pose[0] + ranges[i] * math.cos(angle) - pose[0]
+        dy = old_pose[1] + ranges[i] * math.sin(angle) - pose[1]
         place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
         if place <= n - 1 and math.hypot(dx, dy) < reach:
             marks[int(np.rint(place))] = True
@@ -162,7 +161,9 @@ def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
 
 
 @kernel
-def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
+def _doubt(
+    ranges: np.ndarray, range_max: float, increment: float, full_turn: bool, expected: np.ndarray, doubted: np.ndarray
+) -> bool:
     """Doubt the beams of each wide sector without returns in which STOOD_SHARE of the beams were expected to return.
 
     Clears the doubt in `doubted` (n,) for beams that return again. Returns whether any beam is doubted.
@@ -183,4 +184,4 @@ def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
         if j < n:
             doubted[i] = False
         begin, stood = j + 1, 0
-    return doubted.any()
+    return bool(doubted.any())

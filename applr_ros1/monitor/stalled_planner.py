@@ -6,11 +6,11 @@ each command.
 """
 
 import math
-from typing import Hashable, Optional, Tuple
+from typing import Hashable, Optional
 
+from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.escape import BLOCKED, Escape
 
-Twist = Tuple[float, float]
 FRESH_S = BLOCKED  # maximum age of a plan [s]; a planner without a valid command plans again in each cycle
 
 

@@ -8,13 +8,20 @@ At the end the base may turn by its yaw swing, because nearly stopped wheels hav
 """
 
 import math
-from typing import Any
+from typing import Any, Tuple
 
 import numpy as np
+import scipy
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M
+from applr_ros1.monitor.motion import Twist
+
+Seen = Tuple[np.ndarray, int, int, np.ndarray, Pose]
+Turns = Tuple[float, float, float, float]
+Motion = Tuple[np.ndarray, float, Twist, Twist, Twist, Twist, Seen, Turns]  # arguments of safe_scale after the points
+Placed = Tuple[float, float, float, float]  # x, y of the body [m], cosine and sine of its yaw
 
 CHECK_STEP_S = 0.02  # interval between two checked poses [s]
 # The friction limit falls at low speed, and the braking that was measured from full speed does not include this. Below
@@ -28,37 +35,25 @@ DEEPER_M = 1e-3  # how much deeper a point that starts inside the margin may get
 HALVINGS = 5  # number of bisections in the search for the largest safe scale
 # Distance past the stopping point that must be observed [m]. Partly observed cells count as observed, hence 1.5 cells.
 BEYOND_M = 1.5 * CELL_M
-EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # value of `seen` for known space
+# Value of `seen` if all space is known.
+EVERYTHING: Seen = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)
 
 
 def half_planes(outline: Any) -> np.ndarray:
-    """Return the hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
-
-    Raises:
-        ApplrError: The outline has fewer than three points, points on one line, or points that are not finite.
-    """
-    equations = _hull(outline).equations
+    """Return the hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one."""
+    equations = scipy.spatial.ConvexHull(outline).equations
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
 def edge_points(outline: Any) -> np.ndarray:
     """Return points (n, 2) [m] along the convex hull of an outline, spaced closer than the cells of SeenSpace."""
-    corners = np.asarray(outline, dtype=np.float64)[_hull(outline).vertices]
+    corners = np.asarray(outline, dtype=np.float64)[scipy.spatial.ConvexHull(outline).vertices]
     edges = zip(corners, np.roll(corners, -1, axis=0))
     return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL_M))[1:] for a, b in edges])
 
 
-def _hull(outline: Any) -> Any:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return ConvexHull(np.asarray(outline, dtype=np.float64).reshape(len(outline), 2))
-    except (QhullError, TypeError, ValueError):
-        raise ApplrError("outline of the body: give three or more points (x, y) in metres, not on one line") from None
-
-
 @kernel
-def penetration(planes, margin, x, y):
+def penetration(planes: np.ndarray, margin: float, x: float, y: float) -> float:
     """Return the depth of a point inside the widened body [m]; negative outside."""
     depth = np.inf
     for k in range(planes.shape[0]):
@@ -67,7 +62,17 @@ def penetration(planes, margin, x, y):
 
 
 @kernel
-def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns=(0.0, 1.0, 0.0, 0.0)):
+def safe_scale(
+    points: np.ndarray,
+    planes: np.ndarray,
+    margin: float,
+    twist: Twist,
+    command: Twist,
+    times: Tuple[float, float],
+    brake: Tuple[float, float],
+    seen: Seen,
+    turns: Turns = (0.0, 1.0, 0.0, 0.0),
+) -> Tuple[float, bool]:
     """Return the largest scale of a command after which the base can still stop without contact.
 
     Args:
@@ -86,20 +91,21 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen, turns
     Returns:
         (scale in [0, 1], free): scale * command is safe; free is False if even braking at once leads to contact.
     """
+    motion = planes, margin, twist, command, times, brake, seen, turns
     # Rows: x and y of the points, their allowed depths in the widened body and in the outline, workspace of _is_deeper.
     rows = np.empty((7, points.shape[0]))
     for i in range(points.shape[0]):
         rows[0, i], rows[1, i] = points[i]
         depth = penetration(planes, 0.0, points[i, 0], points[i, 1])
         rows[2, i], rows[3, i] = max(0.0, depth + margin) + DEEPER_M, max(0.0, depth) + DEEPER_M
-    if _is_free_every_way(rows, planes, margin, twist, command, 1.0, times, brake, seen, turns):
+    if _is_free_every_way(rows, motion, 1.0):
         return 1.0, True
-    if not _is_free(rows, planes, margin, twist, command, 0.0, times, brake, seen, AS_MEASURED, turns):
+    if not _is_free(rows, motion, 0.0, AS_MEASURED):
         return 0.0, False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_every_way(rows, planes, margin, twist, command, middle, times, brake, seen, turns):
+        if _is_free_every_way(rows, motion, middle):
             low = middle
         else:
             high = middle
@@ -113,7 +119,7 @@ def braking_time(speed: float, deceleration: float) -> float:
 
 
 @kernel
-def on_arc(v, command_v, command_w, turned):
+def on_arc(v: float, command_v: float, command_w: float, turned: float) -> float:
     """Return the turn rate [rad/s] that keeps a base at speed v [m/s] on the arc of its command; command_v is not 0.
 
     The magnitude is at most the larger of command_w and the previous turn rate `turned`.
@@ -123,28 +129,28 @@ def on_arc(v, command_v, command_w, turned):
 
 
 @kernel
-def _is_free_every_way(rows, planes, margin, twist, command, scale, times, brake, seen, turns):
+def _is_free_every_way(rows: np.ndarray, motion: Motion, scale: float) -> bool:
     """Return whether a command is free for every possible response of the turn rate.
 
     The base may turn as commanded at once, faster, still as measured, or not at all. It may thus run wide of the arc.
     """
+    _, _, _, command, _, _, _, turns = motion
     for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):
         repeats = (k == 1 and share == 1.0) or (k == 3 and command[1] == 0.0)
-        if not (repeats or _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, share, turns)):
+        if not (repeats or _is_free(rows, motion, scale, share)):
             return False
     return True
 
 
 @kernel
-def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, share, turns):
+def _is_free(rows: np.ndarray, motion: Motion, scale: float, share: float) -> bool:
     """Return whether the body touches nothing while the base continues, follows scale * command, and then brakes.
 
     share is the ratio of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes at
     once. The lateral velocity is that of a turn about the centre of rotation plus the measured lateral slip. If the
     base turns faster than commanded its tyres must be gripping, so no slip is added.
     """
-    v, w = twist
-    turned, _, ahead, slide = turns
+    planes, margin, (v, w), command, times, brake, seen, (turned, _, ahead, slide) = motion
     if share > 1.0:
         slide = 0.0
     want_v, want_w = scale * command[0], scale * command[1]
@@ -170,9 +176,8 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
             steps = max(abs(v) / deceleration, abs(w) / brake[1]) / CHECK_STEP_S
             if steps <= 1.0:
                 swing = SWING_RAD * min(fastest / LAST_SPEED_M_S, 1.0)
-                return _is_seen_beyond(seen, x, y, yaw, want_v, want_w) and _may_swing(
-                    rows, planes, ahead, x, y, yaw, swing
-                )
+                beyond = _is_seen_beyond(seen, (x, y, yaw), want_v, want_w)
+                return bool(beyond and _may_swing(rows, planes, ahead, (x, y, yaw), swing))
             fastest = max(fastest, abs(v))
             v -= v / steps
             w -= w / steps
@@ -183,16 +188,17 @@ def _is_free(rows, planes, margin, twist, command, scale, times, brake, seen, sh
         y += (v * s + aside * c) * step
         yaw += w * step
         c, s = math.cos(yaw), math.sin(yaw)
-        if _is_deeper(rows, rows[2], planes, margin, x, y, c, s) or not _is_seen(seen, x, y, c, s):
+        if _is_deeper(rows, rows[2], planes, margin, (x, y, c, s)) or not _is_seen(seen, (x, y, c, s)):
             return False
 
 
 @kernel
-def _is_deeper(rows, limits, planes, margin, x, y, c, s):
-    """Return whether any point's penetration() is above its limit with the body at (x, y, cosine, sine of yaw).
+def _is_deeper(rows: np.ndarray, limits: np.ndarray, planes: np.ndarray, margin: float, at: Placed) -> bool:
+    """Return whether any point's penetration() is above its limit with the body at `at`.
 
     The loops run over all points, plane by plane, without an early exit, so that they compile to vector instructions.
     """
+    x, y, c, s = at
     xs, ys, ahead, aside, depth = rows[0], rows[1], rows[4], rows[5], rows[6]
     for i in range(xs.shape[0]):
         dx, dy = xs[i] - x, ys[i] - y
@@ -208,21 +214,23 @@ def _is_deeper(rows, limits, planes, margin, x, y, c, s):
 
 
 @kernel
-def _may_swing(rows, planes, ahead, x, y, yaw, swing):
+def _may_swing(rows: np.ndarray, planes: np.ndarray, ahead: float, pose: Pose, swing: float) -> bool:
     """Return whether the outline at a pose may turn by `swing` [rad] to both sides about its centre of rotation."""
     if swing == 0.0:
         return True
+    x, y, yaw = pose
     px, py = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
     for turn in (yaw - swing, yaw + swing):
         c, s = math.cos(turn), math.sin(turn)
-        if _is_deeper(rows, rows[3], planes, 0.0, px - ahead * c, py - ahead * s, c, s):
+        if _is_deeper(rows, rows[3], planes, 0.0, (px - ahead * c, py - ahead * s, c, s)):
             return False
     return True
 
 
 @kernel
-def _is_seen(seen, x, y, c, s):
-    """Return whether the body's whole edge lies in observed cells with the body at (x, y, cosine, sine of yaw)."""
+def _is_seen(seen: Seen, at: Placed) -> bool:
+    """Return whether the body's whole edge lies in observed cells with the body at `at`."""
+    x, y, c, s = at
     cells, corner_i, corner_j, edge, pose = seen
     n = cells.shape[0]
     pc, ps = math.cos(pose[2]), math.sin(pose[2])
@@ -240,15 +248,16 @@ def _is_seen(seen, x, y, c, s):
 
 
 @kernel
-def _is_seen_beyond(seen, x, y, yaw, v, w):
+def _is_seen_beyond(seen: Seen, pose: Pose, v: float, w: float) -> bool:
     """Return whether the space BEYOND_M past the stopping point is observed. True if the command is a stop."""
     fastest = 0.0
     for k in range(seen[3].shape[0]):
         fastest = max(fastest, math.hypot(v - w * seen[3][k, 1], w * seen[3][k, 0]))
     if fastest == 0.0:
         return True
+    x, y, yaw = pose
     time = BEYOND_M / fastest
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time
-    return _is_seen(seen, x, y, math.cos(yaw), math.sin(yaw))
+    return bool(_is_seen(seen, (x, y, math.cos(yaw), math.sin(yaw))))

@@ -4,11 +4,21 @@ MoverTracker calls find_clusters for each scan. tracks.py calls `centre` once th
 """
 
 import math
+from typing import Tuple
 
+import numpy as np
+
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.free_space import full_turn
 
+# Ranges (n,) float32 of a scan [m], cosine and sine of its beams (n, 2), (first angle, increment [rad], range_min,
+# range_max [m]), and pose of the laser in the fixed frame.
+Scan = Tuple[np.ndarray, np.ndarray, Tuple[float, float, float, float], Pose]
+
 MAX_CLUSTERS = 256  # maximum number of clusters per scan
+REACH_M = 8.0  # range beyond which a cluster is left out [m]
+LARGEST_M = 0.8  # radius beyond which a cluster is left out [m]
 # Columns of a cluster: raw centre [m], radius [m], nearest range [m], bearings of its edges in the fixed frame [rad]
 # (first, last beam), per edge (first, last beam) whether a nearer or unknown point occludes it, standard deviation of
 # the centre [m], and three of its points [m].
@@ -23,24 +33,15 @@ FEWEST_POINTS = 3  # minimum number of points per cluster
 
 
 @kernel
-def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
-    """Fill `clusters` from a scan, and return the number of clusters.
-
-    Args:
-        ranges: (n,) float32 [m].
-        table: (n, 2) cosine and sine of the beams.
-        limits: first angle, increment [rad], range_min, range_max [m].
-        sensor: pose (x, y, yaw) of the laser in the fixed frame.
-        largest: radius beyond which a cluster is left out [m].
-        reach: range beyond which a cluster is left out [m].
-        clusters: (MAX_CLUSTERS, COLUMNS) output.
-    """
+def find_clusters(scan: Scan, clusters: np.ndarray) -> int:
+    """Fill `clusters` (MAX_CLUSTERS, COLUMNS) from a scan, and return the number of clusters."""
+    ranges, _, limits, _ = scan
     n = ranges.shape[0]
     step = abs(limits[1])
     widen = math.sin(step) / math.sin(max(GRAZING_RAD - step, 0.02))
     full = full_turn(n, step)
     begin = 0  # In a full turn a cluster may wrap around from the last beam to the first: start at a gap.
-    while full and begin < n - 1 and _joined(ranges, table, limits, begin - 1, begin, widen):
+    while full and begin < n - 1 and _joined(scan, begin - 1, begin, widen):
         begin += 1
     count, k = 0, begin
     while k < begin + n and count < MAX_CLUSTERS:
@@ -51,32 +52,33 @@ def find_clusters(ranges, table, limits, sensor, largest, reach, clusters):
         points, near = 1, ranges[k % n]
         while True:
             k = last + 1
-            while k < min(last + GAP_BEAMS, begin + n) and not _joined(ranges, table, limits, last, k, widen):
+            while k < min(last + GAP_BEAMS, begin + n) and not _joined(scan, last, k, widen):
                 k += 1
-            if k >= begin + n or not _joined(ranges, table, limits, last, k, widen):
+            if k >= begin + n or not _joined(scan, last, k, widen):
                 break
             last = k
             points += 1
             near = min(near, ranges[k % n])
         k = last + 1
-        if points >= FEWEST_POINTS and near < reach:
+        if points >= FEWEST_POINTS and near < REACH_M:
             cluster = clusters[count]
             cluster[NEAR] = near
-            cluster[HIDDEN_FROM] = _hides(ranges, limits, first, -1, full)
-            cluster[HIDDEN_TO] = _hides(ranges, limits, last, 1, full)
-            if _measure(ranges, table, limits, sensor, first, last, largest, cluster):
+            cluster[HIDDEN_FROM] = _hides(scan, first, -1, full)
+            cluster[HIDDEN_TO] = _hides(scan, last, 1, full)
+            if _measure(scan, first, last, cluster):
                 count += 1
     return count
 
 
 @kernel
-def _hit(r, limits):
+def _hit(r: float, limits: Tuple[float, float, float, float]) -> bool:
     return limits[2] <= r < limits[3]
 
 
 @kernel
-def _joined(ranges, table, limits, a, b, widen):
+def _joined(scan: Scan, a: int, b: int, widen: float) -> bool:
     """Return whether the points of beams a and b belong to one surface."""
+    ranges, table, limits, _ = scan
     n = ranges.shape[0]
     i, j = a % n, b % n
     r, q = ranges[i], ranges[j]
@@ -84,12 +86,13 @@ def _joined(ranges, table, limits, a, b, widen):
         return False
     dx, dy = r * table[i, 0] - q * table[j, 0], r * table[i, 1] - q * table[j, 1]
     apart = APART_M + (b - a) * widen * min(r, q)
-    return dx * dx + dy * dy < apart * apart
+    return bool(dx * dx + dy * dy < apart * apart)
 
 
 @kernel
-def _hides(ranges, limits, edge, way, full):
+def _hides(scan: Scan, edge: int, way: int, full: bool) -> float:
     """Return 1.0 if the beam next to a cluster's edge may occlude more of the cluster, else 0.0."""
+    ranges = scan[0]
     n = ranges.shape[0]
     beyond = edge + way
     if not full and not 0 <= beyond < n:
@@ -99,8 +102,9 @@ def _hides(ranges, limits, edge, way, full):
 
 
 @kernel
-def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
-    """Fit a disc to the beams `first` to `last`. Return False if it is larger than `largest`."""
+def _measure(scan: Scan, first: int, last: int, cluster: np.ndarray) -> bool:
+    """Fit a disc to the beams `first` to `last`. Return False if it is larger than LARGEST_M."""
+    ranges, table, limits, sensor = scan
     n = ranges.shape[0]
     step = abs(limits[1])
     i, j = first % n, last % n
@@ -108,7 +112,7 @@ def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
     bx, by = ranges[j] * table[j, 0], ranges[j] * table[j, 1]
     half = 0.5 * (last - first + 1) * step
     chord = math.hypot(bx - ax, by - ay) + step * cluster[NEAR]
-    if half > 1.3 or chord > 2.0 * largest:
+    if half > 1.3 or chord > 2.0 * LARGEST_M:
         return False
     radius = min(0.5 * chord / math.cos(half), chord)
     cluster[RADIUS] = radius
@@ -129,7 +133,7 @@ def _measure(ranges, table, limits, sensor, first, last, largest, cluster):
 
 
 @kernel
-def centre(cluster, radius, sensor):
+def centre(cluster: np.ndarray, radius: float, sensor: Pose) -> Tuple[float, float, float]:
     """Return the centre (x, y) and its standard deviation [m] of a disc of this radius, given its visible part.
 
     If the range beyond an edge is longer, that edge is the true edge of the disc. If the other edge is occluded, the

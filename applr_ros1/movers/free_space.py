@@ -40,7 +40,7 @@ class FreeSpace:
 
     def due(self, stamp: float) -> bool:
         """Return whether APART_S [s] have passed, so that a scan with this stamp must be kept."""
-        return stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3
+        return bool(stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3)
 
     def take(self, depth: np.ndarray, fan: np.ndarray) -> None:
         """Replace the oldest scan by one with depth (n,) as in `ranges` and fan (10,) as in `fans`."""
@@ -53,21 +53,18 @@ class FreeSpace:
 
 
 @kernel
-def full_turn(n, step):
+def full_turn(n: int, step: float) -> bool:
     """Return whether n beams cover a full turn. A gap of a few beams is allowed, because some scanners vary n."""
     return (n + 3.5) * abs(step) >= 2.0 * math.pi
 
 
-@kernel
-def depths(ranges, range_min, range_max, out):
-    """Fill out (n,) float32 with the free depth of each beam of a scan [m]; 0 if unknown."""
-    for i in range(ranges.shape[0]):
-        r = ranges[i]
-        out[i] = min(r, range_max) if r >= range_min else 0.0  # NaN and -inf are unknown, too.
+def depths(ranges: np.ndarray, range_min: float, range_max: float) -> np.ndarray:
+    """Return the free depth of each beam of a scan (n,) float32 [m], 0 if it is unknown: below range_min, or NaN."""
+    return np.where(ranges >= np.float64(range_min), np.minimum(ranges, range_max), 0.0).astype(np.float32)
 
 
 @kernel
-def sees_through(depth, fan, x, y, turned):
+def sees_through(depth: np.ndarray, fan: np.ndarray, x: float, y: float, turned: float) -> bool:
     """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
     depth (at least n,) and fan (10,) are as in FreeSpace. turned is the possible bearing error beyond TURNED_RAD [rad].

@@ -6,6 +6,9 @@ is a robust weighted least-squares fit to the positions of the static tracks.
 
 import math
 
+import numpy as np
+
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
@@ -17,7 +20,7 @@ AGREE_SHARE = 0.6  # share of the tracks that must fit the correction
 
 
 @kernel
-def slip(places, voters, votes, clusters, sensor):
+def slip(places: np.ndarray, voters: np.ndarray, votes: int, clusters: np.ndarray, sensor: Pose) -> Pose:
     """Return the correction (dx, dy [m], turn [rad]) of the laser's pose, or zeros if too few static tracks agree.
 
     Args:
@@ -57,7 +60,7 @@ def slip(places, voters, votes, clusters, sensor):
 
 
 @kernel
-def shift(clusters, count, fan, sensor, by):
+def shift(clusters: np.ndarray, count: int, fan: np.ndarray, sensor: Pose, by: Pose) -> Pose:
     """Correct the clusters of a scan and the pose in `fan` in place, and return the corrected pose (x, y, yaw)."""
     dx, dy, turn = by
     c, s = math.cos(turn), math.sin(turn)

@@ -6,18 +6,16 @@ docs/explanation/movers.md describes its method, limits and accuracy.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_point
 from applr_ros1.common.scan import LaserScan, beam_directions
 from applr_ros1.movers import clusters, tracks
-from applr_ros1.movers.free_space import FreeSpace, depths
+from applr_ros1.movers.free_space import SCANS, FreeSpace, depths
 from applr_ros1.robots import Robot
 
-REACH_M = 8.0  # maximum range of a tracked obstacle [m]
-LARGEST_M = 0.8  # maximum radius of a tracked obstacle [m]
 PAUSE_S = 1.0  # forward gap or backward step between stamps that counts as a time jump [s]
 FASTER_FACTOR = 1.5  # a pose change faster than this multiple of the maximum speed counts as a jump
 SHIFT_M, TURN_RAD = 0.3, 0.3  # additional pose change that odometry corrections may cause [m, rad]
@@ -51,7 +49,7 @@ class MoverTracker:
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
         self.max_speed, self.max_yaw_rate, self.period = float(max_speed), float(max_yaw_rate), float(period)
         self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
-        self._history = np.empty((tracks.SCANS, tracks.MAX_TRACKS, 6))
+        self._history = np.empty((SCANS, tracks.MAX_TRACKS, 6))
         self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
         self._free = FreeSpace()
         self._number = 1
@@ -67,7 +65,7 @@ class MoverTracker:
         self._tracks[:] = 0.0
         self._history[:] = math.nan
         self._free.clear()
-        self._last: Optional[tuple] = None  # stamp and pose of the last scan
+        self._last: Optional[Tuple[float, Pose]] = None  # stamp and pose of the last scan
         self._correction: Pose = (0.0, 0.0, 0.0)  # pose correction of the odometry, from static tracks
         self._turning = self._speed = 0.0  # filtered turn rate and speed, from odometry [rad/s, m/s]
         self._rates = 0.0, 0.0  # magnitudes of the turn rate over the last two scan intervals [rad/s]
@@ -81,7 +79,7 @@ class MoverTracker:
         Returns:
             The moving obstacles at the latest scan's stamp, empty if there are none.
         """
-        x, y, yaw = pose = tuple(float(value) for value in scan.sensor_pose)
+        x, y, yaw = pose = float(scan.sensor_pose[0]), float(scan.sensor_pose[1]), float(scan.sensor_pose[2])
         dt = moved = turned = 0.0
         if self._last is not None:
             dt = scan.stamp - self._last[0]
@@ -101,28 +99,24 @@ class MoverTracker:
             self._turning += share * (turned / dt - self._turning)
             self._speed += share * (moved / dt - self._speed)
         self._last = scan.stamp, pose
-        self._follow(scan, dt)
+        self._follow(scan, pose, dt)
         return self._movers()
 
-    def _follow(self, scan: LaserScan, dt: float) -> None:
+    def _follow(self, scan: LaserScan, pose: Pose, dt: float) -> None:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         n, first, step = len(ranges), float(scan.angle_min), float(scan.angle_increment)
-        assert self._last is not None
-        now = self._last[0]
-        sensor = compose(self._correction, self._last[1])
+        sensor = compose(self._correction, pose)
         limits = first, step, float(scan.range_min), float(scan.range_max)
-        depth = np.empty(n, np.float32)
-        depths(ranges, *limits[2:], depth)
+        depth = depths(ranges, *limits[2:])
         swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
-        fan = np.array((now, *sensor, *limits[:3], n, self._turning, swept))
-        table = beam_directions(first, step, n)
-        count = clusters.find_clusters(ranges, table, limits, sensor, LARGEST_M, REACH_M, self._clusters)
+        fan = np.array((scan.stamp, *sensor, *limits[:3], n, self._turning, swept))
+        count = clusters.find_clusters((ranges, beam_directions(first, step, n), limits, sensor), self._clusters)
         before = self._free.ranges, self._free.fans
         given = self._tracks, self._history, self._clusters, count
         cluster_of, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
-        self._correction = compose(sensor, inverse(self._last[1]))
-        self._number = tracks.begin(self._tracks, self._clusters, count, taken, now, self._number)
-        if self._free.due(now):
+        self._correction = compose(sensor, inverse(pose))
+        self._number = tracks.begin(self._tracks, self._clusters, count, taken, scan.stamp, self._number)
+        if self._free.due(scan.stamp):
             self._free.take(depth, fan)
             tracks.remember(self._history, self._free.newest, cluster_of, self._clusters)
 

@@ -7,9 +7,11 @@ means that an earlier scan saw through its position, or that the current scan se
 """
 
 import math
+from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, MAX_CLUSTERS, POINTS, RADIUS, centre
 from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
@@ -44,10 +46,11 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
 LOST_S = 0.25  # time without a cluster after which any other track ends [s]
+Scans = Tuple[np.ndarray, np.ndarray]  # ranges and fans of FreeSpace
 
 
 @kernel
-def predict(tracks, dt):
+def predict(tracks: np.ndarray, dt: float) -> None:
     """Predict all tracks dt [s] ahead."""
     q = ACCELERATION
     for t in range(tracks.shape[0]):
@@ -61,8 +64,13 @@ def predict(tracks, dt):
 
 
 @kernel
-def associate(tracks, clusters, count, sensor, dt, cluster_of):
-    """Fill cluster_of (MAX_TRACKS,) with each track's cluster index, or -1. Assigns the nearest pairs first."""
+def associate(
+    tracks: np.ndarray, clusters: np.ndarray, count: int, sensor: Pose, dt: float, cluster_of: np.ndarray
+) -> np.ndarray:
+    """Fill cluster_of (MAX_TRACKS,) with each track's cluster index, or -1. Assigns the nearest pairs first.
+
+    Returns whether each cluster has a track, (MAX_CLUSTERS,).
+    """
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
     n = 0
@@ -93,7 +101,7 @@ def associate(tracks, clusters, count, sensor, dt, cluster_of):
 
 
 @kernel
-def correct(row, cluster, sensor, dt):
+def correct(row: np.ndarray, cluster: np.ndarray, sensor: Pose, dt: float) -> None:
     """Update a track's row with the position and size of its cluster, dt [s] after the previous update."""
     radius = cluster[RADIUS]
     if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
@@ -119,12 +127,13 @@ def correct(row, cluster, sensor, dt):
 
 
 @kernel
-def has_moved(points, history, ranges, fans, depth, fan):
+def has_moved(points: np.ndarray, history: np.ndarray, before: Scans, depth: np.ndarray, fan: np.ndarray) -> bool:
     """Return whether a scan saw through a cluster's points, or the latest scan sees through their previous positions.
 
     points (6,) are three points of the cluster [m], and history (SCANS, 6) their previous positions, NaN without a
-    cluster. ranges and fans are those of FreeSpace. depth (n,) [m] and fan (10,) are those of the latest scan.
+    cluster. before has ranges and fans of FreeSpace. depth (n,) [m] and fan (10,) are those of the latest scan.
     """
+    ranges, fans = before
     for s in range(SCANS):
         swept = max(fan[SWEPT], fans[s, SWEPT])
         if fans[s, STAMP] == -math.inf or swept > BENT_RAD:
@@ -141,7 +150,16 @@ def has_moved(points, history, ranges, fans, depth, fan):
 
 
 @kernel
-def follow(tracks, history, clusters, count, scan, before, dt, speed):
+def follow(
+    tracks: np.ndarray,
+    history: np.ndarray,
+    clusters: np.ndarray,
+    count: int,
+    scan: Tuple[np.ndarray, np.ndarray, Pose],
+    before: Scans,
+    dt: float,
+    speed: float,
+) -> Tuple[np.ndarray, np.ndarray, Pose]:
     """Update all tracks with a scan, and correct its clusters and fan in place by the corrected pose of the laser.
 
     Args:
@@ -159,7 +177,6 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
         pose, corrected by the static tracks.
     """
     depth, fan, sensor = scan
-    ranges, fans = before
     now = fan[STAMP]
     cluster_of = np.empty(MAX_TRACKS, np.int64)
     predict(tracks, dt)
@@ -176,7 +193,8 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
         if cluster_of[t] < 0:
             row[GONE] += sees_through(depth, fan, row[TX], row[TY], 0.0)
             if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN_S if row[MOVES] > 0.0 else LOST_S):
-                _end(row, history, t)
+                row[:] = 0.0
+                history[:, t] = math.nan
             continue
         row[SEEN], row[GONE] = now, 0.0
         speed_seen = math.hypot(row[VX], row[VY])
@@ -184,7 +202,7 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
             row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
         clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(row[VV]))
         if speed_seen > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
-            if has_moved(clusters[cluster_of[t], POINTS:], history[:, t], ranges, fans, depth, fan):
+            if has_moved(clusters[cluster_of[t], POINTS:], history[:, t], before, depth, fan):
                 row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST_EVIDENCE_S)
                 row[TIMES] += 1.0
                 row[EVIDENT] = now
@@ -198,7 +216,9 @@ def follow(tracks, history, clusters, count, scan, before, dt, speed):
 
 
 @kernel
-def _correct_pose(tracks, clusters, count, cluster_of, fan, sensor):
+def _correct_pose(
+    tracks: np.ndarray, clusters: np.ndarray, count: int, cluster_of: np.ndarray, fan: np.ndarray, sensor: Pose
+) -> Pose:
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
         row, c = tracks[t], cluster_of[t]
@@ -209,11 +229,12 @@ def _correct_pose(tracks, clusters, count, cluster_of, fan, sensor):
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
             voters[votes] = c
             votes += 1
-    return shift(clusters, count, fan, sensor, slip(places, voters, votes, clusters, sensor))
+    corrected: Pose = shift(clusters, count, fan, sensor, slip(places, voters, votes, clusters, sensor))
+    return corrected
 
 
 @kernel
-def _drift(tracks, cluster_of, speed):
+def _drift(tracks: np.ndarray, cluster_of: np.ndarray, speed: float) -> Tuple[float, float]:
     """Return the median velocity (x, y) [m/s] of the static tracks if wheel slip can explain it, else zeros."""
     n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
     for t in range(tracks.shape[0]):
@@ -227,13 +248,7 @@ def _drift(tracks, cluster_of, speed):
 
 
 @kernel
-def _end(row, history, t):
-    row[:] = 0.0
-    history[:, t] = math.nan
-
-
-@kernel
-def begin(tracks, clusters, count, taken, now, number):
+def begin(tracks: np.ndarray, clusters: np.ndarray, count: int, taken: np.ndarray, now: float, number: int) -> int:
     """Start a track for each cluster without one that is not part of a moving obstacle, and return the next number."""
     t = 0
     for c in range(count):
@@ -260,7 +275,7 @@ def begin(tracks, clusters, count, taken, now, number):
 
 
 @kernel
-def remember(history, slot, cluster_of, clusters):
+def remember(history: np.ndarray, slot: int, cluster_of: np.ndarray, clusters: np.ndarray) -> None:
     """Store the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
     for t in range(cluster_of.shape[0]):
         if cluster_of[t] >= 0:

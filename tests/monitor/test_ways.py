@@ -211,7 +211,7 @@ def test_vectorised_kernels_equal_the_scalar_computation():
             for px, py in rows[:2].T
         ]
         deeper = any(depth > most for depth, most in zip(depths, rows[2]))
-        assert _is_deeper(rows, rows[2], planes, MARGIN, x, y, c, s) == deeper
+        assert _is_deeper(rows, rows[2], planes, MARGIN, (x, y, c, s)) == deeper
 
         cells = (random.random((n, n)) > 0.002).astype(np.uint8)
         corner, pose = random.integers(-200, 200, 2), (0.0, 0.0, random.uniform(-3.0, 3.0))
@@ -223,7 +223,7 @@ def test_vectorised_kernels_equal_the_scalar_computation():
             i, j = map(math.floor, place)
             window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
             seen = seen and window and bool(cells[i % n, j % n])
-        assert _is_seen((cells, *map(int, corner), edge, pose), x, y, c, s) == seen
+        assert _is_seen((cells, *map(int, corner), edge, pose), (x, y, c, s)) == seen
         outcomes |= {("deeper", deeper), ("seen", seen)}
 
         first, step, bearing = random.uniform(-3.2, 3.2), random.choice([-1.0, 1.0]) * 0.01, random.uniform(-20.0, 20.0)

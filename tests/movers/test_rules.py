@@ -29,9 +29,9 @@ FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # fan of
     ],
 )
 def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, through):
-    ranges, depth = np.full(201, 4.0, np.float32), np.empty(201, np.float32)
+    ranges = np.full(201, 4.0, np.float32)
     ranges[list(beams)] = value
-    depths(ranges, 0.1, 10.0, depth)
+    depth = depths(ranges, 0.1, 10.0)
     ahead = FAN[1] + 2.0 * math.cos(FAN[3]), FAN[2] + 2.0 * math.sin(FAN[3])
     assert sees_through(depth, FAN, *ahead, 0.0) == through
     assert not sees_through(depth, FAN, 2.0 * FAN[1] - ahead[0], 2.0 * FAN[2] - ahead[1], 0.0), "behind the laser"
@@ -52,9 +52,9 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, move
     newest[SWEPT] = swept
     history, ranges = np.full((SCANS, 6), np.nan), np.zeros((SCANS, 201), np.float32)
     ranges[0] = through
-    assert tracks.has_moved(points, history, ranges, fans, wall, newest) == moved
+    assert tracks.has_moved(points, history, (ranges, fans), wall, newest) == moved
     history[0], ranges[0] = points, wall
-    assert tracks.has_moved(points, history, ranges, fans, through, newest) == moved
+    assert tracks.has_moved(points, history, (ranges, fans), through, newest) == moved
 
 
 @pytest.mark.parametrize("step", [0.01, -0.01])

@@ -65,14 +65,12 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
 
 
 APPLR, MONITOR, BRIDGE = "applr_ros1.nodes.applr.main", "applr_ros1.nodes.monitor.node", "sim_bridge.ros_bridge"
-BODIES = {"x": 1}, 7, [[1, 0, 0]] * 4, [["a", "b"]]
 
 
 @pytest.mark.parametrize(
     ("module", "given", "line"),
     [
         *[(module, "a robot with errors", "controller_frequency") for module in (APPLR, MONITOR, BRIDGE)],
-        *[(MONITOR, {"body": body}, "outline of the body") for body in BODIES],
         (MONITOR, {"more_scans": "rear"}, "give a list of topics"),
         (MONITOR, {"more_scans": ["front/scan"]}, "more_scans has front/scan, the first laser's topic"),
         (MONITOR, {"margins": 1}, "unknown parameter margins"),

@@ -6,7 +6,8 @@ stood still for a second. If an exception occurs, it stops the base and reports 
 makes small escape motions while move_base is stuck or blocked although its goal is active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
-of further lasers; default: those of the description), ~escape (false), and the fields of monitor/settings.py.
+of further lasers; default: those of the description), ~escape (false), and the fields of monitor/settings.py except
+body.
 """
 
 from __future__ import annotations
@@ -229,21 +230,18 @@ class CollisionMonitorNode:
         self._diagnostics.publish(conversions.diagnostics(name, level, message, values, rospy.get_rostime()))
 
 
-def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
+def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
     """Return the robot's MonitorSettings, overridden by the node's private parameters of the same names.
 
     Raises:
         ApplrError: A parameter is unknown or has an invalid value.
     """
-    known = {f.name for f in fields(MonitorSettings)}
+    known = {field.name for field in fields(MonitorSettings)} - {"body"}
     others = {*NAMING, "transform_tolerance", "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
-    chosen = {name: parameters[name] for name in known & set(parameters)}
-    for name in set(chosen) - {"body"}:
-        number_within(name, chosen[name])
-    return replace(MonitorSettings.of(robot), **chosen)
+    return replace(MonitorSettings.of(robot), **{name: parameters[name] for name in known & set(parameters)})
 
 
 def main() -> int:
