@@ -13,18 +13,19 @@ from unittest.mock import patch
 
 import numpy as np
 
+import sim_bridge
 import worlds
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
-from tests.benchmarks import ways
 from tests.planner import replay_dwa, replay_golden
 from tests.support import ROOT
 from tests.support.episodes import episode
 from tests.support.jackal import JACKAL
 from tests.support.weights import make_weights
+from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
 SECONDS = 20  # maximum simulated time per course [s]
@@ -115,7 +116,7 @@ def _time_in_drives(kind, name, counts, **parameters):
     with patch.object(kind, name, timed):
         for _ in range(3):
             took.clear()
-            _drive(ways.make_episode("kinematic", MoveBase({**JACKAL, **parameters})), lambda _: SPACE.theta0)
+            _drive(_episode("kinematic", MoveBase({**JACKAL, **parameters})), lambda _: SPACE.theta0)
             means.append(np.mean(took))
     return min(means), len(took)
 
@@ -131,12 +132,16 @@ def sim_speed_pybullet():
 
 def _speed(simulator):
     warm_up()
-    driven, best = ways.make_episode(simulator), 0.0
+    driven, best = _episode(simulator, MoveBase(dict(JACKAL, planner_frequency=20.0))), 0.0
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
         simulated = _drive(driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds)
         best = max(best, simulated / (time.process_time() - began))
     return best, "simulated s per wall s and core"
+
+
+def _episode(simulator, move_base):
+    return Episode(sim_bridge.make(simulator), move_base, period=2.0)
 
 
 def _drive(driven, theta, seconds=SECONDS):
@@ -153,7 +158,7 @@ def _drive(driven, theta, seconds=SECONDS):
 
 
 def td3_updates():
-    """Measure sampling from our replay (4-step returns) and a gradient step, every second one with a policy update."""
+    """Measure gradient steps, half of them with a policy update, and the sampling of their batches (4-step returns)."""
     from training.learner.config import LearnerOptions
     from training.learner.learner import draw_batch
     from training.replay.buffer import Replay
@@ -232,7 +237,6 @@ def reconfigure_all():
 
 FIGURES = (planner_cycle_default, planner_cycle_max, dwa_planner_cycle, inflation, navfn, control_cycle)
 FIGURES += (sim_speed_kinematic, sim_speed_pybullet, td3_updates, sb3_td3_updates, actor_inference, reconfigure_all)
-FIGURES += (ways.way_of_scan, ways.way_of_decision, ways.way_of_transition)
 
 if __name__ == "__main__":
     for figure in FIGURES:

@@ -13,7 +13,7 @@ from applr_ros1.robots.check import check, remarks
 from training import check_robot, evaluate, train
 
 ROBOT, COSTMAPS, PLANNER = "robot.yaml", "costmap_common_params.yaml", "base_local_planner_params.yaml"
-BURGER, LOCAL = "dwa_local_planner_params_burger.yaml", "local_costmap_params.yaml"
+MOVE_BASE, BURGER, LOCAL = "move_base_params.yaml", "dwa_local_planner_params_burger.yaml", "local_costmap_params.yaml"
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
@@ -28,11 +28,7 @@ IN_ROBOT_YAML = [
     ("  wheelbase: 0.262\n", "", "base.wheelbase is 0: "),
     ("last_angle: 2.35619", "last_angle: -3.0", "laser.last_angle is -3: give more than .*-2.35619"),
     ("deceleration: 1.9,", "deceleration: 30.0,", r"monitor.deceleration is 30, larger than .* \(20\)"),
-    (
-        "range: [4, 20]",
-        "range: [8, 20]",
-        "parameter_space.vx_samples: move_base starts with 6; include it in the range",
-    ),
+    ("range: [4, 20]", "range: [8, 20]", "parameter_space.vx_samples: move_base starts with 6; include it in the"),
     (
         "local_costmap/inflater_layer}",
         "local_costmap/inflation_layer}",
@@ -47,35 +43,20 @@ IN_ROBOT_YAML = [
     ("range: [0.2, 2.0]", "range: [0.2, 2.5]", r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay"),
 ]
 OF_JACKAL = [
+    (MOVE_BASE, "TrajectoryPlannerROS", "TebLocalPlannerROS", "base_local_planner is .*Teb.*: give base_"),
     (
-        "move_base_params.yaml",
-        "TrajectoryPlannerROS",
-        "TebLocalPlannerROS",
-        "base_local_planner is .*Teb.*: give base_",
-    ),
-    (
-        "move_base_params.yaml",
+        MOVE_BASE,
         "base_local_planner/TrajectoryPlannerROS",
         "dwa_local_planner/DWAPlannerROS",
         "base_local_planner is .*, but the files only hold parameters of TrajectoryPlannerROS: give ",
     ),
     (COSTMAPS, OUTLINE, "[[-21, -16.5], [-21, 16.5], [21, 16.5], [21, -16.5]]", "footprint.* 42.2 x 33.2 m.*metres"),
-    (
-        COSTMAPS,
-        OUTLINE,
-        "[[-0.21, -0.165], [-0.21]]",
-        r"footprint is \[\[-0.21, -0.165\], \[-0.21\]\]: give at least three",
-    ),
+    (COSTMAPS, OUTLINE, "[[-0.21, -1], [-0.21]]", r"footprint is \[\[-0.21, -1\], \[-0.21\]\]: give at least three"),
     (COSTMAPS, "footprint_padding: 0.1", "footprint_padding: 10", "footprint_padding.* 20.4 x 20.3 m"),
     (COSTMAPS, "topic: front/scan", "topic: scan", "obstacles_layer/scan/topic is scan, but .*: give front/scan"),
     (COSTMAPS, "max_obstacle_height: 2.0", "max_obstacle_height: 0.2", "max_obstacle_height are -2, 0.2: .*0.333"),
     (COSTMAPS, "  observation_sources: scan\n", "", "local_costmap has no observation source: "),
-    (
-        COSTMAPS,
-        "robot_base_frame: base_link",
-        "robot_base_frame: base",
-        "robot_base_frame is base, but .*: give base_link",
-    ),
+    (COSTMAPS, "_frame: base_link", "_frame: base", "robot_base_frame is base, but .*: give base_link"),
     (PLANNER, "sim_time: 2.0", "sim_time: .inf", "TrajectoryPlannerROS/sim_time is inf: give a finite number"),
 ]
 OF_BURGER = [
@@ -83,62 +64,36 @@ OF_BURGER = [
     (LOCAL, "rolling_window: true", "origin_x: -1.0", "local_costmap/origin_y is 0: .* 3 m long.*give -1.5"),
     (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer, but "),
 ]
-REMARKS = [
+REMARKS_OF_JACKAL = [
+    (COSTMAPS, "inflation_radius:", "inflation_radus:", "inflation_radus is ignored: did you mean inflation_rad"),
+    (PLANNER, "max_vel_x: 0.5", "max_vel_x: 0.5\n  max_vel_xx: 1.0", "ROS/max_vel_xx: unknown, ignored"),
+    (PLANNER, "max_vel_x: 0.5", "max_vel_x: '0.5'", "max_vel_x is '0.5': the default 0.55 is used, as in C"),
+    (PLANNER, "min_vel_x: 0.1", "min_vel_x: 0.8", r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower"),
+    (PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
+    (COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
+    (COSTMAPS, "_frame: front_laser", "_frame: laser", "sensor_frame is laser, but .*: give front_laser"),
+]
+REMARKS_OF_BURGER = [
+    (BURGER, "sim_time: 1.5", "max_rot_vel: 1.0", "max_rot_vel is ignored: give max_vel_theta"),
+    (BURGER, "min_vel_y: 0.0", "min_vel_y: -0.1", "min_vel_y, max_vel_y are .-0.1, 0.0.: .*give 0"),
+    (BURGER, "acc_lim_x: 2.5", "acc_lim_x: 250", "acc_lim_x is 250.0: 20.0 is used, give a value from 0.0 to 20.0"),
     (
-        "jackal",
-        COSTMAPS,
-        "inflation_radius:",
-        "inflation_radus:",
-        "inflation_radus is ignored: did you mean inflation_rad",
-    ),
-    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 0.5\n  max_vel_xx: 1.0", "ROS/max_vel_xx: unknown, ignored"),
-    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: '0.5'", "max_vel_x is '0.5': the default 0.55 is used, as in C"),
-    ("jackal", PLANNER, "min_vel_x: 0.1", "min_vel_x: 0.8", r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower"),
-    ("jackal", PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
-    ("jackal", COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
-    (
-        "jackal",
-        COSTMAPS,
-        "sensor_frame: front_laser",
-        "sensor_frame: laser",
-        "sensor_frame is laser, but .*: give front_laser",
-    ),
-    (
-        "turtlebot3_burger",
-        BURGER,
-        "sim_time: 1.5",
-        "max_rot_vel: 1.0",
-        "max_rot_vel is ignored: give max_vel_theta",
-    ),
-    (
-        "turtlebot3_burger",
-        BURGER,
-        "min_vel_y: 0.0",
-        "min_vel_y: -0.1",
-        "min_vel_y, max_vel_y are .-0.1, 0.0.: .*give 0",
-    ),
-    (
-        "turtlebot3_burger",
-        BURGER,
-        "acc_lim_x: 2.5",
-        "acc_lim_x: 250",
-        "acc_lim_x is 250.0: 20.0 is used, give a value from 0.0 to 20.0",
-    ),
-    (
-        "turtlebot3_burger",
         COSTMAPS.replace(".", "_burger."),
         BURGER_OUTLINE,
         "",
         r"footprint is missing: a circle of 0.46 m .*\[-0.102, -0.089\].*\[0.038, 0.089\]",
     ),
     (
-        "turtlebot3_burger",
         LOCAL,
         "robot_base_frame: base_footprint",
         "robot_base_frame: base_link",
         "robot_base_frame is base_link: both costmaps use base_footprint of global_costmap",
     ),
 ]
+
+
+def of_both(jackals, burgers):
+    return [("jackal", *row) for row in jackals] + [("turtlebot3_burger", *row) for row in burgers]
 
 
 def changed(folder, robot, file, old, new):
@@ -152,11 +107,7 @@ def changed(folder, robot, file, old, new):
 
 @pytest.mark.parametrize(
     ("robot", "file", "old", "new", "line"),
-    [
-        *(("jackal", ROBOT, *row) for row in IN_ROBOT_YAML),
-        *(("jackal", *row) for row in OF_JACKAL),
-        *(("turtlebot3_burger", *row) for row in OF_BURGER),
-    ],
+    of_both([*((ROBOT, *row) for row in IN_ROBOT_YAML), *OF_JACKAL], OF_BURGER),
 )
 def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, line):
     with pytest.raises(ApplrError) as refused:
@@ -166,7 +117,7 @@ def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, l
     assert str(refused.value).startswith(f"{tmp_path}/mine: ")
 
 
-@pytest.mark.parametrize(("robot", "file", "old", "new", "line"), REMARKS)
+@pytest.mark.parametrize(("robot", "file", "old", "new", "line"), of_both(REMARKS_OF_JACKAL, REMARKS_OF_BURGER))
 def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     described = folders.read(changed(tmp_path / "mine", robot, file, old, new))
     assert [one for one in remarks(described) if re.search(line, one)], remarks(described)
