@@ -156,11 +156,7 @@ def test_launch_files_clear_what_an_earlier_launch_left():
 @pytest.mark.parametrize(
     ("command", "words", "line"),
     [
-        (
-            demo,
-            ["wrold:=generated:7"],
-            "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, map, ",
-        ),
+        (demo, ["wrold:=generated:7"], "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, m"),
         (demo, ["world:=generated:300"], "generated:300"),
         (demo, ["method:=faster"], "method 'faster' is unknown"),
         (demo, ["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),

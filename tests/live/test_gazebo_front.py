@@ -40,10 +40,8 @@ def gazebo():
 
 
 def test_starts_at_the_challenges_start_and_explains_refusals(gazebo):
-    get, set_state = (
-        rospy.ServiceProxy("/gazebo/get_model_state", GetModelState),
-        rospy.ServiceProxy("/gazebo/set_model_state", SetModelState),
-    )
+    get = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
+    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
     answer = get("jackal", "world")
     assert answer.success
     assert (answer.pose.position.x, answer.pose.position.y) == pytest.approx(START[:2], abs=0.02)

@@ -12,10 +12,7 @@ from tests.support.ros_harness import free_port, session, wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
 PROGRAM = shutil.which("chromium-headless-shell")
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here"),
-]
+pytestmark = [pytest.mark.ros, pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here")]
 
 NODES = {
     "sim_bridge": ("_simulator:=kinematic", "_gazebo:=true"),

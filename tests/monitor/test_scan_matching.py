@@ -97,11 +97,8 @@ def test_a_passing_person_does_not_shift_the_pose():
 def test_a_completely_changed_scene_does_not_change_the_pose():
     """If the scene changes completely, the pose stays that of the odometry, and the next scan fits again."""
     rng, matcher = np.random.default_rng(2), ScanMatcher()
-    pose, first, second = (
-        (0.0, 0.0, 0.0),
-        pillars(rng),
-        np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]]),
-    )
+    pose, first = (0.0, 0.0, 0.0), pillars(rng)
+    second = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])
     assert not matcher.add_scan(scan(pose, pose, 0.0, rng, first))
     assert matcher.add_scan(scan(pose, pose, 0.1, rng, first))
     assert not matcher.add_scan(scan(pose, pose, 0.2, rng, walls=second))

@@ -174,21 +174,12 @@ def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name)
 def test_the_parameters_for_a_cpp_costmap_mean_the_same_here():
     tree = copy.deepcopy(robots.load("jackal").parameters())
     for costmap in ("local_costmap", "global_costmap"):
-        tree[costmap]["obstacles_layer"].update(
-            observation_sources="scan predicted",
-            predicted={
-                "data_type": "PointCloud2",
-                "topic": "/applr/predicted",
-                "sensor_frame": "front_laser",
-                "marking": True,
-                "clearing": True,
-            },
-        )
+        predicted = dict(data_type="PointCloud2", topic="/applr/predicted", sensor_frame="front_laser")
+        predicted.update(marking=True, clearing=True)
+        tree[costmap]["obstacles_layer"].update(observation_sources="scan predicted", predicted=predicted)
     assert check(tree) == []
     for movers in (False, True):
-        assert [topic.lstrip("/") for topic in MoveBase(dict(tree, applr={"movers": movers})).sources] == [
-            "front/scan",
-            PREDICTED,
-        ]
+        sources = MoveBase(dict(tree, applr={"movers": movers})).sources
+        assert [topic.lstrip("/") for topic in sources] == ["front/scan", PREDICTED]
     twice = complete(complete(dict(robots.load("jackal").parameters(), applr={"movers": True})))
     assert twice["local_costmap"]["obstacles_layer"]["observation_sources"] == "scan applr_predicted"

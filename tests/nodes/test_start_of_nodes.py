@@ -88,9 +88,8 @@ def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypa
         given = {"robot": str(tmp_path / "mine")}
     node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
-    monkeypatch.setattr(
-        "rospy.get_param", lambda name, *default: given if name == "~" else given.get(name[1:], *default)
-    )
+    parameters = {"": given, **given}  # "~" stands for all parameters of the node.
+    monkeypatch.setattr("rospy.get_param", lambda name, *default: parameters.get(name[1:], *default))
     monkeypatch.setattr("rospy.get_name", lambda: "/node")
     monkeypatch.setattr("rospy.resolve_name", lambda name: "/" + name)
     for name in ("Publisher", "Subscriber"):

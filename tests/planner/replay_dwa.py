@@ -146,12 +146,5 @@ def local_plan_tf(scenario):
     yield from local_plan(scenario, scenario.inputs["plan_frame_to_odom"], ANOTHER_FRAME)
 
 
-KINDS = {
-    "dwa": dwa,
-    "dwa_edge": dwa,
-    "rollout": rollout,
-    "drive": drive,
-    "stop_rotate": drive,
-    "local_plan": local_plan,
-    "local_plan_tf": local_plan_tf,
-}
+KINDS = dict(dwa=dwa, dwa_edge=dwa, rollout=rollout, drive=drive, stop_rotate=drive)
+KINDS.update(local_plan=local_plan, local_plan_tf=local_plan_tf)

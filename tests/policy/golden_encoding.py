@@ -25,10 +25,7 @@ from training.env.reward import Reward
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"
 PERIOD, SCENES, PLAN = 1.0, 4, 24
-REWARDS = (
-    Reward(),
-    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
-)
+REWARDS = Reward(), Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0)
 FLAGS, NUMBERS = ("contact", "success", "flipped"), ("progress", "progress_y", "last_scan_min", "decision_min")
 Arrays = Dict[str, np.ndarray]
 

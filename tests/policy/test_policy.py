@@ -82,10 +82,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         (lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
         (lambda: methods.make("fast"), "method 'fast' is unknown: give dwa, "),
         (lambda: methods.make("/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
-        (
-            lambda: methods.make("static", robots.load("turtlebot3_burger")),
-            "there is no .*static.json: run `./applr tune",
-        ),
+        (lambda: methods.make("static", robots.load("turtlebot3_burger")), "no .*static.json: run `./applr tune"),
         (lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)), "global plan is empty"),
         (lambda: local_goal(np.full((5, 2), np.nan), (0.0, 0.0, 0.0)), "global plan or pose is not finite"),
         (lambda: observe(np.full(720, np.nan), 0.0, THETA_0), "all 720 beams of the scan are NaN or 0"),
@@ -225,9 +222,8 @@ def test_saving_is_atomic(tmp_path):
 
 def test_a_policy_for_another_space_is_rejected(tmp_path):
     save(tmp_path / "a.safetensors", make_weights())
-    slower = replace(
-        robots.JACKAL, space=(robots.JACKAL.space[0].model_copy(update={"range": (0.2, 1.0)}), *robots.JACKAL.space[1:])
-    )
+    speed, *others = robots.JACKAL.space
+    slower = replace(robots.JACKAL, space=(speed.model_copy(update={"range": (0.2, 1.0)}), *others))
     refused(lambda: load(tmp_path / "a.safetensors", slower), "another parameter space")
 
 

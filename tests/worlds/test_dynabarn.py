@@ -21,9 +21,8 @@ def test_places_over_time_are_gazebos(tmp_path):
     """Catmull-Rom tangents with tension 0 between key frames, computed by hand. The animation repeats every 10 s."""
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     file = Path(table(tmp_path, *rows))
-    file.write_bytes(
-        b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n")
-    )  # byte order mark and line ends of Windows
+    # The table has the byte order mark and line ends of Windows.
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
     (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
     assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
     # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and (2, 2) at the next

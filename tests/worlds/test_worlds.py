@@ -30,9 +30,8 @@ def test_splits_share_no_world():
     assert names["validation"] | names["learn"] == names["train"]
     assert not names["validation"] & names["learn"]
     assert not names["train"] & names["test"]
-    assert [f"generated:{n}" for n in (5, 14, 24)] == worlds.specs("generated:validation")[
-        :3
-    ]  # The numbers must never change.
+    # The numbers must never change.
+    assert worlds.specs("generated:validation")[:3] == [f"generated:{n}" for n in (5, 14, 24)]
     assert len(names["validation"]) == 31
     assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
     assert [w.name for w in worlds.Worlds("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
@@ -70,9 +69,8 @@ def test_everything_of_a_world_scales(spec):
     assert np.allclose(half.course.path, 0.5 * world.course.path)
     assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
     assert (half.course.start[2], half.course.goal[0]) == (world.course.start[2], 0.5 * world.course.goal[0])
-    assert (worlds.scaled(world, 1.3) is world) == (
-        spec == "dynamic:0"
-    )  # A room with moving obstacles is never enlarged.
+    # A room with moving obstacles is never enlarged.
+    assert (worlds.scaled(world, 1.3) is world) == (spec == "dynamic:0")
 
 
 def test_the_path_of_the_physical_course_keeps_from_its_boxes():
@@ -88,11 +86,8 @@ def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
         assert (tmp_path / name).read_bytes().startswith(begin)
     copy = str(tmp_path / "out.world")
     assert len(worlds.load(copy).cylinders) == len(worlds.load("generated:7").cylinders)
-    for main, out in (
-        (draw.main, "/nowhere/out.png"),
-        (draw.main, "x.nonsense"),
-        (sdf_writer.main, "/nowhere/w.world"),
-    ):
+    wrong = (draw.main, "/nowhere/out.png"), (draw.main, "x.nonsense"), (sdf_writer.main, "/nowhere/w.world")
+    for main, out in wrong:
         monkeypatch.setattr("sys.argv", ["command", "generated:7", out])
         assert main() == 1
         error = capsys.readouterr().err

@@ -14,9 +14,8 @@ from worlds import barn, sdf_writer
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
-    read = worlds.load(
-        put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path]))
-    )  # The first point occurs twice.
+    cells = np.concatenate([path[:1], path])  # The first point occurs twice.
+    read = worlds.load(put(tmp_path, as_barn(world), cells=cells))
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
     assert (read.course.start, read.course.goal) == (world.course.start, world.course.goal)

@@ -33,15 +33,7 @@ def test_parse_reads_values_as_the_cpp_node_does():
     assert footprints.parse("[]").shape == footprints.parse("").shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[[0,0],[1,1]]",
-        "[[0,0],[1,1],[2]]",
-        "__import__('os')",
-        "[[0,0],[1,1],[2,1e999]]",
-    ],
-)
+@pytest.mark.parametrize("text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "__import__('os')", "[[0,0],[1,1],[2,1e999]]"])
 def test_parse_rejects_in_one_line(text):
     refused(lambda: footprints.parse(text), "footprint")
 

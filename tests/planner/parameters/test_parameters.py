@@ -83,7 +83,7 @@ def test_only_the_servers_of_the_planner_in_use_exist():
             config[other]
 
 
-def test_the_control_period_is_looked_for_upwards():
+def test_the_control_period_is_searched_upwards():
     for tree, planner in itertools.product(({}, DWA), ("DWAPlannerROS", PLANNER)):
         assert complete(dict(tree, controller_frequency=10.0))[planner]["controller_frequency"] == 10.0
     own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
@@ -149,7 +149,8 @@ def test_values_are_read_as_roscpp_reads_them():
     assert remarks(tree) == []
     full = complete(tree)
     assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # half is rounded up
-    assert full["local_costmap"]["footprint"].startswith("[[0.27, 0.21]")  # found above the costmap
+    # The list above the costmap becomes its text.
+    assert full["local_costmap"]["footprint"] == "[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]"
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
 
 
@@ -302,12 +303,6 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
     full = complete(tree)["local_costmap"]
     assert (full["inflater_layer"]["inflation_radius"], full["obstacles_layer"]["raytrace_range"]) == (0.7, 5.0)
     assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # The source's own value comes first.
-
-
-def test_footprint_may_be_a_list():
-    tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
-    assert check(tree) == []
-    assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():

@@ -322,6 +322,11 @@ def person(drive, t, k):
         drive.theta = SPACE.from_dict({"max_vel_x": 1.23})
 
 
+def jump(drive, t, k):
+    if k == 250:
+        drive.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))
+
+
 class Misses(Drive):
     """Its node misses the third decision."""
 
@@ -334,11 +339,7 @@ class Misses(Drive):
     ("changes", "lengths", "reason"),
     [  # Each change happens during the third decision.
         ({"scan": lambda ranges, k: None if 230 < k < 290 else ranges}, [2, 2], "scans are missing"),
-        (
-            {"after": lambda d, t, k: k == 250 and d.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))},
-            [],
-            "the odometry jumped",
-        ),
+        ({"after": jump}, [], "the odometry jumped"),
         ({"after": person}, [2, 2], "parameters were changed"),
         ({"kind": Misses}, [1, 2], "a decision's period differs from the others"),
     ],
@@ -440,9 +441,8 @@ class Truthful(RecordingEpisode):
 
 def driven(path, observation, world, limit=None, **settings):
     """Drive two courses in a world, record them in a bag, and return the environment's transitions."""
-    env = ApplrEnv(
-        world, observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0}, **settings
-    )
+    settings.update(observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0})
+    env = ApplrEnv(world, **settings)
     with StackWriter(path) as writer:
         same = env.episode.simulator, env.episode.move_base
         env.episode = Truthful(*same, writer, period=1.0, limit=limit)

@@ -70,11 +70,8 @@ def straight(obstacle=None):
 
 
 def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", **options):
-    simulator, planner = (
-        sim_bridge.make("kinematic", slip=0.0),
-        FakeMoveBase((v, 0.0), end=end, result=result, variant=variant),
-    )
-    episode = Episode(simulator, planner, period=2.0, **options)
+    planner = FakeMoveBase((v, 0.0), end=end, result=result, variant=variant)
+    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=2.0, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
 
@@ -130,6 +127,8 @@ def test_the_local_goal_is_relative_to_the_robot():
 
 
 WALL = (1.0, 4.0, 0.2)
+REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
+STALLS = {"v": 0.0, "limit": 6, "end_on_stall": True}
 GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "time_s": 100.0, "decisions": 2}
 
 
@@ -142,18 +141,10 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
         ({"v": 0.0, "limit": 5}, False, {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False}),
         # A stall is a failure if requested. The threshold of 0.85 m in 8 s is 0.106 m/s.
         ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
-        ({"v": 0.0, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
-        ({"v": 0.10, "limit": 6, "end_on_stall": True}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
-        (
-            {"v": 0.12, "limit": 6, "end_on_stall": True},
-            False,
-            {"decisions": 6, "reason": "time limit", "timeout": True},
-        ),
-        (
-            {"v": 0.0, "limit": 6, "end": 160, "result": ("aborted", "why"), "end_on_stall": True},
-            True,
-            {"decisions": 4, "reason": "planner aborted: why"},
-        ),
+        (STALLS, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
+        ({**STALLS, "v": 0.10}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
+        ({**STALLS, "v": 0.12}, False, {"decisions": 6, "reason": "time limit", "timeout": True}),
+        ({**STALLS, "end": 160, "result": GIVES_UP}, True, {"decisions": 4, "reason": "planner aborted: why"}),
         # Contacts are recorded, and end a trial if the protocol requires it.
         ({"obstacle": WALL, "limit": 4}, False, {"collided": True, "timeout": True, "success": False}),
         ({"obstacle": WALL, "end_on_collision": True}, True, {"collided": True, "reason": "contact"}),
@@ -166,9 +157,6 @@ def test_how_a_trial_ends(options, fails, ends):
     assert (failed(last), last.decisions) == (fails, len(outcomes))
     assert "obstacle" not in options or last.min_clearance_m < 0.2
     assert "end_on_collision" not in options or last.time_s < 4
-
-
-REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
 
 
 @pytest.mark.parametrize(
@@ -196,10 +184,8 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(planne
     episode.reset(replace(world, course=replace(world.course, goal=(1.0 + off, *goal[1:]))), 0)
     last = drive(episode)[-1]
     assert (last.success, last.reason) == (reason == "finished", reason)
-    if last.success and off:
-        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4), (
-            "the course ends as soon as the robot is within the tolerance"
-        )
+    if last.success and off:  # The course ends as soon as the robot is within the tolerance.
+        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4)
 
 
 def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
@@ -418,10 +404,8 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
     seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
-    now, earlier = np.reshape(
-        [observation[: env.unwrapped.encoding.scan] for observation in seen], (2, 2, -1)
-    ).swapaxes(0, 1)
-    assert [np.array_equal(*scans) for scans in zip(now, earlier)] == [False, True]
+    scans = [np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen]  # now and earlier
+    assert [np.array_equal(*pair) for pair in scans] == [False, True]
     env.close()
 
 

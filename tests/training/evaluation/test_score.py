@@ -114,13 +114,8 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
 
 def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
     periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
-    for step, last, number in (
-        (0, False, THETA0),
-        (0, True, None),
-        (130, False, 1),
-        (170, False, None),
-        (170, True, 1),
-    ):
+    due = (0, False, THETA0), (0, True, None), (130, False, 1), (170, False, None), (170, True, 1)
+    for step, last, number in due:
         assert periodic.due(step, last) == number
         if number is not None:
             result = Result(True, time_s=1.0 + step), b""

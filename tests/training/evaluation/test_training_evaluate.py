@@ -100,11 +100,8 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     assert lines[0].startswith(HEADER)
     assert len(lines) == 1 + 3 * 2 * 4
     rows = list(csv.DictReader(lines))
-    assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == [
-        ("0", "generated:0", "dwa"),
-        ("0", "generated:0", "random"),
-        ("0", "generated:7", "dwa"),
-    ]
+    first = [("0", "generated:0", "dwa"), ("0", "generated:0", "random"), ("0", "generated:7", "dwa")]
+    assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == first
     assert {r["success"] for r in rows} <= {"True", "False"}
     settings = json.loads((tmp_path / "evaluation.json").read_text())
     assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
@@ -202,11 +199,8 @@ def test_another_evaluations_folder_is_refused(tmp_path):
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
     (tmp_path / "bad.json").write_text("{}")
-    refused(
-        command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json"),
-        "trial 0 of bad in generated:",
-        " failed: the toy will not",
-    )
+    bad = command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json")
+    refused(bad, "trial 0 of bad in generated:", " failed: the toy will not")
     monkeypatch.setenv("TOY_BROKEN", "1")
     refused(command(tmp_path / "b"), " failed: the toy is broken; mend it")
 
@@ -240,18 +234,7 @@ def test_ros_arguments_are_ignored():
 
 
 # -- methods ---------------------------------------------------------------------------------------------------------
-def context(**more):
-    given = dict(
-        ranges=np.full(720, 2.0, np.float32),
-        phi=0.0,
-        theta=SPACE.theta0,
-        time=0.0,
-    )
-    return methods.Context(**{**given, **more})
-
-
-def theta(method, name):
-    return method.theta(context())[SPACE.names.index(name)]
+CONTEXT = methods.Context(ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0)
 
 
 def test_a_method_from_a_users_class(tmp_path, monkeypatch):
@@ -266,7 +249,7 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     method = methods.make("my_module:Cautious")
     method.reset(3)
-    assert theta(method, "max_vel_x") == 0.7
+    assert method.theta(CONTEXT)[SPACE.names.index("max_vel_x")] == 0.7
     assert method.seed == 3
     with pytest.raises(ApplrError, match="not a subclass"):
         methods.make("my_module:Nothing")
@@ -285,7 +268,7 @@ def test_trial_depends_on_its_task_only():
     used.run(before)
     used.episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
-    theta = tuple(methods.make(tmp_set).theta(context()))
+    theta = tuple(methods.make(tmp_set).theta(CONTEXT))
     assert used.run(replace(task, theta=theta)) == fresh  # a parameter set, as from a search
 
 

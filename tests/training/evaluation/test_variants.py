@@ -91,15 +91,8 @@ def test_the_planner_reaches_training_and_evaluation():
     from training.learner.config import TrainConfig
     from training.learner.prepare import prepare
 
-    config = TrainConfig(
-        worlds="generated:0",
-        eval_worlds="generated:1",
-        planner="drawn",
-        end_on_collision=True,
-        monitor=True,
-        movers=True,
-        ground=[0, 2],
-    )
+    more = dict(end_on_collision=True, monitor=True, movers=True, ground=[0, 2])
+    config = TrainConfig(worlds="generated:0", eval_worlds="generated:1", planner="drawn", **more)
     made = prepare(config)
     env = ApplrEnv(**json.loads(made.collect.args[1]))
     held_out = TrialRunner(made.drive.args[0]).episode

@@ -104,13 +104,8 @@ def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster()
         """Prune a set that fails in one of eight worlds and saves `faster` [s] by its parameter in the others."""
 
         def drive(trials):
-            seconds = [
-                (50.0 if trial.theta[at] == 1.0 else 20.0)
-                if trial.world == "w0"
-                else 20.0 - faster * (trial.theta[at] == 1.0)
-                for trial in trials
-            ]
-            return {trial: Result(True, time_s=time) for trial, time in zip(trials, seconds)}
+            saved = {trial: (-30.0 if trial.world == "w0" else faster) * (trial.theta[at] == 1.0) for trial in trials}
+            return {trial: Result(True, time_s=20.0 - seconds) for trial, seconds in saved.items()}
 
         return prune_parameters(SPACE, run_with(drive), theta, lambda: [list(range(8))], time_of)[0]
 

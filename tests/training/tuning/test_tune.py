@@ -46,11 +46,8 @@ def toy(settings, task, gain=12.0):
     theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
     here = dict(zip(space.names, space.to_action(theta)))
     best = dict(zip(space.names, space.to_action(space.from_dict(PAY))))
-    seconds = (
-        12.0
-        + task.seed % 3
-        + (gain + gain * (task.seed % 7) / 40.0) * float(sum(abs(here[name] - best[name]) for name in PAY))
-    )
+    away = float(sum(abs(here[name] - best[name]) for name in PAY))
+    seconds = 12.0 + task.seed % 3 + gain * (1.0 + (task.seed % 7) / 40.0) * away
     return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
 
 
@@ -315,10 +312,7 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     unit = "cells" if name == "jackal" else "metres"
     assert f"# Its distance biases count {unit}, as the C++ planner does" in (folder / "tuned.yaml").read_text()
     described = yaml.safe_load((folder / "robot.yaml").read_text())
-    described["move_base"]["without_map"]["files"] = [
-        *described["move_base"]["without_map"].get("files", []),
-        {"file": "tuned.yaml"},
-    ]
+    described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
     other = shutil.copytree(folder, tmp_path / "other" / name)
     (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
     assert space_of(robots.folder.read(str(other))).theta0.tolist() == wanted.tolist()
