@@ -14,9 +14,12 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+from applr_ros1.common.arrays import Array, Ints
 
 from . import search
+from .search import Cells
 from .world import Course, World
 
 CELL_M = 0.15  # side of a cell [m]
@@ -31,19 +34,19 @@ GOAL_BEYOND_PATH_M = 5.0  # distance of the goal past the path's end, so that no
 GOAL_TOLERANCE_M = 0.4
 
 
-def to_xy(cells: ArrayLike) -> np.ndarray:
+def to_xy(cells: ArrayLike) -> Array:
     """Convert cells (k, 2) (row, column) to their centres (k, 2) (x, y) [m]."""
     cells = np.asarray(cells, dtype=np.float64).reshape(-1, 2)
     return cells * CELL_M + FIRST_CELL
 
 
-def to_cells(xy: ArrayLike) -> np.ndarray:
+def to_cells(xy: ArrayLike) -> Ints:
     """Convert points (k, 2) [m] to int64 cells (k, 2) (row, column), which may lie outside the field."""
     xy = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
     return np.rint((xy - FIRST_CELL) / CELL_M).astype(np.int64)
 
 
-def fill_of(cylinders: ArrayLike) -> np.ndarray:
+def fill_of(cylinders: ArrayLike) -> Cells:
     """Return the cells (30, 30) bool of the field that contain the centre of a cylinder (n, 3)."""
     cells = to_cells(np.asarray(cylinders, dtype=np.float64).reshape(-1, 3)[:, :2])
     inside = np.all((cells >= 0) & (cells < (ROWS, COLS)), axis=1)
@@ -52,7 +55,7 @@ def fill_of(cylinders: ArrayLike) -> np.ndarray:
     return filled
 
 
-def cylinders_of(filled: np.ndarray) -> np.ndarray:
+def cylinders_of(filled: Cells) -> Array:
     """Return the cylinders (n, 3) x, y, radius [m] of filled cells (30, 30), of the corridor and of its back wall."""
     back = [(r, -CORRIDOR_COLUMNS) for r in range(ROWS)]
     sides = [(r, c) for c in range(-CORRIDOR_COLUMNS + 1, 0) for r in (0, ROWS - 1)]
@@ -60,19 +63,19 @@ def cylinders_of(filled: np.ndarray) -> np.ndarray:
     return np.column_stack([xy, np.full(len(xy), CYLINDER_RADIUS_M)])
 
 
-def paper_course(path: np.ndarray) -> Course:
+def paper_course(path: Array) -> Course:
     """Return the paper's course along a path (k, 2) [m], from 1 m before its first point to the line y = 10."""
     (x0, _), (x1, y1) = path[0], path[-1]
     start, goal = (float(x0), START_Y_M, math.pi / 2), (float(x1), float(y1) + GOAL_BEYOND_PATH_M, math.pi / 2)
     return Course(start, goal, FINISH_Y_M, GOAL_TOLERANCE_M, path)
 
 
-def challenge_course(path: np.ndarray) -> Course:
+def challenge_course(path: Array) -> Course:
     """Return the BARN Challenge's course: one start for all worlds, and a goal 10 m ahead with a tolerance of 1 m."""
     return Course((-2.25, 3.0, math.pi / 2), (-2.25, 13.0, math.pi / 2), None, 1.0, path)
 
 
-def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray) -> World:
+def make_world(name: str, filled: Cells, path_cells: Ints) -> World:
     """Return the world of a field (30, 30) bool with a reference path (k, 2) of cells."""
     return World(name, cylinders_of(filled), np.zeros((0, 5)), paper_course(to_xy(path_cells)))
 
@@ -90,7 +93,7 @@ def kind(number: int) -> Tuple[float, int]:
     return FILL_SHARES[i_fill], SMOOTHING_ROUNDS[i_rounds]
 
 
-def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
+def _neighbours(filled: Cells, rows_outside: bool) -> NDArray[np.uint8]:
     """Count the filled cells (30, 30) among the 8 neighbours of each cell.
 
     Columns outside the field count as free. Rows outside count as filled if `rows_outside`.
@@ -99,10 +102,11 @@ def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
     around[1:-1] = 0
     around[1:-1, 1:-1] = filled
     columns = around[:-2] + around[1:-1] + around[2:]
-    return columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:] - filled
+    counts: NDArray[np.uint8] = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:] - filled
+    return counts
 
 
-def smooth(filled: np.ndarray) -> np.ndarray:
+def smooth(filled: Cells) -> Cells:
     """Apply one smoothing round: 5 or more filled neighbours fill a cell, 1 or fewer clear the cell.
 
     Rows outside the field count as filled, columns outside as free.
@@ -111,12 +115,12 @@ def smooth(filled: np.ndarray) -> np.ndarray:
     return (filled | (neighbours >= 5)) & (neighbours > 1)
 
 
-def hollow(filled: np.ndarray) -> np.ndarray:
+def hollow(filled: Cells) -> Cells:
     """Clear cells enclosed on all 8 sides: BARN omits cylinders that neither a robot nor a laser can reach."""
     return filled & (_neighbours(filled, rows_outside=False) < 8)
 
 
-def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray:
+def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> Cells:
     """Draw a smoothed random field (30, 30) bool between two walls (rows 0 and 29), not yet hollowed."""
     filled = rng.random((ROWS, COLS)) < fill
     filled[[0, -1]] = True
@@ -125,7 +129,7 @@ def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray
     return filled
 
 
-def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarray]:
+def draw_path(filled: Cells, rng: np.random.Generator) -> Optional[Ints]:
     """Draw a path (k, 2) of cells from a random free row of the first column to one of the last; None if there is none.
 
     The largest region that touches the first column must also be the largest that touches the last column.
@@ -144,7 +148,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
     return search.barn_path(free, (start, 0), (goal, COLS - 1))
 
 
-def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarray]:
+def generate_field(number: int, seed: int = SEED) -> Tuple[Cells, Ints]:
     """Return (hollowed field (30, 30) bool, path (k, 2) int64) of world `number`. Redraw until there is a path."""
     fill, rounds = kind(number)
     rng = np.random.default_rng([seed, number])
@@ -182,7 +186,7 @@ def world(number: int) -> World:
 
 
 @functools.lru_cache(maxsize=1)
-def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
+def fields() -> Dict[int, Tuple[Cells, Ints]]:
     """Return all built-in worlds as {number: (filled (30, 30) bool, path (k, 2) int64 cells)}."""
     with np.load(FILE, allow_pickle=False) as data:
         bits, ends, cells = data["filled"], data["path_ends"], data["path_cells"]

@@ -8,14 +8,16 @@ from __future__ import annotations
 import math
 import os
 import re
-from typing import Any
+from typing import Any, Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
+
 from . import barn, dynabarn, search
 from .sdf import NAMESPACE, numbers
-from .world import Course, WorldError
+from .world import Course, Mover, WorldError
 
 PATH_FOLDER = "path_files"
 COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
@@ -36,7 +38,7 @@ def from_element(element: Element, path: str) -> Course:
     return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2), own)
 
 
-def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
+def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
     """Return the course of the world file `path`: that of its path file, or DynaBARN's."""
     folder, name = os.path.split(os.path.abspath(path))
     number = re.search(r"(\d+)\.world$", name)
@@ -48,7 +50,7 @@ def beside(path: str, cylinders: np.ndarray, movers: tuple) -> Course:
     raise WorldError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
 
 
-def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
+def _on_barns_grid(file: str, cylinders: Array) -> Course:
     """Return the paper's course along the cells (k, 2) of a path_N.npy. Its first cell may occur twice."""
     cells = np.load(file, allow_pickle=False).astype(np.int64)
     cells = cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
@@ -59,7 +61,7 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     return barn.paper_course(barn.to_xy(cells))
 
 
-def given(path: str, points: np.ndarray) -> Course:
+def given(path: str, points: Array) -> Course:
     """Return a course along points (n, 2) [m] given for a world file. Both yaws point along the first leg."""
     if len(points) < 2 or math.dist(points[0], points[-1]) <= barn.GOAL_TOLERANCE_M:
         raise WorldError(f"the course for {path} has no length; give X Y of at least two points in metres")

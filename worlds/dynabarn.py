@@ -12,7 +12,7 @@ import csv
 import functools
 import math
 import os
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -25,14 +25,7 @@ GOAL_TOLERANCE_M = 1.0  # goal tolerance of the BARN Challenge [m]
 
 NAME = "movers.csv"
 COLUMNS = ("plugin", "length", "repeat", "time", "x", "y")
-
-
-class Animation(NamedTuple):
-    """Animation of a model: length [s], whether it repeats, and key frames ((t, x, y), ...) [s, m, m]."""
-
-    length: float
-    repeat: bool
-    frames: Tuple[Tuple[float, float, float], ...]
+Animation = Callable[[float], Mover]  # returns the moving cylinder for a radius [m]
 
 
 @functools.lru_cache(maxsize=4)
@@ -45,7 +38,11 @@ def read_table(path: str) -> Dict[str, Animation]:
             heads[row["plugin"]] = float(row["length"]), row["repeat"] == "1"
             frame = float(row["time"]), float(row["x"]), float(row["y"])
             frames.setdefault(row["plugin"], []).append(frame)
-    return {plugin: Animation(*heads[plugin], tuple(rows)) for plugin, rows in frames.items()}
+    return {plugin: _animation(*heads[plugin], rows) for plugin, rows in frames.items()}
+
+
+def _animation(length: float, repeat: bool, frames: List[KeyFrame]) -> Animation:
+    return functools.partial(Mover, waypoints=tuple(frames), length=length, repeat=repeat)
 
 
 def animation_of(model: Element, path: str) -> Optional[Animation]:
@@ -58,8 +55,8 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     if stated is not None:
         count = len((stated.text or "").split()) // 3 * 3
         flat = numbers(stated.text, count, f"waypoints of model {model.get('name')!r} in {path}")
-        frames = tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3))
-        return Animation(float(stated.get("length") or frames[-1][0]), stated.get("repeat") != "0", frames)
+        frames = [(flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3)]
+        return _animation(float(stated.get("length", 0.0)), stated.get("repeat") != "0", frames)
     plugin = model.find("plugin")
     name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
     if plugin is None or name.startswith("libgazebo_ros_"):  # These plugins move a model only on command.

@@ -20,10 +20,8 @@ from .world import Mover, World, WorldError
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
-    "physical_course, a .world file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's "
-    "training worlds in it"
+    "physical_course, a .world file, or a folder of them"
 )
-HALVES = {"choose": 0, "report": 1}  # parity of the training worlds used for selection and for reported figures
 MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
@@ -71,7 +69,7 @@ def load(spec: str) -> World:
     raise WorldError(f"unknown world {text!r}; give {SPECIFICATIONS}")
 
 
-class Worlds(Sequence):
+class Worlds(Sequence[World]):
     """Sequence of the worlds named by a specification, or by several separated by commas.
 
     Files and built-in worlds are loaded immediately, so that errors are reported at the beginning. Other worlds are
@@ -100,50 +98,30 @@ class Worlds(Sequence):
 
 
 def specs(spec: str) -> List[str]:
-    """Return the specifications of the single worlds that `spec` names, in the order of their numbers."""
-    text = str(spec)
-    name, _, part = text.partition(":")
-    recipe = _RECIPES.get(name)
-    if recipe is None:
-        folder, _, half = text.rpartition(":")
-        if half in HALVES and os.path.isdir(folder):
-            return barn_half(folder, half)
-        return folder_files(text) if os.path.isdir(text) else [text]
-    numbers = recipe.splits.get(part)
-    if numbers is None:
-        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
-        first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
-        if not first <= last < recipe.end:
-            raise WorldError(f"no worlds {text!r}; give {SPECIFICATIONS}")
-        numbers = range(first, last + 1)
-    return [f"{name}:{number}" for number in numbers]
-
-
-def folder_files(folder: str) -> List[str]:
-    """Return the .world files directly in a folder by number, then name. Raise WorldError if there are none."""
-    names = [n for n in os.listdir(folder) if n.endswith(".world")]
-    if not names:
-        raise WorldError(f"{folder} contains no .world files; give a folder with .world files")
-    return [os.path.join(folder, name) for name in sorted(names, key=_natural)]
-
-
-def barn_half(folder: str, half: str) -> List[str]:
-    """Return the files world_N.world of a folder for BARN's training numbers N in a half, one of HALVES.
+    """Return the specifications of the single worlds that `spec` names, in the order of their numbers.
 
     Raises:
-        WorldError: The folder has no such file.
+        WorldError: There are no such numbers, or a folder contains no .world files.
     """
-    numbers = [n for n in barn.TRAIN if n % 2 == HALVES[half]]
-    files = [os.path.join(folder, "world_%d.world" % n) for n in numbers]
-    existing = [file for file in files if os.path.isfile(file)]
-    if not existing:
-        raise WorldError(
-            f"{folder}:{half}: the folder contains no world_{numbers[0]}.world or similar; give BARN's worlds"
-        )
-    return existing
+    text = str(spec)
+    name, _, part = text.partition(":")
+    if name in _RECIPES:
+        recipe = _RECIPES[name]
+        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
+        first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
+        if part not in recipe.splits and not first <= last < recipe.end:
+            raise WorldError(f"no worlds {text!r}; give {SPECIFICATIONS}")
+        return [f"{name}:{number}" for number in recipe.splits.get(part, range(first, last + 1))]
+    if not os.path.isdir(text):
+        return [text]
+    files = [os.path.join(text, file) for file in sorted(os.listdir(text), key=_by_number) if file.endswith(".world")]
+    if not files:
+        raise WorldError(f"{text} contains no .world files; give a folder with .world files")
+    return files
 
 
-def _natural(name: str) -> List[Tuple[int, int, str]]:
+def _by_number(name: str) -> List[Tuple[int, int, str]]:
+    """Return a sorting key, by which numbers in names are compared as numbers."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 

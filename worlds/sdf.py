@@ -18,6 +18,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from applr_ros1.common import files
+from applr_ros1.common.arrays import Array
 
 from .world import WorldError
 
@@ -34,7 +35,8 @@ def parse(path: str) -> Element:
         raise WorldError(f"{path} is not SDF, but for example a world of Stage; give a Gazebo world file")
     # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
     try:
-        return fromstring(re.sub(r"<(\w+) frame=>", r"<\1>", data), forbid_dtd=True)
+        root: Element = fromstring(re.sub(r"<(\w+) frame=>", r"<\1>", data), forbid_dtd=True)
+        return root
     except DefusedXmlException:
         raise WorldError(f"{path} has a DOCTYPE or entities, which are not supported; remove them") from None
     except ParseError as error:
@@ -58,7 +60,7 @@ def in_the_way(low: float, high: float) -> bool:
     return high > ROBOT_HEIGHTS_M[0] and low < ROBOT_HEIGHTS_M[1]
 
 
-def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
+def cylinder(pose: Array, radius: float, length: float) -> Optional[Shape]:
     """Return the circle of an upright cylinder, or the rectangle around a lying or leaning cylinder."""
     axis = pose[:3, 2]
     flat = math.hypot(axis[0], axis[1])
@@ -72,13 +74,13 @@ def cylinder(pose: np.ndarray, radius: float, length: float) -> Optional[Shape]:
     return x, y, math.atan2(axis[1], axis[0]), float(along), 2.0 * radius
 
 
-def sphere(pose: np.ndarray, radius: float) -> Optional[Shape]:
+def sphere(pose: Array, radius: float) -> Optional[Shape]:
     """Return the sphere's widest circle, or None if the sphere is not in the way."""
     x, y, z = pose[:3, 3].tolist()
     return (x, y, radius) if in_the_way(z - radius, z + radius) else None
 
 
-def box(pose: np.ndarray, *size: float) -> Optional[Shape]:
+def box(pose: Array, *size: float) -> Optional[Shape]:
     """Return the rectangle covered by a box, or None if it is not in the way. Exact for a box on one of its faces."""
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     corners = (signs * np.asarray(size)) @ pose[:3, :3].T
@@ -101,7 +103,7 @@ SHAPES: Dict[str, Tuple[Sequence[str], int, Callable[..., Optional[Shape]]]] = {
 }
 
 
-def pose_of(element: Element, what: str) -> np.ndarray:
+def pose_of(element: Element, what: str) -> Array:
     """Return an element's pose (4, 4) in its parent frame. `what` names the element in the message."""
     pose, matrix, words = element.find("pose"), np.eye(4), (element.findtext("pose") or "").split()
     if pose is not None and words:

@@ -15,19 +15,20 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from applr_ros1.common.angles import outside_box
+from applr_ros1.common.arrays import Array
 
 from . import course, dynabarn
 from .dynabarn import Animation
-from .sdf import NAMESPACE, SHAPES, numbers, parse, pose_of
+from .sdf import NAMESPACE, SHAPES, Shape, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries that are no obstacle
-FLOOR_HEIGHT_M = 0.1  # largest height of a floor slab above the ground [m]
+FLOOR_HEIGHT_M = 0.1  # largest height of the top of a floor slab [m]
 MAX_NAMED = 5  # number of unread elements named in the warning
 
 
-def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
+def read_world(path: str, points: Optional[Array] = None) -> World:
     """Return the world of a .world file, and log unread elements in one warning.
 
     Args:
@@ -43,13 +44,15 @@ def read_world(path: str, points: Optional[np.ndarray] = None) -> World:
     world = root if root.tag == "world" else root.find("world")
     if world is None:
         raise WorldError(f"{path} contains no <world>; give a Gazebo world file")
-    cylinders, boxes, movers = _Reader(path, world).read()
+    cylinders, boxes, low, movers = _Reader(path, world).read()
     stated = world.find(f"{{{NAMESPACE}}}course")
     if points is not None:
         way = course.given(path, points)
     else:
         way = course.beside(path, cylinders, movers) if stated is None else course.from_element(stated, path)
-    return World(name, cylinders, boxes, way, movers)
+    # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
+    stands_on = [np.hypot(*outside_box(*(way.start[:2] - box[:2]), *box[2:])) == 0.0 for box in low]
+    return World(name, cylinders, np.concatenate([boxes, low[~np.array(stands_on, bool)]]), way, movers)
 
 
 class _Reader:
@@ -57,14 +60,14 @@ class _Reader:
 
     def __init__(self, path: str, world: Element) -> None:
         self.path, self.world = path, world
-        self.cylinders: List[tuple] = []
-        self.boxes: List[tuple] = []
-        self.flat: List[tuple] = []  # boxes in the way that are no higher than a floor slab
+        self.cylinders: List[Shape] = []
+        self.boxes: List[Shape] = []
+        self.low: List[Shape] = []  # boxes in the way that are no higher than a floor slab
         self.movers: List[Mover] = []
         self.unread: List[str] = []
 
-    def read(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Mover, ...]]:
-        """Return cylinders (n, 3), boxes (m, 5) and moving obstacles, as in worlds.World."""
+    def read(self) -> Tuple[Array, Array, Array, Tuple[Mover, ...]]:
+        """Return cylinders (n, 3), boxes (m, 5), low boxes (k, 5) and moving obstacles, as in worlds.World."""
         for tag in ("actor", "population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>" for _ in self.world.findall(tag)]
         for include in self.world.iter("include"):
@@ -78,18 +81,13 @@ class _Reader:
             more = f" and {len(self.unread) - MAX_NAMED} more" if len(self.unread) > MAX_NAMED else ""
             what = ", ".join(self.unread[:MAX_NAMED])
             logging.getLogger(__name__).warning("%s: not read: %s%s; the rest is the world", self.path, what, more)
-        cylinders, boxes, flat = (
+        cylinders, boxes, low = (
             np.array(shapes, dtype=np.float64).reshape(-1, n)
-            for shapes, n in ((self.cylinders, 3), (self.boxes, 5), (self.flat, 5))
+            for shapes, n in ((self.cylinders, 3), (self.boxes, 5), (self.low, 5))
         )
-        places = np.concatenate([cylinders[:, :2], boxes[:, :2]])
-        on = [np.hypot(*outside_box(*(places - box[:2]).T, *box[2:])) == 0.0 for box in flat]
-        is_floor = (
-            on and len(places) and np.any(on, axis=0).mean() >= 0.5
-        )  # A slab below most other obstacles is a floor.
-        return cylinders, boxes if is_floor else np.concatenate([boxes, flat]), tuple(self.movers)
+        return cylinders, boxes, low, tuple(self.movers)
 
-    def _known(self, element: Element, frames: tuple, what: str) -> bool:
+    def _known(self, element: Element, frames: Tuple[str, ...], what: str) -> bool:
         """Return True if an element's pose is relative to its parent. Otherwise note the element as unread."""
         pose = element.find("pose")
         frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
@@ -98,7 +96,7 @@ class _Reader:
             self.unread.append(f"{what} (its pose is relative to {frame!r})")
         return frame in frames
 
-    def _model(self, model: Element, parent: np.ndarray, saved: Optional[Element], frames: tuple) -> None:
+    def _model(self, model: Element, parent: Array, saved: Optional[Element], frames: Tuple[str, ...]) -> None:
         """Read a model in a parent of pose `parent` and names `frames`; `saved` is its element in a <state>."""
         name = f"model {model.get('name')!r}"
         what = f"{name} in {self.path}"
@@ -116,7 +114,7 @@ class _Reader:
         for inner in model.findall("model"):
             self._model(inner, pose, None, ("", "__model__"))
 
-    def _link(self, link: Element, pose: np.ndarray, model: str, animation: Optional[Animation]) -> None:
+    def _link(self, link: Element, pose: Array, model: str, animation: Optional[Animation]) -> None:
         for collision in link.findall("collision"):
             name = f"collision {collision.get('name')!r}"
             if not self._known(collision, ("", link.get("name", "")), name):
@@ -128,14 +126,14 @@ class _Reader:
                 elif element.tag not in NOTHING_THERE:
                     self.unread.append(f"{name} of {model.partition(' in ' + self.path)[0]} (a {element.tag})")
 
-    def _shape(self, element: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
+    def _shape(self, element: Element, pose: Array, what: str, animation: Optional[Animation]) -> None:
         tags, count, cut = SHAPES[element.tag]
         sizes = [size for tag in tags for size in numbers(element.findtext(tag), count, f"{tag}, {what}")]
         shape = cut(pose, *sizes)
         if shape is not None and len(shape) > 3:
             half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
-            (self.flat if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
+            (self.low if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
         elif shape is not None and animation is not None:
-            self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
+            self.movers.append(animation(shape[2]))
         elif shape is not None:
             self.cylinders.append(shape)

@@ -8,20 +8,25 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
+
+from applr_ros1.common.arrays import Array, Ints
 
 Cell = Tuple[int, int]
+Cells = NDArray[np.bool_]  # (rows, columns) of a grid
 
 MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # moves in steps of 45 degrees
 LENGTHS = tuple(math.hypot(*m) for m in MOVES)
 SHY_CELLS, SHY_COST = 2.0, 5.0  # range [cells] and weight of the penalty SHY_COST / distance to a blocked cell
 
 
-def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
+def free_space(filled: Cells, clearance: int) -> Cells:
     """Return the cells with no filled cell within +-`clearance` cells. Cells outside the grid count as empty."""
-    return ~scipy.ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
+    near: Cells = scipy.ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
+    return ~near
 
 
-def obstacle_penalty(free: np.ndarray) -> np.ndarray:
+def obstacle_penalty(free: Cells) -> Array:
     """Return the penalty of each cell: 5 / (distance to the nearest blocked cell) up to 2 cells away, otherwise 0."""
     if free.all():
         return np.zeros(free.shape)
@@ -36,7 +41,7 @@ def _turns(heading: int) -> Tuple[int, ...]:
     return (heading - 1) % 8, heading, (heading + 1) % 8
 
 
-def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]:
+def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     """Return the path (k, 2) int64 of BARN's generator from start to goal, or None if the search fails.
 
     The search is A* with three deviations that shape BARN's paths. A cell's penalty affects the order of expansion, but

@@ -15,7 +15,8 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import outside_box
+from applr_ros1.common.angles import Pose, outside_box
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 
 KeyFrame = Tuple[float, float, float]
@@ -89,8 +90,6 @@ def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -
     )
 
 
-Pose = Tuple[float, float, float]
-
 # Odometry error allowed at the goal [m], and as a share of the route: .55 m on 10 m in Gazebo, 1.3 m on 20 m here
 ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE = 0.5, 0.08
 MAP_REACH_M = 19.7  # reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
@@ -116,7 +115,7 @@ class Course:
     goal: Pose
     finish_y: Optional[float]
     goal_tolerance: float
-    path: np.ndarray
+    path: Array
     planner_ends: bool = False
 
     @property
@@ -184,13 +183,13 @@ class World:
     """
 
     name: str
-    cylinders: np.ndarray
-    boxes: np.ndarray
+    cylinders: Array
+    boxes: Array
     course: Course
     movers: Tuple[Mover, ...] = ()
 
 
-def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray:
+def clearance(world: World, points: Array, time: float = 0.0) -> Array:
     """Return the distance (n,) [m] from each point (n, 2) to the nearest obstacle surface at `time` [s].
 
     The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
@@ -198,7 +197,9 @@ def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray
     moving = [(*mover.position(time), mover.radius) for mover in world.movers]
     cylinders = np.vstack([world.cylinders, np.array(moving).reshape(-1, 3)])
     x, y = points[:, :1], points[:, 1:]
-    nearest = np.min(np.hypot(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 2], axis=1, initial=np.inf)
+    nearest: Array = np.min(
+        np.hypot(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 2], axis=1, initial=np.inf
+    )
     for bx, by, yaw, size_x, size_y in world.boxes:
         nearest = np.minimum(nearest, np.hypot(*outside_box(x[:, 0] - bx, y[:, 0] - by, yaw, size_x, size_y)))
     return nearest

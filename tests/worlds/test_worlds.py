@@ -37,16 +37,6 @@ def test_splits_share_no_world():
     assert [w.name for w in worlds.Worlds("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
 
 
-def test_barns_training_worlds_come_in_two_halves(tmp_path):
-    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds.
-        (tmp_path / ("world_%d.world" % number)).write_text("")
-    (tmp_path / "other_5.world").write_text("")
-    halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
-    names = {half: [path.rpartition("_")[2] for path in files] for half, files in halves.items()}
-    assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
-    refused(lambda: worlds.specs(f"{tmp_path.parent}:choose"), "choose: the folder contains no world_2.world")
-
-
 # -- scale
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_gaps_keep_their_ratio_to_the_padded_width(name):

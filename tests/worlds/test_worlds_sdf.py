@@ -31,14 +31,10 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
 
-def test_a_slab_on_which_all_stands_is_floor_and_a_kerb_is_none(tmp_path):
-    walls = [(x, 0, 0.5, 0.1, 8, 1) for x in (-4, 4)] + [(0, y, 0.5, 8, 0.1, 1) for y in (-4, 4)]
-    room = "".join(box(f"wall{k}", *wall) for k, wall in enumerate([*walls, (1, 0, 0.5, 2, 0.2, 1)]))
-    kerb, slab = box("kerb", -2, 2, 0.03, 1, 1, 0.06), box("slab", 0, 0, 0.0, 9, 9, 0.1)
-    world = worlds.load(put(tmp_path, sdf(room + slab + kerb), "w.world"))
-    assert len(world.boxes) == 5
-    world = worlds.load(put(tmp_path, sdf(room + kerb), "v.world"))
-    assert world.boxes[-1].tolist() == [-2.0, 2.0, 0.0, 1.0, 1.0]
+def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_none(tmp_path):
+    barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
+    world = worlds.load(put(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world"))
+    assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
 
 
 def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
