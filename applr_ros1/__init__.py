@@ -15,6 +15,7 @@ import re
 import sys
 import typing
 
+__version__: str  # from __getattr__
 __path__ = pkgutil.extend_path(__path__, __name__)
 
 

@@ -14,7 +14,7 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 import numpy as np
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist, Vector3
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
@@ -43,8 +43,7 @@ def is_upright(q: Any) -> bool:
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not math.isfinite(length2) or length2 < 1e-6:
         return False
-    z_of_z = 1.0 - 2.0 * (q.x * q.x + q.y * q.y) / length2
-    return abs(z_of_z - 1.0) <= 1e-3
+    return bool(2.0 * (q.x * q.x + q.y * q.y) / length2 <= 1e-3)
 
 
 def pose_of(message: Any) -> Pose:
@@ -56,8 +55,7 @@ def pose_of(message: Any) -> Pose:
 
 def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
     """Return a geometry_msgs/PoseStamped of the pose (x, y, yaw) [m, m, rad] in `frame`."""
-    message = PoseStamped()
-    message.header.frame_id, message.header.stamp = frame, stamp
+    message = PoseStamped(header=Header(0, stamp, frame))
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
     message.pose.orientation = Quaternion(*quaternion_of(pose[2]))
     return message
@@ -65,15 +63,13 @@ def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
 
 def twist(v: float, w: float) -> Twist:
     """Return a geometry_msgs/Twist of a forward speed v [m/s] and a turn rate w [rad/s]."""
-    message = Twist()
-    message.linear.x, message.angular.z = v, w
-    return message
+    return Twist(Vector3(v, 0.0, 0.0), Vector3(0.0, 0.0, w))
 
 
 def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray with one status and its {key: value} pairs."""
     shown = [KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value)) for k, value in values.items()]
-    return DiagnosticArray(header("", stamp), [DiagnosticStatus(level, name, text, "none", shown)])
+    return DiagnosticArray(Header(0, stamp, ""), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
 # -- in --------------------------------------------------------------------------------------------------------
@@ -192,14 +188,9 @@ class PackedMessage:
         buff.write(self.payload)
 
 
-def header(frame: str, stamp: Any) -> Header:
-    """Return a std_msgs/Header."""
-    return Header(frame_id=frame, stamp=stamp)
-
-
 def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
     """Return the whole costmap as a nav_msgs/OccupancyGrid."""
-    message = OccupancyGrid(header=header(frame, stamp))
+    message = OccupancyGrid(header=Header(0, stamp, frame))
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
     message.info.width, message.info.height = costmap.size
@@ -210,7 +201,7 @@ def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
 
 def grid_update(cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any) -> PackedMessage:
     """Return the window of cells (h, w) of a costmap at `corner` (x, y) as a map_msgs/OccupancyGridUpdate."""
-    message = OccupancyGridUpdate(header=header(frame, stamp))
+    message = OccupancyGridUpdate(header=Header(0, stamp, frame))
     (message.x, message.y), (message.height, message.width) = corner, cells.shape
     return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
 
@@ -224,19 +215,19 @@ def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
     rows["pose"][:, :2] = poses[:, :2]
     half = 0.5 * poses[:, 2] if poses.shape[1] > 2 else np.zeros(len(poses))
     rows["pose"][:, 5], rows["pose"][:, 6] = np.sin(half), np.cos(half)
-    return PackedMessage(Path(header=header(frame, stamp)), len(poses), rows.tobytes())
+    return PackedMessage(Path(header=Header(0, stamp, frame)), len(poses), rows.tobytes())
 
 
 def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
     """Return vertices (n, 2) [m] as a geometry_msgs/PolygonStamped."""
-    message = PolygonStamped(header=header(frame, stamp))
+    message = PolygonStamped(header=Header(0, stamp, frame))
     message.polygon.points = [Point32(float(x), float(y), 0.0) for x, y in vertices]
     return message
 
 
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
-    message = PointCloud2(header=header(frame, stamp), height=1, width=len(rows), is_dense=True)
+    message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
     message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
     message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)

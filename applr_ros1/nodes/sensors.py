@@ -20,12 +20,12 @@ from sensor_msgs.msg import LaserScan as ScanMessage
 from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
-from applr_ros1.common.angles import compose
-from applr_ros1.policy.observation import ObservationError
+from applr_ros1.common.angles import Pose, compose
+from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import Robot
 
 from . import conversions
-from .conversions import MessageError, Pose
+from .conversions import MessageError
 from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
@@ -289,4 +289,4 @@ class _Topic:
         return used
 
     def _is_recent(self, message: Any) -> bool:
-        return abs((rospy.get_rostime() - message.header.stamp).to_sec()) < 2.0
+        return bool(abs((rospy.get_rostime() - message.header.stamp).to_sec()) < 2.0)

@@ -9,7 +9,7 @@ import rospy
 import tf2_ros
 
 from applr_ros1.common.errors import reason
-from applr_ros1.policy.observation import ObservationError
+from applr_ros1.policy.layout import ObservationError
 
 MAX_AGE_S = 1.0  # largest usable age of a message, and largest lead of its stamp over the clock [s]
 MAX_AHEAD_S = 3.0  # largest lead of a transform's stamp over the clock [s]; amcl adds its transform_tolerance

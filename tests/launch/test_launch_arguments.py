@@ -214,7 +214,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     opened, there = [], []
 
     class Stack:
-        def wait_until_up(self, part, condition, *_, **__):
+        def wait(self, part, condition, *_, **__):
             there.append(part)
             if part == "the page":
                 assert not condition()
@@ -222,7 +222,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
                 assert condition()
                 written["/viewer/address"] = "http://evil.example/"
 
-        def wait(self, *_, **__):
+        def check(self):
             raise KeyboardInterrupt
 
     written = {"/viewer/address": "file:///etc/passwd"}
@@ -244,7 +244,7 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
         process = SimpleNamespace(stderr=printed, poll=lambda: None)
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
         stack = launcher.Stack({}, 11311, "/tmp")
-        refused(lambda stack=stack: stack.wait(lambda: False, 20.0, "applr does not come up"), "^" + line)
+        refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + line)
 
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():

@@ -116,7 +116,7 @@ def test_silent_nodes_and_topics_are_reported(viewer):
     assert "no scan: nothing on /front/scan" in text
     assert "no applr node" in text
     reports = []
-    viewer.pilot._report = reports.append
+    viewer.panel._report = reports.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
     assert reports == ["no subscribers on /applr/set_parameters"]
 
@@ -126,16 +126,16 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
-        slider, at = viewer.panel.sliders["inflation_radius"], viewer.pilot.space.names.index("inflation_radius")
-        wait_for(lambda: state(viewer) and viewer.pilot.theta() is not None and slider.value == 0.3, "the parameters")
+        slider, at = viewer.panel.sliders["inflation_radius"], viewer.panel.space.names.index("inflation_radius")
+        wait_for(lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3, "the parameters")
         by_hand(slider, 0.45)
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
         wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
-        wait_for(lambda: state(viewer) and viewer.pilot.theta()[at] == 0.45, "the value as the applr node read it")
+        wait_for(lambda: state(viewer) and viewer.panel.theta()[at] == 0.45, "the value as the applr node read it")
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
-        by_hand(viewer.panel._method, "best single set")
-        best = viewer.pilot.space.theta0
-        wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), "its values")
+        by_hand(viewer.panel._dropdown, "best single set")
+        best = viewer.panel.space.theta0
+        wait_for(lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values")
         wait_for(lambda: "best single set" in state(viewer), "the method")
         wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
     finally:

@@ -10,6 +10,7 @@ import pytest
 from geometry_msgs.msg import Point32, Quaternion, Transform, Vector3
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
+from std_msgs.msg import Header
 
 from applr_ros1.common.scan import project
 from applr_ros1.nodes import conversions
@@ -54,7 +55,7 @@ def test_update_is_the_window():
 def test_path_equals_the_generated_message(n):
     frame = "a_longer/frame"
     poses = np.random.default_rng(1).normal(size=(n, 3))
-    plain = Path(header=conversions.header(frame, STAMP))
+    plain = Path(header=Header(0, STAMP, frame))
     plain.poses = [conversions.pose_stamped(p, frame, STAMP) for p in poses.tolist()]
     assert written(conversions.path(poses, frame, STAMP)) == written(plain)
 

@@ -15,13 +15,13 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from applr_ros1.common.angles import transform_point
+from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.nodes.transforms import MAX_AGE_S
 from applr_ros1.policy.decision import Seen
-from applr_ros1.policy.observation import ObservationError
+from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import JACKAL, Robot
 
 LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
@@ -125,7 +125,7 @@ class RobotInputs:
             raise ObservationError(f"the laser in {scan.frame} is tilted: the policy needs a level laser")
         return ranges, scan.sensor_pose[2] + first, scan.angle_increment
 
-    def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> conversions.Pose:
+    def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:
         """Return the robot's pose (x, y, yaw) in `frame` at `stamp`, or its latest pose if tf has none at that time."""
         try:
             transform = self._transforms.at(frame, self._base, stamp)

@@ -25,7 +25,7 @@ from applr_ros1.planner.parameters.layers import COSTMAPS
 TRAJECTORIES_HZ = 5.0  # rate of trajectory_cloud for planners that have none in C++ [Hz]
 
 
-class _NewSubscriber(rospy.SubscribeListener):
+class _NewSubscriber(rospy.SubscribeListener):  # type: ignore[misc]  # ROS packages have no type hints.
     """Listener that sends the whole costmap to each new subscriber, between two cycles."""
 
     def __init__(self, lock: threading.RLock, send: Callable[..., None]):

@@ -28,7 +28,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedb
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from rospy.numpy_msg import numpy_msg
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Header
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
@@ -40,9 +40,11 @@ from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
 from applr_ros1.nodes.robot_parameters import NAMING, with_robot
 from applr_ros1.nodes.sensors import Sensors
-from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
+from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
+from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import Robot
@@ -316,7 +318,7 @@ class MoveBaseNode:
     def _path(self, plan: np.ndarray, frame: str = "") -> Path:
         stamp = rospy.Time.now()
         poses = [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
-        return Path(conversions.header(frame, stamp if frame else rospy.Time(0)), poses)
+        return Path(Header(0, stamp if frame else rospy.Time(0), frame), poses)
 
     def _clear_costmaps(self, request: Any) -> EmptyResponse:
         self.move_base.clear_costmaps()

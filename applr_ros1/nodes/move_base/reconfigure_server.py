@@ -13,7 +13,7 @@ from dynamic_reconfigure.server import Server
 from applr_ros1.planner.move_base import MoveBase
 
 
-class ReconfigureServer(Server):
+class ReconfigureServer(Server):  # type: ignore[misc]  # ROS packages have no type hints.
     """One dynamic_reconfigure server, in the namespace ~<name>/.
 
     Args:

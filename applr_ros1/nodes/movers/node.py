@@ -16,7 +16,7 @@ from typing import List
 import rospy
 from geometry_msgs.msg import Point, Vector3
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.errors import run_script
@@ -61,7 +61,7 @@ class MoversNode:
                 stamp = rospy.Time.from_sec(scan.stamp)
                 points = self._prediction.add_scan(scan).points
                 self._cloud.publish(conversions.cloud(points, "xyz", self._frame, stamp))
-                head, seen = conversions.header(self._frame, stamp), self._prediction.movers
+                head, seen = Header(0, stamp, self._frame), self._prediction.movers
                 self._tracked.publish(Movers(head, seen.x, seen.y, seen.vx, seen.vy, seen.radius))
                 if self._display.get_num_connections():
                     self._display.publish(shown(self._prediction, self._frame, stamp))
@@ -69,7 +69,7 @@ class MoversNode:
 
 def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]:
     """Return markers of the predicted obstacle points, and for each obstacle an arrow to its position in a second."""
-    head, movers = conversions.header(frame, stamp), prediction.movers
+    head, movers = Header(0, stamp, frame), prediction.movers
     marks = Marker(header=head, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
     marks.points = [Point(*point) for point in prediction.points.tolist()]
     made = [marks]

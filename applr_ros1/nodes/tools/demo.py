@@ -19,7 +19,7 @@ import actionlib
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
-from move_base_msgs.msg import MoveBaseAction
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
@@ -31,14 +31,14 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
 from applr_ros1.msg import Parameters
-from applr_ros1.nodes.conversions import GOAL_STATES
+from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
-from . import send_goal
 from .launcher import Stack, given_arguments, launch_arguments, private_stack, report
+from .send_goal import course_goal
 
 STATUS = "/move_base/status"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
@@ -92,7 +92,7 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
-    values["sent"] = send_goal.course_goal(world.course)
+    values["sent"] = course_goal(world.course)
     if values["goal"] != "auto":  # The goal is given in odom, whose origin is the start.
         values["sent"] = x, y, yaw = pose("goal", values["goal"])
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
@@ -107,7 +107,7 @@ def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.Wor
     began = time.monotonic()
     observer = Observer(robot, world, values)
     for part, up in observer.parts():
-        stack.wait_until_up(part, up)
+        stack.wait(part, up)
         report(f"{part:12} up after {time.monotonic() - began:.1f} s")
     seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
     length = float(np.hypot(*np.diff(np.array(observer.track)[:, 1:3], axis=0).T).sum())
@@ -157,7 +157,7 @@ class Observer:
         """
         self._began = self.track[-1][0]
         self.track, self.contacts = self.track[-1:], []
-        self._client.send_goal(send_goal.message(pose, self._frame))
+        self._client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
         line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
         report(f"goal sent   {course.length_m:.2f} m {line}")

@@ -30,7 +30,7 @@ from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
 UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
-COMPILES = "waiting for {} (its first start compiles kernels, about a minute)"
+COMPILES = "waiting for {} (the first start compiles kernels, about a minute)"
 LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
 DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node that has died
 
@@ -57,7 +57,7 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
             raise ApplrError(f"{word} is not an argument: give ARG:=VALUE with one of {', '.join(known)}")
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{name} is empty: give a value or omit it")
-    given = load_mappings(words)
+    given: Dict[str, str] = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
     for name in {"robot", "world", "record"} & set(given):
@@ -70,7 +70,7 @@ def free_port() -> int:
     """Return a free TCP port."""
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
-        return probe.getsockname()[1]
+        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager
@@ -89,8 +89,7 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     try:
         stack = Stack(given, port, folder)
         try:
-            with announced("starting ROS", report, first=5.0):
-                stack.wait(rosgraph.is_master_online, UP_WITHIN_S, "the ROS master does not come up")
+            stack.wait("the ROS master", rosgraph.is_master_online)
             yield stack
         finally:
             stack.stop()
@@ -138,24 +137,18 @@ class Stack:
         if self._died or self._process.poll() is not None:
             raise ApplrError(self._died or "the stack has ended unexpectedly")
 
-    def wait(self, condition: Callable[[], Any], seconds: float, otherwise: str, pause: float = 0.02) -> None:
-        """Wait until condition() is true, calling it every `pause` [s].
+    def wait(self, part: str, condition: Callable[[], Any], pause: float = 0.02) -> None:
+        """Wait until condition(), called every `pause` [s], is true because `part` of the stack is up.
 
-        Raises ApplrError with the text `otherwise` after `seconds` [s] of wall time, or if a node has died.
+        Raises ApplrError after UP_WITHIN_S of wall time, or if a node has died.
         """
-        deadline = time.monotonic() + seconds
-        while not condition():
-            self.check()
-            if time.monotonic() > deadline:
-                raise ApplrError(f"{otherwise} within {seconds:g} s")
-            time.sleep(pause)
-
-    def wait_until_up(
-        self, part: str, condition: Callable[[], Any], seconds: float = UP_WITHIN_S, pause: float = 0.02
-    ) -> None:
-        """Wait like `wait` until a part of the stack is up, and report this if it takes long."""
+        deadline = time.monotonic() + UP_WITHIN_S
         with announced(COMPILES.format(part), report, first=10.0):
-            self.wait(condition, seconds, f"{part} does not come up", pause)
+            while not condition():
+                self.check()
+                if time.monotonic() > deadline:
+                    raise ApplrError(f"{part} does not come up within {UP_WITHIN_S:g} s")
+                time.sleep(pause)
 
     def stop(self) -> None:
         """End all processes."""

@@ -7,9 +7,9 @@ Ctrl-C.
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import re
+import time
 import webbrowser
 from typing import List
 
@@ -50,10 +50,11 @@ def main() -> None:
             addresses.extend(known.findall(str(rospy.get_param("/viewer/address", ""))))
             return bool(addresses)
 
-        stack.wait_until_up("the page", is_up)
-        address = addresses[0]
-        report(f"the page is at {address}")
+        stack.wait("the page", is_up)
+        report(f"the page is at {addresses[0]}")
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            webbrowser.open(address)
-        stack.wait_until_up("move_base", find_reconfigure_services, math.inf, pause=0.5)
-        stack.wait(lambda: False, math.inf, "", pause=0.2)
+            webbrowser.open(addresses[0])
+        stack.wait("move_base", find_reconfigure_services, pause=0.5)
+        while True:
+            stack.check()
+            time.sleep(0.2)

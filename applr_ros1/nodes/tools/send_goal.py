@@ -1,14 +1,12 @@
 """The ROS node send_goal: sends a goal to move_base, this package's or the C++ one, and waits for its end.
 
-The demo uses the functions of this module. Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the
-course's goal, or none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the
-odometry frame.
+Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or none), ~world for auto,
+~robot (jackal; name or folder of a description), and ~tf_prefix of the odometry frame.
 """
 
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import actionlib
 import rospy
@@ -27,11 +25,6 @@ def course_goal(course: worlds.Course) -> Pose:
     """Return the course's goal (x, y, yaw) in a frame with the start as its origin and the axes of the world."""
     (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
     return x - start_x, y - start_y, yaw
-
-
-def message(pose: Pose, frame: str = "odom", stamp: Any = None) -> MoveBaseGoal:
-    """Return a MoveBaseGoal of the pose (x, y, yaw) [m, m, rad]."""
-    return MoveBaseGoal(pose_stamped(pose, frame, stamp or rospy.Time(0)))
 
 
 def main() -> None:
@@ -57,7 +50,7 @@ def main() -> None:
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, frame)
-    client.send_goal(message(pose, frame))
+    client.send_goal(MoveBaseGoal(pose_stamped(pose, frame, rospy.Time(0))))
     client.wait_for_result()
     if not rospy.is_shutdown():
         rospy.loginfo("goal %s: %s", GOAL_STATES[client.get_state()], client.get_goal_status_text())

@@ -17,7 +17,7 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import Transforms
-from applr_ros1.policy.observation import ObservationError
+from applr_ros1.policy.layout import ObservationError
 
 KEPT_MESSAGES = 50  # largest number of unread messages of a topic
 TOUCHED_S = 0.5  # wall time for which an element keeps its value after a change by the user [s]
@@ -66,18 +66,18 @@ class Listener:
             self._latest[topic] = messages[-1]
         return messages
 
-    def news(self, topic: str, kind: Any) -> Optional[Any]:
+    def news(self, topic: str, kind: Any) -> Any:
         """Return the latest message if it is unread, otherwise None. Older messages are dropped."""
         queue = self._queues.get(topic, deque())
         while len(queue) > 1:
             queue.popleft()
         return next(iter(self.fresh(topic, kind)), None)
 
-    def latest(self, topic: str, kind: Any) -> Optional[Any]:
+    def latest(self, topic: str, kind: Any) -> Any:
         """Return the latest message, read or unread, or None before the first."""
         return self.news(topic, kind) or self._latest.get(topic)
 
-    def placed(self, topic: str, kind: Any) -> Tuple[Any, Optional[Pose]]:
+    def placed(self, topic: str, kind: Any) -> Tuple[Any, Any]:
         """Return `news` and the pose of its frame, or (None, None) if either is missing."""
         message = self.news(topic, kind)
         place = self.frame_pose(message.header.frame_id) if message is not None else None
@@ -86,7 +86,7 @@ class Listener:
     def age(self, topic: str) -> float:
         """Return the age of the latest message [s] in wall or ROS time, whichever is less; inf before the first."""
         wall, now = self._times.get(topic, (-math.inf, -math.inf))
-        return min(time.monotonic() - wall, rospy.get_time() - now)
+        return min(time.monotonic() - wall, float(rospy.get_time()) - now)
 
     def frame_pose(self, frame: str) -> Optional[Pose]:
         """Return the latest pose (x, y, yaw) of a frame in the fixed frame, or None if tf has none."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import html
 import math
 import time
+from functools import partial
 from typing import Any
 
 import rospy
@@ -26,7 +27,7 @@ from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.robots import Robot
 
-from . import admission, panel, pilot, scene
+from . import admission, panel, scene
 from .listening import Listener, by_hand, publish
 
 RATE_HZ = 10.0  # frame rate while a page is open, in wall time [Hz]
@@ -58,7 +59,6 @@ class Viewer:
         gui = self.server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
         gui.main_panel.dock_right()  # The scene fills the rest of the window.
-        self.pilot = pilot.MethodSelector(robot, self.listener, self.report)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._ready, self._clock = False, Clock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
@@ -68,10 +68,10 @@ class Viewer:
         gui.add_command("Stop", hotkey="S").on_trigger(lambda _: self.stop())
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
-            self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
+            self.panel = panel.Panel(gui, robot, self.listener, self.report)
         with tabs.add_tab("View"):
             for name, layer in self.scene.layers.items():
-                by_hand(gui.add_checkbox(name, layer.visible), lambda on, layer=layer: setattr(layer, "visible", on))
+                by_hand(gui.add_checkbox(name, layer.visible), partial(setattr, layer, "visible"))
         self.server.scene.on_click()(self.clicked)
 
     def clicked(self, ray: Any) -> None:
@@ -132,7 +132,7 @@ class Viewer:
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [self._robot.name] + ([] if self._ready else [STARTS])
         lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
-        lines += [f"parameters by {self.pilot.source}"]
+        lines += [f"parameters by {self.panel.source}"]
         lines += [self.panel.monitor()] if driving else []  # Without commands, the monitor always reports a stop.
         text = "\n".join([*lines, *silence])
         if text != self.text:

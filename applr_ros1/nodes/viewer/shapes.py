@@ -6,6 +6,7 @@ import time
 from typing import Any, Optional, Tuple
 
 import numpy as np
+from nav_msgs.msg import MapMetaData
 
 from applr_ros1.common.angles import Pose, quaternion_of
 from applr_ros1.robots import Robot
@@ -89,7 +90,8 @@ class Costmap:
 
     def __init__(self, scene: Any, name: str, z: float):
         self._z = z
-        self._cells, self._info, self._frame, self._drawn, self._changed = None, None, "", 0.0, False
+        self._cells: Any = None  # occupancy (height, width) int8
+        self._info, self._frame, self._drawn, self._changed = MapMetaData(), "", 0.0, False
         self.handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
 
     def take(self, message: Any) -> None:
