@@ -51,18 +51,21 @@ def summary(described: Robot) -> List[str]:
 
 
 def check(name_or_folder: str) -> int:
-    """Print errors, or summary, remarks and test drives of a robot. Return 1 if it has an error or does not drive."""
+    """Print errors, remarks, and for a robot without errors summary and test drives. Return 1 if it does not drive."""
+    remarks: List[str] = []
     try:
         described = read(name_or_folder)
         setups = [False] if described.move_base.with_map is None else [False, True]
         errors = [line for with_map in setups for line in rules.check(described, with_map)]
+        remarks = [f"remark: {line}" for with_map in setups for line in rules.remarks(described, with_map)]
     except RobotError as refused:
         errors = list(refused.lines)
+    for line in dict.fromkeys(errors):
+        print(f"error: {line}", file=sys.stderr)
+    for line in [*([] if errors else summary(described)), *dict.fromkeys(remarks)]:
+        print(line, flush=True)
     if errors:
-        print("\n".join(f"error: {line}" for line in dict.fromkeys(errors)), file=sys.stderr)
         return 1
-    lines = [f"remark: {line}" for with_map in setups for line in rules.remarks(described, with_map)]
-    print("\n".join(summary(described) + list(dict.fromkeys(lines))), flush=True)
     drives, lines = open_floor.try_out(described)
     print("\n".join(lines))
     return 0 if drives else 1

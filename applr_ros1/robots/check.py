@@ -8,18 +8,22 @@ ROS's parameter server, outside a robot's folder, are only checked by planner.pa
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import pi
 from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, of_kind, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
+from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
+from applr_ros1.robots.parameter_files import too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter
 
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the recipe of the worlds was made [m]
@@ -61,7 +65,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
         with_map: Whether to check its parameters with a map instead of those without.
     """
     tree = robot.parameters(with_map)
-    errors = [*fields(robot), *_planner_section(tree), *parameters.check(tree)]
+    errors = [*fields(robot), *too_deep(tree), *_planner_section(tree), *parameters.check(tree)]
     if errors:
         return errors
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
@@ -70,11 +74,15 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
 
 
 def remarks(robot: Robot, with_map: bool = False) -> List[str]:
-    """Return values of a robot without errors that degrade driving or have no effect, one line per value."""
+    """Return values of a robot that degrade driving or have no effect, one line per value."""
     tree = robot.parameters(with_map)
-    setup = _Setup(robot, with_map, tree, parameters.complete(tree))
-    lines = [*parameters.remarks(tree), *_planner_remarks(setup)]
-    return lines + [line for costmap in COSTMAPS for line in _costmap_remarks(setup, costmap)]
+    lines = []
+    with suppress(ParameterError):  # check() returns this error.
+        lines += parameters.remarks(tree)
+        setup = _Setup(robot, with_map, tree, parameters.complete(tree))
+        lines += _planner_remarks(setup)
+        lines += [line for costmap in COSTMAPS for line in _costmap_remarks(setup, costmap)]
+    return lines
 
 
 def refused(error: ValidationError) -> List[str]:
@@ -270,7 +278,7 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
 # --- helpers ----------------------------------------------------------------------------------------------------------
 
 
-def _outline(own: Dict[str, Any]) -> np.ndarray:
+def _outline(own: Dict[str, Any]) -> Array:
     """Return the padded footprint (n, 2) of a costmap [m]."""
     from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
 

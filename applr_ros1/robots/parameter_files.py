@@ -15,10 +15,11 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.common.yaml_files import yaml_value
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.planner.parameters.layers import COSTMAPS
 
+PLACES = (*COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # sections below move_base that have files of their own
 _ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
-
-
 _SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"  # tag in files of rqt_reconfigure
 
 
@@ -80,6 +81,14 @@ def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
     if len(levels) > 1:
         raise ApplrError("the parameters contain more than one move_base: give those of one robot")
     return levels[0] if levels else tree
+
+
+def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
+    """Yield an error for each section that move_base does not read, because it lies inside another section."""
+    for outer in tree:
+        for name in (name for name in PLACES if branch(tree, f"{outer}/{name}")):
+            remedy = f"remove the level {outer} from the parameter file, or from its namespace"
+            yield f"{outer}/{name} is one level too deep for move_base: {remedy}"
 
 
 def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:

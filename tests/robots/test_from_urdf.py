@@ -359,6 +359,7 @@ NO_PLANNER = PLACES[:-1]
             {"files": {"dwa.yaml": "sim_time: 1.5\n"}},
             r"sim_time is no .*\(\S*dwa.yaml:TrajectoryPlannerROS and \S*dwa.yaml:DWA",
         ),
+        (CART, {"files": {"dwa.yaml": "me: {DWAPlannerROS: {sim_time: 1.5}}\n"}}, "me/DWA.* is one level too deep"),
         (CART, {"places": ["dwa.yaml"]}, "have no local_costmap: give all files that the launch file loads"),
         (CART, {"places": [*PLACES, "none.yaml"]}, "none.yaml: cannot be read"),
         (CART, {"files": {"dwa.yaml": "base_local_planner: teb/Teb\n"}}, "base_local_planner is teb/Teb"),

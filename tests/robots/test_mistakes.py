@@ -40,6 +40,11 @@ IN_ROBOT_YAML = [
     ("axle_height: 0.0345", "axle_height: 0.5", "base.axle_height is 0.5: .*0.402"),
     ("pose: [0.055, 0.0, 0.0]", "pose: [5.5, 0.0, 0.0]", r"laser.pose is \[5.5, 0, 0\]: .*0.229 .*0.208"),
     ("com: [0.0147, 0.0019, 0.0779]", "com: [0.147, 0.0019, 0.0779]", r"body.com is \[0.147, 0.0019, 0.0779\]: "),
+    (
+        "file: base_local_planner_params.yaml",
+        "file: base_local_planner_params.yaml, namespace: TrajectoryPlannerROS",
+        "^TrajectoryPlannerROS/TrajectoryPlannerROS is one level too deep for move_base: remove the level",
+    ),
     ("range: [0.2, 2.0]", "range: [0.2, 2.5]", r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay"),
 ]
 OF_JACKAL = [
@@ -135,11 +140,12 @@ def test_all_mistakes_in_robot_yaml_come_at_once_and_then_those_of_parameters(tm
     folder = changed(tmp_path / "mine", "jackal", ROBOT, "max_speed: 2.0", "max_speed: fast")
     file = Path(folder, ROBOT)
     file.write_text(file.read_text().replace("beams: 720", "beams: 1"))
-    Path(folder, PLANNER).write_text("TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf}")
+    Path(folder, PLANNER).write_text("TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}")
     for words in (("base.max_speed", "laser.beams"), ("sim_time", "max_vel_x")):
         folders._read.cache_clear()
         assert check_robot.main([folder]) == 1
-        printed = capsys.readouterr().err.splitlines()
+        remarks, printed = (text.splitlines() for text in capsys.readouterr())
+        assert remarks == (["remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"] if "sim_time" in words else [])
         assert len(printed) == len(words), printed
         assert all(line.startswith("error: ") and word in line for line, word in zip(printed, words)), printed
         file.write_text(file.read_text().replace("max_speed: fast", "max_speed: 2.0").replace("beams: 1", "beams: 720"))

@@ -17,10 +17,10 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
-from applr_ros1.robots.parameter_files import nested, of_move_base
+from applr_ros1.robots.parameter_files import PLACES, nested, of_move_base, too_deep
 from applr_ros1.robots.robot import number_at
 
-_PLACES = ("", *COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # namespaces of parameter files below move_base
+_PLACES = ("", *PLACES)  # namespaces of parameter files below move_base
 _LISTS = {"": set(FOUND_ABOVE), **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS}}
 _NAMES: Dict[str, Set[str]] = {
     place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names} | _LISTS.get(place, set())
@@ -113,7 +113,8 @@ class Parameters:
         """
         changes: Dict[str, Any] = {}
         for costmap in COSTMAPS:
-            tree, change = branch(self.tree, costmap), {}  # type: Dict[str, Any], Dict[str, Any]
+            tree = branch(self.tree, costmap)
+            change: Dict[str, Any] = {}
             if tree.get("global_frame", "map") != odom:
                 change["global_frame"] = odom
             if tree.get("static_map") and "plugins" not in tree:
@@ -161,12 +162,12 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
         tree: Dict[str, Any] = {}
         branch(tree, place, create=True).update(values)
         parameters.tree = merged(parameters.tree, tree)
+    for line in too_deep(parameters.tree):
+        raise ApplrError(line)
     if not branch(parameters.tree, "local_costmap"):
         raise ApplrError("the parameter files have no local_costmap: give all files that the launch file loads")
     if len(controllers) > 1:
-        parameters.notes.append(
-            "the files have several base controllers, so none is used: fill in the limits of the base"
-        )
+        parameters.notes.append("the files have several base controllers, so none is used: fill in the base's limits")
     elif controllers:
         parameters.limits, parameters.driven = _limits(controllers[0]), _driven(controllers[0])
     present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]

@@ -14,6 +14,7 @@ from typing import Any, Iterator, List, Mapping, Set
 import numpy as np
 from defusedxml import ElementTree
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import plain_xml, read_bytes
 
@@ -34,7 +35,6 @@ def _find_packages(path: str) -> None:
 def _expanded(path: str, arguments: Mapping[str, str]) -> str:
     """Return the URDF of a xacro file, whose expressions are evaluated as Python."""
     import xacro
-    import xacrodoc  # noqa: F401  (xacro uses it to find packages)
 
     try:
         return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
@@ -67,7 +67,7 @@ class UrdfFile:
             base_frame: Base frame of the robot.
 
         Raises:
-            ApplrError: The file is no URDF, xacro fails, or there is no link base_frame.
+            ApplrError: The file has no links, xacro fails, or there is no link base_frame.
         """
         import yourdfpy
 
@@ -76,21 +76,13 @@ class UrdfFile:
         content = read_bytes(path)
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
-        try:
-            self.xml = ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
-            raise ApplrError(f"{path} is no XML ({error}): give a URDF or xacro file") from None
+        self.xml = ElementTree.fromstring(text)
         if not path.endswith(".xacro") and any("xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()):
             raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
-        if self.xml.tag != "robot":
-            raise ApplrError(f"{path}: the root element is <{self.xml.tag}>: give a URDF, whose root is <robot>")
         if self.xml.find("link") is None:
-            raise ApplrError(f"{path} has no links: if it only defines macros, give the file that uses them")
+            raise ApplrError(f"{path} has no links: give a URDF, or if it only defines macros, the file that uses them")
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # yourdfpy warns about joints that mimic others.
-        try:
-            self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
-        except Exception as error:  # yourdfpy raises various exceptions for invalid files.
-            raise ApplrError(f"{path}: yourdfpy fails: {error!r}; run check_urdf to find the error") from error
+        self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
@@ -112,19 +104,20 @@ class UrdfFile:
             yield joint_to[link]
             link = joint_to[link].parent
 
-    def pose(self, link: str) -> np.ndarray:
+    def pose(self, link: str) -> Array:
         """Return the pose (4, 4) of a link in the base frame."""
         return np.asarray(self._urdf.get_transform(link, self.base))
 
-    def axis(self, joint: Any) -> np.ndarray:
+    def axis(self, joint: Any) -> Array:
         """Return the direction (3,) of a joint's axis in the base frame."""
-        return self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
+        direction: Array = self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
+        return direction
 
     def parts(self, joint: Any) -> List[str]:
         """Return the links that turn with a joint and do not move relative to its child."""
         return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
 
-    def shapes(self, link: str) -> List[np.ndarray]:
+    def shapes(self, link: str) -> List[Array]:
         """Return the corners (n, 3) [m] of each collision shape of a link in the base frame, without missing meshes."""
         shapes = []
         for collision in self.links[link].collisions:
@@ -134,7 +127,7 @@ class UrdfFile:
                 shapes.append(corners @ pose[:3, :3].T + pose[:3, 3])
         return shapes
 
-    def _corners(self, shape: Any) -> np.ndarray:
+    def _corners(self, shape: Any) -> Any:
         """Return the corners (n, 3) [m] of a shape in its own frame. Add a missing mesh to `lost`, and return none."""
         import trimesh
 

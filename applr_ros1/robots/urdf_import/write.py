@@ -3,44 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple, Type
+from typing import Any, Dict, List, Mapping, Tuple
 
 import yaml
 
 from applr_ros1.common.trees import merged
-from applr_ros1.robots.robot import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics, number_at
+from applr_ros1.robots.robot import Monitoring, RobotFile, number_at
 from applr_ros1.robots.urdf_import.description import Description
 from applr_ros1.robots.urdf_import.parameters import Parameters
 
 BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}  # fields of base: of monitor
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
-_MODELS: Dict[str, Type[Section]] = {
-    "base": Base,
-    "body": Body,
-    "laser": Laser,
-    "topics": Topics,
-    "frames": Frames,
-    "monitor": Monitoring,
-    "simulation": Simulation,
-}
+_SECTIONS = ("base", "body", "laser", "topics", "frames", "monitor", "simulation")  # sections in the order of the file
 _ALSO_ASKED = {  # fields to fill in although they have a default
     "base": ("wheel_mass", "casters"),
     "body": ("bottom",),
     "monitor": ("deceleration", "yaw_deceleration"),
 }
+_LIMITS = ("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration")
 _WHERE = {  # sources of the values to fill in, by section or field
+    **dict.fromkeys(_LIMITS, "from the base's manual or its driver's parameters"),
+    **dict.fromkeys(("pose", "height"), "from rosrun tf tf_echo BASE_FRAME LASER_FRAME"),
     "wheel_mass": "from the URDF, a scale, or the maker's data",
     "casters": "relative to the centre of the driven wheels",
     "mass": "from a scale, the maker's data, or the sum of the masses in the URDF if these are real",
     "body": "measured, or from the maker's drawing",
-    "max_speed": "from the base's manual or its driver's parameters",
-    "max_yaw_rate": "from the base's manual or its driver's parameters",
-    "max_acceleration": "from the base's manual or its driver's parameters",
-    "max_yaw_acceleration": "from the base's manual or its driver's parameters",
     "laser": "from rostopic echo -n 1 --noarr on the topic of the scans",
-    "pose": "from rosrun tf tf_echo BASE_FRAME LASER_FRAME",
-    "height": "from rosrun tf tf_echo BASE_FRAME LASER_FRAME",
     "rate": "from rostopic hz on the topic of the scans",
     "monitor": "measured by measure_braking.py",
     "base": "measured on the robot",
@@ -63,13 +52,12 @@ def robot_yaml(
         move_base: Content of the section move_base.
         hints: Proposals (value, origin) for unknown values, by (section, field).
     """
-    frame = values["frames"]["base"]
-    lines = [
-        f"# Made from {source}. Lengths in m, masses in kg, angles in rad, times in s; positions in {frame}, x ahead."
-    ]
+    units = "Lengths in m, masses in kg, angles in rad, times in s"
+    lines = [f"# Made from {source}. {units}; positions in {values['frames']['base']}, x ahead."]
     missing = []
-    for section, model in _MODELS.items():
+    for section in _SECTIONS:
         known, also = values.get(section, {}), _ALSO_ASKED.get(section, ())
+        model: Any = RobotFile.model_fields[section].annotation
         asked: Dict[str, Any] = {
             name: declared
             for name, declared in model.model_fields.items()
@@ -86,11 +74,8 @@ def robot_yaml(
             where = f"proposal: {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
             lines.append(f"  # {name}: {proposed}".ljust(34) + f"  # {about}" + (f"; {where}" if where else ""))
             missing.append(f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else ""))
-    lines.append(f"world_scale: {flow(world_scale)}")
-    lines.append(
-        yaml.dump({"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110)
-    )
-    return "\n".join(lines), missing
+    files = yaml.dump({"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110)
+    return "\n".join([*lines, f"world_scale: {flow(world_scale)}", files]), missing
 
 
 def flow(value: Any) -> str:
