@@ -1,4 +1,4 @@
-"""Configuration of all tests: selection, distribution among processes, processor time, and measurements of faults.
+"""Configuration of all tests: selection, distribution among processes, processor times, measurements of faults.
 
 A test that takes more than a quarter of an hour fails; tests marked `long` may take hours. No test is repeated after a
 failure: a test that fails on a busy machine has a defect.

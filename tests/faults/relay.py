@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import yaw_of
 
-BEGIN = 100.0  # initial lead of the stack's time over the simulator's, so that the former can be set back [s]
+BEGIN = 100.0  # initial offset of the stack's time to the simulator's, so that the stack's can be set back [s]
 STREAMS = {  # (message type, source, destination) by name
     "clock": (Clock, "/sim/clock", "/clock"),
     "tf": (TFMessage, "/sim/tf", "/tf"),
@@ -30,10 +30,10 @@ STREAMS = {  # (message type, source, destination) by name
 
 
 class Relay:
-    """Relay of the five streams, which also records the robot's state.
+    """Relay of the five streams, and recorder of the robot's state.
 
     Attributes:
-        faults: Functions message -> message by the name of the stream.
+        faults: {stream: function message -> message or None}.
         shift: Offset of every stamp and of the clock [s].
         now, x, speed: Time, position and speed of the robot in the simulator [s, m, m/s].
         touched: Whether the robot has touched an obstacle.
@@ -56,8 +56,8 @@ class Relay:
             rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
             for name, (kind, source, _) in STREAMS.items()
         ] + [
-            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, **fast),
-            rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, **fast),
+            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_truth, **fast),
+            rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, **fast),
             rospy.Subscriber("/move_base/cmd_vel", Twist, lambda command: _keep(command, self.planned), **fast),
         ]
 
@@ -86,13 +86,13 @@ class Relay:
         with contextlib.suppress(rospy.ROSException):  # The publisher may have been closed.
             self._publishers[name].publish(message)
 
-    def _hear_truth(self, message):
+    def _on_truth(self, message):
         pose = message.pose.pose
         self.aside = (pose.position.y, yaw_of(pose.orientation))
         self.truth.append((message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x))
         self.now, self.x, self.speed = self.truth[-1]
 
-    def _hear_contact(self, message):
+    def _on_contact(self, message):
         self.touched |= message.data
 
 

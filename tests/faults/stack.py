@@ -22,7 +22,7 @@ from worlds.sdf_writer import write
 
 LENGTH = 19.0  # length of the free way ahead of the robot's start [m]
 GOAL = 17.0  # distance of the goal from the start [m]
-CREEP = 0.2  # speed below which the simulated Jackal may creep on locked wheels for a second, as in Gazebo [m/s]
+CREEP = 0.2  # speed below which the Jackal may slide on for a second, as in Gazebo [m/s]
 PERIOD = 0.5  # decision period of the applr node [s]
 NODES = {
     "sim_bridge": (

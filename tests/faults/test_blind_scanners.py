@@ -101,6 +101,6 @@ def test_late_transforms_and_odometry_at_full_speed(late, late_twist):
 
 
 @pytest.mark.fault("11b")
-def test_without_the_monitor_it_is_a_contact():
+def test_without_the_monitor_the_robot_hits_the_wall():
     contact, _ = drive(BLIND["all NaN"], 2.5, None)
     assert contact

@@ -62,7 +62,7 @@ def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream,
 
 
 @pytest.mark.fault("11")
-def test_odd_beams_are_ordinary(stack):
+def test_single_invalid_beams_do_not_stop_the_robot(stack):
     stack.under_way()
     stack.relay.faults["scan"] = beams(lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:])
     count, since = len(stack.decisions), stack.relay.now

@@ -47,7 +47,7 @@ def run(tmp_path, monkeypatch, capsys):
     return run
 
 
-def test_the_page_lists_all_of_them():
+def test_the_page_lists_all_examples():
     listed = re.findall(r"^\| `(\w+)` \|", (ROOT / "examples" / "README.md").read_text(), re.MULTILINE)
     assert listed == EXAMPLES
 

@@ -182,8 +182,8 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
 
 
 @pytest.mark.fault("23")
-def test_interrupted_demo_leaves_nobody(tmp_path, measured):
-    """All processes end within five seconds, not counting the time for which a busy machine keeps them waiting."""
+def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
+    """All processes end within five seconds, not counting the time that they wait for a processor."""
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:

@@ -132,12 +132,12 @@ def test_one_argument_switches_the_prediction_off():
         assert launched.parameters.get("/move_base/applr/movers") is on
 
 
-def test_the_monitor_makes_motions_of_escape_beside_a_cpp_move_base_alone():
+def test_the_monitor_makes_escape_motions_only_with_a_cpp_move_base():
     for words, on in (((), False), (("move_base:=cpp",), True)):
         assert loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is on
 
 
-def test_launch_files_clear_what_an_earlier_launch_left():
+def test_launch_files_clear_the_parameters_of_an_earlier_launch():
     for name, words in (
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
@@ -174,7 +174,7 @@ def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, lin
     assert re.fullmatch(f"it: .*{line}.*\n", capsys.readouterr().err)
 
 
-def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
+def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
     words = ["method:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
@@ -182,7 +182,7 @@ def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
     assert passed == {"method": f"{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
 
 
-def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
+def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").touch()
     for spec, becomes in (
@@ -256,7 +256,7 @@ def test_poses_and_switches_are_read_as_launch_files_write_them():
     assert [arguments.frame_prefix(text) for text in ("", "none", "robot1", "/robot1/")] == ["", "", *["robot1/"] * 2]
 
 
-def test_no_goal_is_sent_where_none_is_asked_for(monkeypatch):
+def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):
     monkeypatch.setattr(send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent"))
     monkeypatch.setattr(send_goal, "init_node", lambda name: None)
     monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default)

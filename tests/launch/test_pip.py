@@ -51,7 +51,7 @@ def test_a_wheel_has_one_package_whose_imports_are_its_own(installed):
             assert not [name for name in names if name.startswith(BESIDE)], path
 
 
-def test_its_program_prints_names_and_version(installed):
+def test_the_program_prints_names_and_version(installed):
     folder, elsewhere = installed
     version = xml.parse(ROOT / "package.xml").findtext("version")
     assert elsewhere(folder / "bin" / "applr-ros1", "--version") == f"applr_ros1 {version}\n"
@@ -63,7 +63,7 @@ def test_its_program_prints_names_and_version(installed):
 
 
 @pytest.mark.slow
-def test_it_evaluates_and_trains_with_workers_beside_packages_of_the_same_names(installed, tmp_path):
+def test_a_wheel_evaluates_and_trains_with_workers_beside_packages_of_the_same_names(installed, tmp_path):
     folder, elsewhere = installed
     drive = ("--worlds", "generated:7", "--simulator", "kinematic")
     out = ("--workers", 1, "--methods", "dwa", "--trials", 1, "--out", tmp_path / "results")

@@ -1,4 +1,4 @@
-"""Tests of ./applr if something is missing: one clear line and a non-zero exit, before anything is changed.
+"""Set-up by ./applr: missing parts are made, and an error is one line with a non-zero exit status.
 
 The script runs from a copy in another folder, with stand-ins for system programs first on PATH. Nothing is installed.
 """
@@ -17,7 +17,7 @@ from tests.support.ros_harness import wait_for
 
 
 class Clone:
-    """Folder with the files that set-up reads. A call runs ./applr there and returns (exit status, error lines)."""
+    """Clone with the files that set-up reads. A call runs ./applr and returns (exit status, error lines)."""
 
     def __init__(self, folder):
         self.folder, self.programs, self.stdout = folder, folder / "stand-ins", ""
@@ -96,7 +96,7 @@ def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path,
     assert os.listdir(tmp_path / name) == ["applr"]
 
 
-def test_what_is_gone_is_made_again(clone, tmp_path):
+def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
     state = tmp_path / ".applr"
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
     assert clone.quick("exec", "true") == (0, [])
@@ -111,7 +111,7 @@ def test_what_is_gone_is_made_again(clone, tmp_path):
 
 
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
-    """pip would count them as installed, and PYTHONHOME would break the interpreter. The command itself sees both."""
+    """pip would count them as installed, and PYTHONHOME would break the interpreter. The command still gets both."""
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
     assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
     assert clone.stdout == "/elsewhere\n"
@@ -123,7 +123,7 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     assert "packages are missing" in lines[-1]
 
 
-def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_path):
+def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
     """An image made by root is such a clone."""
     how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
     read_only = ["unshare", "--mount", *["--map-root-user"] * (os.getuid() != 0), "sh", "-ec", how]
@@ -136,7 +136,7 @@ def test_a_clone_that_cannot_be_written_is_used_where_all_is_there(clone, tmp_pa
     assert clone.quick("exec", "true", before=read_only) == (0, [])
 
 
-def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
+def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
     # Short sleeps, because an interrupt just before a sleep reaches the shell alone, which ends after the sleep.
     waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
     stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
@@ -151,7 +151,7 @@ def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
 def test_exec_starts_programs_and_has_no_options(clone):
     assert clone.quick("exec", "--", "echo", "-c")[0] == 0
     assert clone.stdout == "-c\n"
-    for word in ("-c", "usage"):  # neither an option of the shell's exec nor a function of the script
+    for word in ("-c", "usage"):  # neither taken for an option of the shell's exec nor for a function of the script
         line = "applr: exec %s: there is no such program, or it is not executable" % word
         assert clone.quick("exec", word) == (127, [line])
 
@@ -159,7 +159,7 @@ def test_exec_starts_programs_and_has_no_options(clone):
 def test_without_root_the_missing_packages_are_named(clone, tmp_path):
     stand_ins = dict(NOTHING, id="echo 1000", sudo="exit 1")
     assert re.search("apt-get install.* (python3|ros-noetic)-rospy", clone.refusal("setup", stand_ins=stand_ins))
-    script = tmp_path / "applr"  # python3 itself, too
+    script = tmp_path / "applr"  # Now python3 itself is missing, too.
     script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
     line = clone.refusal("setup", stand_ins=stand_ins)
     assert line.endswith("apt-get install -y --no-install-recommends python3")
@@ -174,7 +174,7 @@ def test_without_network_the_error_of_apt_is_shown(clone):
     assert all(line.startswith("applr: ") for line in lines)
 
 
-def test_kernels_are_compiled_before_a_drive_where_they_or_what_they_are_made_of_have_changed(clone, tmp_path):
+def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path):
     """The stand-in for the compiler prints the folder after a line of a library, as the compiler does."""
     machine_code = tmp_path / "machine code"
     (tmp_path / "sim_bridge").mkdir()
@@ -195,7 +195,7 @@ def test_kernels_are_compiled_before_a_drive_where_they_or_what_they_are_made_of
     assert compiles("setup", XDG_CACHE_HOME=str(tmp_path))  # another folder
 
 
-def test_an_old_python_and_none_are_refused(clone):
+def test_an_old_and_a_missing_python_are_refused(clone):
     for python, words in ((str(clone.programs / "old-python"), "3.7: 3.8 or later"), ("/no/such", "no /no/such")):
         assert words in clone.refusal("setup", stand_ins={"old-python": "echo 3.7"}, APPLR_PYTHON=python)
 

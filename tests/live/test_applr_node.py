@@ -1,6 +1,4 @@
-"""The applr node with a fake move_base: decisions, its faults of docs/reference/faults.md, other robots, and
-user-defined methods.
-"""
+"""The applr node with a fake move_base: decisions, faults of docs/reference/faults.md, other robots, user's methods."""
 
 import json
 import re
@@ -103,7 +101,7 @@ def two_periods(robot):
     wait_for(lambda: len(robot.beats) > count + 2, "heartbeats")
 
 
-def knows_what_it_set(robot):
+def begins_with_the_last_set(robot):
     """Return whether the latest decision began with the parameters of the one before it."""
     before, latest = robot.decisions[-2:]
     return latest["theta_prev"] == before["theta"]
@@ -112,12 +110,12 @@ def knows_what_it_set(robot):
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
     node, _, client = stack()
     two_periods(robot)
-    assert not robot.decisions  # There are no decisions without a goal.
+    assert not robot.decisions  # Without a goal there are no decisions.
     assert np.array_equal(client.theta(), THETA_0)
     robot.goal = "one"
     node.until(lambda: len(robot.decisions) >= 5 and as_set(robot, client))
     assert robot.decisions[0]["theta_prev"] == SPACE.as_dict(THETA_0)
-    wait_for(lambda: knows_what_it_set(robot), "the next decision to begin with what was set")
+    wait_for(lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force")
     periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
     assert periods.sum() > 3.0
     assert periods.min() < 1.25  # Some decisions are late on a busy machine.
@@ -131,7 +129,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     )
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
-    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters as they are set")
+    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters in force")
     failed = [line for line in node.text.splitlines() if "parameters not changed" in line]
     late = re.compile("does not answer|busy with an earlier call")  # as on a busy machine
     assert not [line for line in failed if not late.search(line)]
@@ -165,13 +163,13 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
 
 
 @pytest.mark.fault("1")
-def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
+def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
-    wait_for(lambda: robot.count("applied"), "theta_0, which it sets when it has found the servers")
-    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})), "a person's value")
+    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
+    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})), "a value set by another client")
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     assert robot.decisions[1]["theta_prev"]["max_vel_x"] == 0.7
@@ -200,7 +198,7 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
 
 
 @pytest.mark.fault("11")
-def test_fault_11_odd_scans(robot, stack):
+def test_fault_11_invalid_scans(robot, stack):
     node, _, client = stack()
     good = robot.ranges
     robot.goal = "one"
@@ -224,8 +222,8 @@ def test_fault_11_odd_scans(robot, stack):
 
 def test_dwa_leaves_the_planner_alone(robot, stack):
     _, _, client = stack("dwa")
-    wait_for(lambda: robot.count("applied"), "theta_0, which it sets when it has found the servers")
-    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})), "what a person tries")
+    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
+    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})), "a value set by another client")
     robot.goal = "one"
     wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
     count = len(robot.decisions)
@@ -285,7 +283,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     two_periods(robot)  # An earlier request may still have been under way.
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
-    wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the cap, and a whole number")
+    wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value")
     two_periods(robot)
     assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
     assert len(robot.decisions) == count
@@ -321,12 +319,12 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     wait_for(lambda: robot.values["method"] == "random", "diagnostics")
 
 
-def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
+def test_max_speed_caps_the_parameter_set(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
     node, _, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
     wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
     assert node.end() == 0
-    wait_for(lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0, whose speed is .5, capped")
+    wait_for(lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0 with a capped speed")
 
 
 @pytest.mark.fault("14c")
@@ -367,32 +365,32 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
     rows[:, 0] = 0.05 * rows[:, 0]
 
-    def found_out():
+    def detected():
         """Publish a cloud of the present parameters, and return whether the node has detected the unit."""
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
         publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
         time.sleep(0.1)
         return "pdist_scale x 2.5" in robot.values["meter_scoring"]
 
-    wait_for(found_out, "what is sent instead")
+    wait_for(detected, "the factors in diagnostics")
     factors = [{"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0) for n in SPACE.names]
 
-    def made_up_for():
+    def rescaled():
         return np.allclose(client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values()))
 
     count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), "the next sets mean the same")
-    wait_for(lambda: knows_what_it_set(robot), "the next decision to begin with what was set")
-    wait_for(lambda: not publisher.get_num_connections(), "it listens no more")
+    wait_for(lambda: len(robot.decisions) > count + 1 and rescaled(), "rescaled sets")
+    wait_for(lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force")
+    wait_for(lambda: not publisher.get_num_connections(), "the end of the subscription")
     assert node.text.count("count per metre") == 1
     robot.goal = None
-    wait_for(lambda: client.values()[5] == 0.75 * 2.5, "theta_0 is made up for, too")
+    wait_for(lambda: client.values()[5] == 0.75 * 2.5, "rescaled theta_0")
     assert node.end() == 0
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 as it was")
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 without factors")
 
 
 # -- other robots and user-defined methods ----------------------------------------------------------------------------
-def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(robot, stack):
+def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_the_end(robot, stack):
     husky = load("husky")
     space = space_of(husky)
     node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
@@ -410,7 +408,7 @@ def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(
     client.close()
 
 
-def test_at_its_end_the_defaults_come_back_beside_a_server_that_is_frozen_in_a_call(robot, stack):
+def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):
     node, fake, client = stack("static")
     best = SPACE.clip(methods.make("static").theta(None))
     wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
@@ -424,14 +422,14 @@ def test_at_its_end_the_defaults_come_back_beside_a_server_that_is_frozen_in_a_c
 
 
 def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
-    (tmp_path / "teller.py").write_text(
-        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Teller(Method):\n"
+    (tmp_path / "printer.py").write_text(
+        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Printer(Method):\n"
         "    def theta(self, context):\n"
         "        seen = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
         "        print(json.dumps(seen), flush=True)\n"
         "        return context.theta\n"
     )
-    node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
+    node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     end = robot.path[-1]  # The node started after the goal was published, so that the plan's end replaces it.
@@ -465,7 +463,7 @@ class Restless(Method):
 """
 
 
-def test_methods_of_ones_own_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
+def test_user_defined_methods_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
     (tmp_path / "faulty.py").write_text(FAULTY)
     node, _, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
     wait_for(lambda: "AttributeError" in robot.values["message"], "diagnostics")

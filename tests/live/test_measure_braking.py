@@ -55,7 +55,7 @@ def robot(tmp_path_factory):
     child.end()
 
 
-def test_it_does_not_drive_without_confirmation_that_the_way_is_free(robot):
+def test_the_command_does_not_drive_without_confirmation_that_the_way_is_free(robot):
     for options, words in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
         status, text, _ = measure("--free", "6", *options)
         assert status == 1
@@ -64,7 +64,7 @@ def test_it_does_not_drive_without_confirmation_that_the_way_is_free(robot):
 
 
 @pytest.mark.slow
-def test_what_it_prints_holds_for_every_run_and_for_what_the_simulated_jackal_does(robot):
+def test_the_printed_braking_limits_hold_for_every_run(robot):
     status, text, waited = measure("--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth")
     assert status == 0, text
     *_, line = text.splitlines()

@@ -29,7 +29,7 @@ class Walker(FakeJackal):
         super()._publish_pose(stamp)
 
 
-def test_predicts_a_walker_and_publishes_nothing_once_all_stand():
+def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
     ros, jackal = session(), Walker(WALL)
     node = ros.node("movers")
     clouds, shown, tracked = [], [], []

@@ -24,7 +24,7 @@ from tests.support.ros_harness import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 
-HEARD = {
+TOPICS = {
     "/clock": Clock,
     "/front/scan": LaserScan,
     "/odometry/filtered": Odometry,
@@ -41,31 +41,31 @@ def start(name, parameters):
 
 
 class Robot:
-    """The bridge in a process of its own, its messages since the last `forget`, and a publisher of commands."""
+    """Bridge in a process of its own, with its messages since the last `forget` and a publisher of commands."""
 
     def __init__(self, **parameters):
-        self.heard = {topic: [] for topic in HEARD}
+        self.received = {topic: [] for topic in TOPICS}
         self.subscribers = [
             rospy.Subscriber(topic, kind, self._keep, (topic,), queue_size=200, buff_size=2**22)
-            for topic, kind in HEARD.items()
+            for topic, kind in TOPICS.items()
         ]
         self.command = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         self.process = start("sim_bridge", parameters)
-        self.wait(lambda: self.heard["/front/scan"] and self.command.get_num_connections())
+        self.wait(lambda: self.received["/front/scan"] and self.command.get_num_connections())
 
     def _keep(self, message, where):
-        self.heard[where[0]].append(message)
+        self.received[where[0]].append(message)
 
     def wait(self, condition):
         return self.process.until(condition)
 
     def forget(self):
-        for messages in self.heard.values():
+        for messages in self.received.values():
             messages.clear()
 
     def next(self, topic):
-        seen = len(self.heard[topic])
-        return self.wait(lambda: len(self.heard[topic]) > seen and self.heard[topic][-1])
+        seen = len(self.received[topic])
+        return self.wait(lambda: len(self.received[topic]) > seen and self.received[topic][-1])
 
     def drive(self, v, w, until):
         """Publish commands at 20 Hz of wall time until a condition holds."""
@@ -92,7 +92,7 @@ class Robot:
     @property
     def now(self):
         """Simulated time [s]."""
-        return self.heard["/clock"][-1].clock.to_sec()
+        return self.received["/clock"][-1].clock.to_sec()
 
     def close(self):
         self.process.end()
@@ -123,22 +123,22 @@ def test_topics_and_rates(robot):
     began, simulated, kept = time.monotonic(), robot.now, Kept()
     robot.forget()
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
-    robot.wait(lambda: min(len(robot.heard[topic]) for topic in topics) > 60)
-    heard = {topic: list(messages) for topic, messages in robot.heard.items()}
+    robot.wait(lambda: min(len(robot.received[topic]) for topic in topics) > 60)
+    received = {topic: list(messages) for topic, messages in robot.received.items()}
     for topic in topics:  # A busy machine loses some messages.
-        between = np.diff([message.header.stamp.to_sec() for message in heard[topic]])
+        between = np.diff([message.header.stamp.to_sec() for message in received[topic]])
         assert between.min() > 0.01
         assert np.median(between) == pytest.approx(0.02, abs=0.002), topic
-    assert np.median(np.diff([c.clock.to_sec() for c in heard["/clock"]])) == pytest.approx(0.01, abs=0.003)
+    assert np.median(np.diff([c.clock.to_sec() for c in received["/clock"]])) == pytest.approx(0.01, abs=0.003)
     simulated, real = robot.now - simulated, time.monotonic() - began
     assert real - 0.3 - kept.waiting() < simulated < 1.3 * real + 0.3
-    scan, odometry = heard["/front/scan"][-1], heard["/odometry/filtered"][-1]
+    scan, odometry = received["/front/scan"][-1], received["/odometry/filtered"][-1]
     assert scan.header.frame_id == "front_laser"
     assert len(scan.ranges) == 720
     assert scan.angle_min == pytest.approx(-2.35619)
     assert scan.angle_max == pytest.approx(2.35619)
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
-    assert heard["/sim_bridge/ground_truth"][-1].header.frame_id == "world"
+    assert received["/sim_bridge/ground_truth"][-1].header.frame_id == "world"
 
 
 def test_frames(robot):
@@ -193,7 +193,7 @@ def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(r
     start = worlds.load("generated:0").course.start
     robot.wait(lambda: robot.place == (0.0, 0.0))
     robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
-    clocks = [message.clock for message in robot.heard["/clock"]]
+    clocks = [message.clock for message in robot.received["/clock"]]
     assert clocks == sorted(clocks)  # ROS time must not jump back.
     service.shutdown("done")
 
@@ -201,11 +201,11 @@ def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(r
 def test_contact_is_reported(robot):
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
     robot.forget()
-    robot.wait(lambda: len(robot.heard["/collision"]) > 10)
-    assert not any(message.data for message in robot.heard["/collision"])
+    robot.wait(lambda: len(robot.received["/collision"]) > 10)
+    assert not any(message.data for message in robot.received["/collision"])
     turned = robot.now + 1.0
     robot.drive(0.0, 1.57, lambda: robot.now > turned)  # The robot turns to the side wall and drives into it.
-    robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.heard["/collision"]))
+    robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.received["/collision"]))
 
 
 def test_changes_the_world_without_a_restart(robot):
@@ -234,7 +234,7 @@ def test_ends_on_interrupt(robot):
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
 def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
-    """The bridge waits for a planner only when its cycle is due or a tick before, and never in vain."""
+    """The bridge waits for the planner only if it answers: when its cycle is due, or one tick earlier."""
     from sim_bridge import ros_bridge
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)

@@ -29,7 +29,7 @@ ACTIVE, CANCELLED = GoalStatus.ACTIVE, GoalStatus.PREEMPTING
 
 
 class MoveBase:
-    """Fake move_base whose goal is 5 m away: publishes status, plan, and commands if there are any."""
+    """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command` unless it is None."""
 
     def __init__(self):
         self.command, self.status, self.goal, self.left = (0.0, 0.0), None, "a", 5.0
@@ -43,7 +43,7 @@ class MoveBase:
 
     def _tick(self, _):
         if self.status is not None:
-            goals = [GoalStatus(GoalID(id="of before"), GoalStatus.SUCCEEDED, "")]
+            goals = [GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")]
             goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
             self._statuses.publish(GoalStatusArray(status_list=goals))
         ends = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)] if self.left else []
@@ -62,9 +62,9 @@ def monitor(escape):
     names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
     actions, statuses = [], []
-    ears = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    eyes = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0]))
-    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=(ears, eyes))
+    action = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0]))
+    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=(action, diagnostics))
 
 
 def end(*things):
@@ -87,8 +87,8 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     teleop.unregister()
     parameters = tree(recovery_behavior_enabled=False, controller_patience=60.0)
     rospy.set_param("/move_base", parameters)
-    deaf = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
-    node = ros.node("move_base", "odom:=odometry/filtered", *deaf)
+    names = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
+    node = ros.node("move_base", "odom:=odometry/filtered", *names)
     node.until("ready")
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(LONGEST))
@@ -135,7 +135,7 @@ def moved(jackal, since):
     return [(at, v, w) for at, v, w in jackal.commands if at > since and (v, w) != (0.0, 0.0)]
 
 
-def test_it_makes_escape_motions_for_a_stuck_planner_and_gives_way_to_commands(stack):
+def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(stack):
     jackal, planner, watched = stack
     began = time.time()
     planner.status = ACTIVE
@@ -158,7 +158,7 @@ def test_it_makes_escape_motions_for_a_stuck_planner_and_gives_way_to_commands(s
 
 @pytest.mark.parametrize(
     "change",
-    [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "each other"}],
+    [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "changes"}],
     ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
 )
 def test_ends_of_an_escape_motion(stack, change):

@@ -1,4 +1,4 @@
-"""The viewer without a browser: access control, silent nodes, sliders, methods, and no subscriptions without a page."""
+"""The viewer without a browser: access control, silent nodes, sliders, methods, subscriptions only for open pages."""
 
 import contextlib
 import http.client

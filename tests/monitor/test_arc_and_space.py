@@ -1,4 +1,4 @@
-"""Tests of how the collision monitor treats motion: arcs, forgotten points, lateral slip, contradictory odometry."""
+"""Motions in the collision monitor: arcs, forgotten points, lateral slip, contradictory odometry."""
 
 import math
 from dataclasses import replace
@@ -105,7 +105,7 @@ numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 
 
 def test_a_stop_in_a_turn_follows_its_arc_to_the_end():
-    """Without a command or valid odometry the current turn rate is unknown."""
+    """No command and no odometry arrives, so that the current turn rate is unknown."""
     monitor, speed = CollisionMonitor(), 1.0
     monitor.filter(0.0, HERE, (1.0, 1.35 * 1.5), (1.0, 1.5))
     monitor.braked(0.0, 1.0, (1.0, 1.5))
@@ -144,7 +144,7 @@ def test_every_output_stays_on_the_arc_of_this_or_the_previous_command(commands)
 @pytest.mark.parametrize("radius", [0.02, 0.1], ids=["4 cm", "20 cm"])
 @pytest.mark.parametrize("forgets", ["time", "distance", "capacity"])
 def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
-    """A post is observed, and the robot turns its back to it. Once the post is forgotten, the robot may creep there."""
+    """The robot observes a post and turns its back to it. Once the post is forgotten, the robot may creep there."""
     if forgets == "capacity":
         monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1500)
     monitor, post = CollisionMonitor(), np.array([-0.65, 0.0])
@@ -297,7 +297,7 @@ def test_no_input_makes_a_command_invalid(pose, twist, command, ages):
 @examples(300)
 @given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
 def test_no_input_makes_a_scan_fail(numbers, ranges, field):
-    """Any values are tried in one field, in all fields, and in the ranges. The fault is reported in one line."""
+    """Any values may be in one field, in all fields, and in the ranges. add_scan reports a fault as text."""
     good = (0.05, -2.0, 0.5, 0.1, 10.0, 0.1, 0.2)
     one = [*good[:field], numbers[field], *good[field + 1 :]]
     for stamp, first, increment, least, most, x, yaw in (one, numbers, good):

@@ -89,7 +89,7 @@ def test_a_stop_follows_the_arc(way):
 @pytest.mark.parametrize(("twist", "command"), [((1.0, 0.0), (1.0, 2.5)), ((1.0, 2.5), (1.0, 0.0))])
 @pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
 def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
-    """One post stands straight ahead, one at the inside of the turn. The robot may go either way before it responds."""
+    """A post stands straight ahead or inside the turn. Until it responds, the robot may still drive its old arc."""
     points, planes = np.array([post]), half_planes(SETTINGS.body)
     rest = ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
     assert 0.0 < safe_scale(points, planes, 0.03, twist, command, *rest)[0] < 1.0
@@ -101,7 +101,7 @@ def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
 def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
-    """A base that accelerates at once and brakes at the specified deceleration gets near the wall without contact."""
+    """The base accelerates at once and brakes with the specified deceleration."""
     monitor, x, v = CollisionMonitor(), 0.0, 0.0
     obstacles = wall(2.0)
     for step in range(400):
@@ -354,7 +354,7 @@ CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
 
 @pytest.mark.parametrize("odometry_jumps", [False, True])
 def test_another_place_clears_the_memory(odometry_jumps):
-    """The robot is moved to another place, or only its odometry is."""
+    """Either the robot is moved to another place, or only its odometry jumps."""
     monitor = turned_away_from(before := [*posts(0), *CLOSE_BEHIND])
     place, after = ((1.9, 0.3, 0.5), before) if odometry_jumps else ((0.0, 0.0, 0.0), posts(1))
     scan = scan_of(after, (0.01, 0.0, 0.0), 4.0, sensor_pose=compose(place, (LASER, 0.0, 0.0)))

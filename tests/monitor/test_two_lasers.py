@@ -1,4 +1,4 @@
-"""A second laser: its obstacles count, it does not clear those of the first laser, and without it the base stops."""
+"""A second laser: it adds obstacles, does not clear those of the first laser, and stops the base if it is silent."""
 
 import math
 

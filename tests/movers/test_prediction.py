@@ -1,4 +1,4 @@
-"""Predicted obstacle points: their positions, their removal, and planners without moving obstacles."""
+"""Predicted obstacle points: their positions, their removal, and no effect without moving obstacles."""
 
 import copy
 import math

@@ -25,11 +25,11 @@ def stamped(message, now, frame):
 
 
 class Beside:
-    """RobotInputs at the time `now` [s], with scans, plans, goals, and odometry whose pose differs from tf's."""
+    """RobotInputs at time `now` [s], with functions that send messages. Poses of odometry and tf differ."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
-        self.hear = {}  # callbacks by topic
+        self.callbacks = {}  # by topic
         monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
@@ -40,7 +40,7 @@ class Beside:
         self.place("base_link", "front_laser", (0.1, 0.0, 0.5), rospy.Time(0))
 
     def _subscriber(self, topic, kind, callback, **_):
-        self.hear[topic] = callback
+        self.callbacks[topic] = callback
         return SimpleNamespace(resolved_name="/" + topic)
 
     @property
@@ -77,10 +77,10 @@ class Beside:
         scan = LaserScan(
             angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 500 + [2.0]
         )
-        self.hear["front/scan"](stamped(scan, self.time if scanned is None else scanned, "front_laser"))
+        self.callbacks["front/scan"](stamped(scan, self.time if scanned is None else scanned, "front_laser"))
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
-        self.hear["odometry/filtered"](odometry)
+        self.callbacks["odometry/filtered"](odometry)
         return self.inputs.snapshot(self.time, self.time)
 
 

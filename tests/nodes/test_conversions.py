@@ -92,7 +92,7 @@ def test_scans_that_cannot_be_used(change, words):
     refused(lambda: conversions.check_scan(scan), words, kind=MessageError)
 
 
-def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():
+def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     """Three beams of a laser at (1, 2, 0.5) with a roll of pi and a yaw of 0.3, or with a pitch of 0.2."""
     message = LaserScan(angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0])
     angles, ranges = -0.4 + 0.5 * np.arange(3), np.array([1.0, 2.0, 3.0], np.float32)

@@ -1,4 +1,4 @@
-"""Scans that wait for their transforms, and clocks that jump back, without a ROS master and with a fake clock."""
+"""Sensors without a ROS master, with a fake clock: scans that wait for their transforms, and clocks that jump back."""
 
 from types import SimpleNamespace
 
@@ -130,7 +130,7 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, step, monkeyp
     assert not robot.sensors.odometry_trouble(now, 0.5)
 
 
-def test_ages_are_those_of_what_was_used(robot):
+def test_ages_are_those_of_the_messages_in_use(robot):
     assert robot.sensors.ages(robot.time(100.5)) == {}
     robot.tf(100.4)
     robot.tf(100.48)

@@ -50,9 +50,9 @@ def snapshot(number):
 
 
 def decide(topics, number, theta, refused=""):
-    now, heard = rospy.Time(100 + number, 5), snapshot(number)
-    context = Context.of(THETA_0, heard.seen, SPACE, LAYOUT)
-    topics.decision(number, now, "goal 7", heard, context, theta, refused)
+    now, inputs = rospy.Time(100 + number, 5), snapshot(number)
+    context = Context.of(THETA_0, inputs.seen, SPACE, LAYOUT)
+    topics.decision(number, now, "goal 7", inputs, context, theta, refused)
     return now
 
 

@@ -1,7 +1,7 @@
-"""Replay of the C++ planner's golden vectors with our planner, for test_golden.py.
+"""Replay of the golden vectors of the C++ planner with this package's planner, for test_golden.py.
 
-The formats are documented in tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md. Each set names its format. The
-kinds of the second one are in replay_dwa.py.
+The formats are documented in tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md. Each set names its format.
+replay_dwa.py replays the kinds of scenarios of the second one.
 """
 
 import hashlib
@@ -53,7 +53,7 @@ def load(folder):
 
 
 def make_costmap(scenario):
-    """Return our costmap of a scenario, inflated by our inflation layer."""
+    """Return the costmap of a scenario, inflated by this package's layer."""
     given = scenario.inputs
     nx, ny = given["size"]
     resolution = given["resolution"]

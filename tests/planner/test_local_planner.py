@@ -94,7 +94,7 @@ def test_an_illegal_turn_is_refused():
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
-    """C++ defect, not copied: a new plan clears the latch before it is read, so C++ stands at the goal for seconds."""
+    """In C++ each new plan clears the latch before it is read, so that the robot stands at the goal for seconds."""
     made = local_planner(straight(1.0))
     for _ in range(3):
         made.set_plan(straight(1.0))

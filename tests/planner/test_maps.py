@@ -265,7 +265,7 @@ def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
 
 # -- move_base on a map -----------------------------------------------------------------------------------------------
 def on_a_map(planner, **changes):
-    """Return MoveBase with the Jackal's small tree, a static layer and the global costmap in frame map."""
+    """Return MoveBase with small costmaps and a static layer, whose global costmap is in the frame map."""
     tree = copy.deepcopy(quick(**changes))
     tree["global_costmap"]["global_frame"] = "map"
     tree["global_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})

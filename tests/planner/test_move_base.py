@@ -8,7 +8,7 @@ import pytest
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.state_machine import Timer
-from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Told, ToyRobot, quick, ring, run, start
+from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Scripted, ToyRobot, quick, ring, run, start
 
 
 def sealed(tree=None):
@@ -97,7 +97,7 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
     robot, commands, recoveries = ToyRobot(), [], []
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Told(lambda n: (True, (-0.5, 0.0)))  # The planner always backs out.
+    made.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))  # The planner always backs out.
     result = None
     while robot.time < 20.0 and result is None:
         cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
@@ -128,7 +128,7 @@ def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_
     made, robot = MoveBase(quick(controller_patience=15.0), planner=planner), ToyRobot()
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Told(lambda n: (False, (0.0, 0.0)))
+    made.local_planner = Scripted(lambda n: (False, (0.0, 0.0)))
     driven = set()
     while robot.time < 4.0:
         command = made.step(robot.time, robot.pose, robot.twist, robot.scan()).command
@@ -176,7 +176,7 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
 )
 def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(valid, patience, text, late):
     made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0}))
-    made.local_planner = Told(lambda n: (valid, (0.0, 0.0)))
+    made.local_planner = Scripted(lambda n: (valid, (0.0, 0.0)))
     cycles = []
     assert run(made, robot, 20.0, cycles=cycles) == ("aborted", text)
     begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
@@ -187,7 +187,7 @@ def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
 
 def test_a_valid_command_starts_the_recoveries_over():
     made, robot = start((3.0, 0.0, 0.0))
-    made.local_planner = Told(lambda n: (24 <= n <= 27, (0.0, 0.0)))
+    made.local_planner = Scripted(lambda n: (24 <= n <= 27, (0.0, 0.0)))
     cycles = []
     run(made, robot, 20.0, cycles=cycles)
     names = [c.recovery[0] for _, c in cycles if c.recovery]

@@ -37,7 +37,7 @@ def test_reset_equals_a_fresh_object():
     assert (drives[0][2] == drives[1][2]).all()
 
 
-def test_reset_may_keep_what_was_reconfigured():
+def test_a_reset_may_keep_reconfigured_values():
     made = MoveBase(quick())
     made.reconfigure(PLANNER, {"max_vel_x": 1.3})
     made.reset(0.0, restore=False)

@@ -1,4 +1,4 @@
-"""Training and driving of a robot that is not included, described in a folder of its own."""
+"""Training and driving of a robot that is not included, from its own folder."""
 
 import pytest
 import yaml

@@ -175,7 +175,7 @@ def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     assert check_robot.main([str(tmp_path)]) == 0, capsys.readouterr()
 
 
-def test_what_roslaunch_dumps_is_one_file(make):
+def test_a_dump_of_roslaunch_is_one_parameter_file(make):
     tree = {"move_base": {"local_costmap": {**yaml.safe_load(COMMON), **yaml.safe_load(LOCAL)}}}
     tree["move_base"]["global_costmap"] = yaml.safe_load(COMMON)
     flat = {f"/two/move_base/{place}/{name}": v for place, s in tree["move_base"].items() for name, v in s.items()}
@@ -188,7 +188,7 @@ def test_what_roslaunch_dumps_is_one_file(make):
     assert (values["frames"]["odom"], values["topics"]["scan"]) == ("odom_comb", "scan")
 
 
-def test_the_cart_of_these_tests(make, tmp_path, capsys):
+def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys):
     status, output, values = make(CART)
     assert status == 0, output
     wheels = {"wheel_radius": 0.05, "wheel_width": 0.02, "track": 0.24, "axle_height": 0.05}
@@ -269,7 +269,7 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
         (CART.replace("left_joint", "port_joint"), CONTROLLED, "file names left_joint, which .* does not have"),
     ],
 )
-def test_odd_wheels_are_asked_for(make, urdf, more, why):
+def test_wheels_in_other_arrangements_are_asked_for(make, urdf, more, why):
     status, output, values = make(urdf, **more)
     assert status == 0
     assert re.search(f"remark: driven wheels not identified: .*{why}", output), output
@@ -278,7 +278,7 @@ def test_odd_wheels_are_asked_for(make, urdf, more, why):
     assert "drive" not in (values["base"] or {})
 
 
-def test_wheels_that_are_not_drawn_have_a_track_and_no_size(make):
+def test_wheels_with_a_missing_mesh_have_a_track_and_no_size(make):
     bare = CART.replace('<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>')
     _, output, values = make(bare)
     base = values["base"]
@@ -306,7 +306,7 @@ BARE = link("base_link")
     ],
     ids=["a lost mesh", "on the ground", "a laser alone"],
 )
-def test_an_odd_outline_is_asked_for_with_the_footprint(make, tmp_path, hull, why):
+def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(make, tmp_path, hull, why):
     _, output, values = make(CART.replace(HULL, hull))
     assert re.search(f"outline not identified: .*{why}", output)
     assert values["body"] == {"centre": [-0.05, 0.0]}
@@ -320,7 +320,7 @@ def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
     assert values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
 
 
-def test_the_laser_is_the_one_that_is_named(make):
+def test_a_laser_that_no_file_names_is_asked_for(make):
     rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
     _, output, values = make(CART + rear)
     assert (values["laser"] or {}) == {}
@@ -378,7 +378,7 @@ def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
     assert make(f"{CART}<!-- {macro} -->", name="a.xacro")[0] == 0
 
 
-def test_a_link_that_is_not_there_and_a_robot_that_is(make):
+def test_a_missing_link_and_an_existing_folder_are_refused(make):
     status, output, _ = make(CART, "--laser", "scaner")
     assert (status, "has no link scaner: did you mean scanner?\n" in output) == (1, True)
     assert make(CART)[0] == 0

@@ -37,14 +37,14 @@ def turning(simulator, v, w, seed):
     return np.mean(rates) / w, -np.mean(aside) / np.mean(rates)
 
 
-def test_it_turns_faster_than_commanded_about_a_point_ahead(simulator):
+def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
     """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m ahead."""
     for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
         ratio, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
         assert (ratio, ahead) == (pytest.approx(gain, abs=0.1), pytest.approx(0.133, abs=0.03))
 
 
-def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):
+def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_the_slide(simulator):
     """In Gazebo, twelve stops from 1.5 m/s took .18 to 1.14 m, on average .47 m, of which odometry missed .37 m."""
     ways, unseen = [], []
     for seed in range(16):
@@ -68,7 +68,7 @@ def set_motion(made, twist, commanded, angles):
     made.state = replace(made.state, twist=(u, w))
 
 
-def test_it_yaws_while_its_wheels_stop():
+def test_the_robot_yaws_while_its_wheels_stop():
     """In Gazebo, these commands from .69 m/s caused a yaw swing of -.165 rad in .135 m, despite a left turn."""
     commands = (0.386, 0.602), (0.282, 0.439), (0.185, 0.288), (0.101, 0.158), (0.006, 0.01), *[(0.0, 0.0)] * 4
     made, swings, ways = sim_bridge.make("kinematic"), [], []
@@ -90,7 +90,7 @@ PLAIN = (0.6217, -0.0005, 0.0012), (1.2671, 0.0529, 0.4032), (1.6070, 0.1975, -0
 
 
 @pytest.mark.parametrize(("ground", "places"), [(1.0, GAZEBO), (0.0, PLAIN)])
-def test_a_drive_is_what_it_was(ground, places):
+def test_a_drive_equals_the_recorded_one(ground, places):
     """Any change of the equations or their constants moves these poses by millimetres."""
     made = sim_bridge.make("kinematic", ground=ground)
     made.reset(OPEN, 3)

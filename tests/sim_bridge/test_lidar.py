@@ -68,7 +68,7 @@ def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
     assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
 
 
-def test_nothing_far_and_too_near():
+def test_beams_without_obstacles_beyond_range_and_too_near():
     assert (Lidar(JACKAL, *NOTHING).scan(0, 0, 0) == np.inf).all()
     assert (Lidar(JACKAL, [(40.0, 0.0, 1.0)], []).scan(0, 0, 0) == np.inf).all()
     assert Lidar(JACKAL, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)[360] == -np.inf

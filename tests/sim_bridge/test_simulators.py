@@ -1,4 +1,4 @@
-"""Common behaviour of both simulators: speeds, time-out, contact, odometry, reproducibility for a seed."""
+"""Behaviour of both simulators: speeds, command time-out, contacts, odometry, repetition with the same seed."""
 
 import subprocess
 import sys
@@ -125,7 +125,7 @@ def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
         assert error(even, v, w, seconds=3.0) < 0.05, (v, w)
 
 
-def test_on_uneven_ground_too_on_average(on_plain_ground):
+def test_speeds_on_uneven_ground_are_the_commanded_ones_on_average(on_plain_ground):
     for v, w in ((0.5, 0.0), (0.0, 1.57), (0.5, 0.6), (1.0, -1.0)):
         assert error(on_plain_ground, v, w, seeds=4) < 0.05, (v, w)
 
@@ -177,7 +177,7 @@ def test_a_wall_stops_the_robot_and_is_reported(simulator):
     assert state.odom_pose[0] > 1.2  # The wheels kept turning at the wall.
 
 
-def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
+def test_the_robot_slides_along_a_wall_that_it_hits_at_a_low_angle(simulator):
     simulator.reset(small_world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
     touched = [drive(simulator, 0.5, 0.0, STEP).contact for _ in range(120)]
     assert sum(touched) > 60
@@ -185,7 +185,7 @@ def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
     assert simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
 
 
-def test_it_turns_flat_onto_what_it_hits_at_a_high_angle(simulator):
+def test_the_robot_turns_flat_onto_a_wall_that_it_hits_at_a_high_angle(simulator):
     simulator.reset(small_world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
     state = drive(simulator, 0.5, 0.0, 6.0)
     assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01)
@@ -226,7 +226,7 @@ def test_odometry_errs_by_per_cents(simulator):
         state = drive(simulator, 1.0, 0.1, 10.0)
         errors.append(hypot(state.odom_pose[0] - state.pose[0], state.odom_pose[1] - state.pose[1]))
         assert abs(normalize_angle(state.pose[2] - state.odom_pose[2])) < 0.02
-    assert 0.01 < max(errors) < 0.5  # of 10 m
+    assert 0.01 < max(errors) < 0.5  # after 10 m
 
 
 def test_odometry_can_be_set(simulator):
@@ -284,7 +284,7 @@ def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
     other.close()
 
 
-def test_how_time_is_cut_does_not_matter(simulator):
+def test_the_length_of_a_step_does_not_matter(simulator):
     poses = []
     for step in (0.05, 0.1, 0.025):
         simulator.reset(small_world(), 0)

@@ -45,7 +45,7 @@ class FakeJackal:
         self.robot = ToyRobot(pose, circles)
         self.clock = clock
         self.scans = self.transforms = True
-        self.bend = lambda scan: scan  # alters a scan before it is published
+        self.bend = lambda scan: scan  # function that changes each scan before it is published
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
@@ -120,7 +120,7 @@ class FakeJackal:
 
 
 class Standing(FakeJackal):
-    """Jackal that stands still, publishes a plan and optionally a goal, and records the applr node's messages."""
+    """Jackal at rest that publishes a plan and optionally a goal, and records the messages of the applr node."""
 
     def __init__(self):
         self.reset()

@@ -1,9 +1,9 @@
 """Stand-in for move_base in tests: its parameter servers, with switches that make them misbehave.
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
-Each of these ROS parameters is a list of servers: /fake/refuse, which raise an error; /fake/hold, which keep their old
-values and report them; /fake/lie, which keep them and report the new values; /fake/late, which publish their values
-0.2 s late; /fake/hang, which do not answer until they are removed from the list.
+These ROS parameters are lists of servers that misbehave. Servers in /fake/refuse raise an error. Those in /fake/hold
+keep and report their old values. Those in /fake/lie keep them, but report the new values. Those in /fake/late publish
+their values 0.2 s late. Those in /fake/hang do not answer until they are removed from the list.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def config_type(parameters, code=""):
 
 
 class Liar(Server):
-    """Server that, if listed in /fake/lie, confirms a request without applying it."""
+    """Server that publishes its values late if it is in /fake/late, and confirms without applying if in /fake/lie."""
 
     def _set_callback(self, request):
         if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):

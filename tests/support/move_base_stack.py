@@ -54,7 +54,7 @@ def idle(stack):
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     if stack.client.get_state() in (PENDING, ACTIVE):
-        stack.client.cancel_goal()  # cancelling all goals could also end the next goal, over another connection
+        stack.client.cancel_goal()  # To cancel all goals could also end the next goal, over another connection.
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)

@@ -78,7 +78,7 @@ class StackWriter(BagWriter):
 
 
 class RecordingEpisode(Episode):
-    """Episode that writes its drives into a StackWriter, course after course."""
+    """Episode that records its courses, one after the other, with a StackWriter."""
 
     def __init__(self, simulator, move_base, writer: BagWriter, **options):
         super().__init__(simulator, move_base, writer.robot, **options)

@@ -89,7 +89,7 @@ def started(args, env, log):
 
 
 class RosMaster:
-    """ROS master on the given or a free port, and its children. Use as a context manager or call close().
+    """ROS master on a given or free port, with its child processes. Use as a context manager or call close().
 
     Attributes:
         env: Environment of processes that join the master.
@@ -240,7 +240,7 @@ LONGEST = 300.0  # time after which a process counts as hanging, including compi
 
 
 class Kept:
-    """Meter of the time for which a busy machine kept this process and its children waiting for a processor.
+    """Stopwatch for the time that this process and its children spent waiting for a processor on a busy machine.
 
     Tests add this time to their limits of wall time, which can then be those of an idle machine.
     """

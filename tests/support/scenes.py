@@ -30,7 +30,7 @@ def small_world(
 
 
 def drive(simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP) -> RobotState:
-    """Hold the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
+    """Repeat the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
     for _ in range(int(round(seconds / step))):
         simulator.command(v, w)
         simulator.advance(step)

@@ -69,8 +69,8 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
     return None
 
 
-class Told:
-    """Local planner with scripted commands: call n returns answer(n), a pair (ok, (v, w))."""
+class Scripted:
+    """Local planner stub with scripted commands: call n returns answer(n), a pair (ok, (v, w))."""
 
     goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
 
@@ -100,7 +100,7 @@ def quick(**changes):
 
 
 def start(goal, robot=None, tree=None, before=0.1):
-    """Return (move_base, robot) that received the goal after `before` seconds of scans."""
+    """Return (move_base, robot) after `before` seconds of scans, when the goal has just been sent."""
     robot, made = robot or ToyRobot(), MoveBase(tree or quick())
     run(made, robot, before)
     made.set_goal(goal, robot.time)

@@ -26,7 +26,7 @@ NO_EVALUATION = ["--eval-worlds", "none"]
 
 
 def drive(env, task, weights):
-    """Drive one episode of the policy, or of the default, which stands still, if the task names another method."""
+    """Drive one episode. Only the method of the policy moves; all others stand still."""
     policy = PolicyWeights(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
     made, total, ended = environment(env, "{}"), 0.0, False
     observation, _ = made.reset(seed=task.seed)

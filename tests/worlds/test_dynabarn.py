@@ -17,7 +17,7 @@ def table(folder, *rows):
     return str(path)
 
 
-def test_places_over_time_are_gazebos(tmp_path):
+def test_positions_over_time_equal_gazebos(tmp_path):
     """Catmull-Rom tangents with tension 0 between key frames, computed by hand. The animation repeats every 10 s."""
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     file = Path(table(tmp_path, *rows))
@@ -44,7 +44,7 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     assert [once.position(t) for t in (0.0, 2.0, 50.0)] == [(0.0, 1.0), (4.0, 1.0), (4.0, 1.0)]
 
 
-def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
+def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
     cells = np.column_stack([np.full(66, 15), np.arange(66)])  # path of BARN's world with the same number
     course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)).course

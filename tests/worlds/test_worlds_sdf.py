@@ -31,13 +31,13 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
 
-def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_none(tmp_path):
+def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_an_obstacle(tmp_path):
     barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
     world = worlds.load(put(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world"))
     assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
 
 
-def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
+def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
     body = (
         cylinder(1, 1, name="a")
         + cylinder(2, 2, name="b")
@@ -51,7 +51,7 @@ def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
     assert "not read: the scale of model 'b'; the rest" in caplog.text
 
 
-def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
+def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
     roller = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"
     body = (
         model("lying", "0 0 0.2 1.5707963267948966 0 0", roller)
@@ -68,7 +68,7 @@ def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
     assert sorted(side[3:]) == pytest.approx([0.5, 2.0])
 
 
-def test_degrees_the_empty_pose_and_one_of_five_numbers(tmp_path):
+def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
     body = (
         "<model name='m'><pose/><link name='l'><pose>0 0 0 0 0</pose>"
         "<collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
@@ -133,7 +133,7 @@ OTHER = named("model", "other", "", LINK, 9)
         ("<population name='p'/>" * 7, "<population>, <population> and 2 more"),
     ],
 )
-def test_what_is_not_read_is_named_in_one_line_and_the_rest_drives(tmp_path, caplog, body, unread):
+def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(tmp_path, caplog, body, unread):
     (disc,) = worlds.load(put(tmp_path, sdf(body + OTHER), "w.world")).cylinders
     assert np.allclose(disc, (9, 0, 0.3))
     (record,) = caplog.records

@@ -41,7 +41,7 @@ def test_refusals_count_the_rejected_samples_by_critic():
     assert planner.refusals() == {**dict.fromkeys(refusals, 0), "samples": 6, "velocity limits": 6}
 
 
-def test_reset_is_a_new_object():
+def test_a_reset_planner_equals_a_new_one():
     costmap, plan = small_map(), [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)
     first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))

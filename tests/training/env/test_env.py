@@ -21,7 +21,7 @@ from worlds import Course, Mover, World
 
 
 class FakeMoveBase:
-    """Drives each command (v, w) for a second, the last one forever, and reports `result` after `end` cycles."""
+    """Planner stub: gives each command (v, w) for a second, the last one forever, and `result` after `end` cycles."""
 
     goal = None
 
@@ -237,7 +237,7 @@ def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_comma
     ("variant", "escapes", "moves"), [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)]
 )
 def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(variant, escapes, moves):
-    """Our planner makes such motions without the monitor."""
+    """The planner `ours` makes such motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
     given, judge = [], episode.monitor.filter
     episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]

@@ -1,4 +1,4 @@
-"""What critics are told beyond the policy: right by hand in a made-up world, mirrored as the world is, and stored."""
+"""Privileged observations of the critics: values by hand in a synthetic world, mirror images, and their layout."""
 
 import math
 from types import SimpleNamespace
@@ -14,17 +14,17 @@ from training.env.privileged import JACKAL_WIDTH, ODD, SIZE, STATIONS
 from worlds import Course, Mover, World
 
 WIDTH = JACKAL_WIDTH
-PLACES = len(ODD)  # of the clearances behind the numbers that turn round
+PLACES = len(ODD)  # index of the first clearance, after the numbers that change sign in a mirror image
 
 
 def scene(side=1.0, movers=True):
-    """A robot at the origin that looks along x; its plan runs straight into a post, the true course bends round it."""
+    """Return an episode with the robot at the origin, a plan straight into a post, and a course around it."""
     post = np.array([[2.0 * WIDTH, side * 0.1 * WIDTH, 0.2 * WIDTH]])
     path = WIDTH * np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
     course = Course((0.0, 0.0, 0.0), (8.0 * WIDTH, 0.0, 0.0), None, 0.4, path)
     walker = Mover(0.25, tuple((t, 1.0 + t, side * (2.0 + t)) for t in map(float, range(11))))
     drawn = sim_bridge.simulator.Randomisation(latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0)
-    believed = (5.0, 3.0, side * 0.5 * math.pi)  # odometry is off: the plan lies in its frame
+    believed = (5.0, 3.0, side * 0.5 * math.pi)  # wrong odometry, in whose frame the plan is given
     plan = np.column_stack([np.full(90, 5.0), 3.0 + side * np.linspace(0.0, 9.0 * WIDTH, 90)])
     state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed, time=5.0)
     return SimpleNamespace(
@@ -36,22 +36,22 @@ def scene(side=1.0, movers=True):
     )
 
 
-def test_the_true_course_and_the_drawn_robot_are_told():
-    told = privileged.privileged(scene(), 1.0)
-    assert told.shape == (SIZE,)
-    clear = dict(zip(STATIONS, told[PLACES:]))
+def test_critics_observe_the_true_course_and_the_randomised_robot():
+    observed = privileged.privileged(scene(), 1.0)
+    assert observed.shape == (SIZE,)
+    clear = dict(zip(STATIONS, observed[PLACES:]))
     widths = {station: 2.0 * ((1.0 + value) / 2.0) ** 2 for station, value in clear.items()}
-    assert widths[2.0] == 0.0  # the plan leads into the post, between 1.5 and 2 widths
+    assert widths[2.0] == 0.0  # The plan leads into the post, between 1.5 and 2 widths ahead.
     assert widths[0.5] == pytest.approx(math.hypot(1.5, 0.1) - 0.2, abs=0.12)
-    rest = told[PLACES + 2 * len(STATIONS) :]
+    rest = observed[PLACES + 2 * len(STATIONS) :]
     free = (1.0 + rest[0]) / 2.0 * STATIONS[-1]
     assert free == pytest.approx(2.0 - 0.2 - 0.5 * JACKAL.body.size[1] / WIDTH, abs=0.25)
     left = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
     assert (1.0 + rest[1]) / 2.0 * privileged.LONG == pytest.approx(left, abs=1e-4)
-    assert rest[2] == -1.0  # on the course
-    assert told[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)  # two widths ahead it bends to the left
-    assert told[len(privileged.AHEAD)] == 1.0  # the walker is far to the left at 5 s
-    assert told[len(privileged.AHEAD) + 1] == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
+    assert rest[2] == -1.0  # The robot is on the course.
+    assert observed[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)  # The course bends to the left.
+    assert observed[len(privileged.AHEAD)] == 1.0  # At 5 s the walker is far to the left.
+    assert observed[len(privileged.AHEAD) + 1] == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
     np.testing.assert_allclose(rest[-8:], [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
 
 
@@ -63,7 +63,7 @@ def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
     assert np.abs(one[list(ODD)]).max() > 0.1
 
 
-def test_they_stand_behind_the_observation_and_the_protocol_is_drawn():
+def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
     common = {"worlds": "generated:7", "period": 1.0, "observation": "dimensionless", "limit": 1}
     env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
     layout, plain = env.layout, ApplrEnv(**common).layout
@@ -78,4 +78,4 @@ def test_they_stand_behind_the_observation_and_the_protocol_is_drawn():
         assert np.array_equal(observation[-SIZE:], privileged.privileged(env.episode, env.encoding.scale))
         courses.add(env.episode.world.course.start)
     assert len(courses) == 2
-    assert (-2.25, 3.0, math.pi / 2) in courses  # the Challenge's
+    assert (-2.25, 3.0, math.pi / 2) in courses  # start of the BARN Challenge

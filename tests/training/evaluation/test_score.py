@@ -40,7 +40,7 @@ def test_barn_metric_by_hand():
 
 
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
-    """Runner and plan are the same; the seeds differ, so that evaluate.py never judges on trials that select."""
+    """Runner and plan are the same. The seeds differ, so that no trial serves both selection and evaluate.py."""
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}

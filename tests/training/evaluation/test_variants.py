@@ -9,7 +9,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PATH, OSCILLATING
 from applr_ros1.planner.variant import draw
-from tests.support.toy_robot import Told, ToyRobot, quick, ring, run
+from tests.support.toy_robot import Scripted, ToyRobot, quick, ring, run
 
 
 def test_the_drawn_planner_depends_on_the_seed_alone():
@@ -35,7 +35,7 @@ def first_recovery(planner, seed, **changes):
     made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))  # a robot that stands still counts as oscillating
+    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))  # a robot that stands still counts as oscillating
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1

@@ -43,7 +43,7 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
         (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
     ],
 )
-def test_why_a_robot_does_not_drive(file, old, new, course, why, tmp_path):
+def test_the_reason_of_a_failed_drive_is_reported(file, old, new, course, why, tmp_path):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     text = (folder / file).read_text()
     assert old in text

@@ -36,7 +36,7 @@ MONITORED = []  # per trial: whether the collision monitor is on
 
 
 def toy(settings, task, gain=12.0):
-    """Return a result that is faster the nearer the set is to PAY, with the interface of runner.run."""
+    """Return a result, like runner.run, that is the faster the nearer the set is to PAY."""
     DRIVEN.append(task)
     LOADED.append(settings.loaded)
     PLANNERS.append(settings.planner)
@@ -65,7 +65,7 @@ def better_without_monitor(settings, task):
 
 
 def better_with_monitor(settings, task):
-    """Return results that are better in the search and in the verdict with the monitor, but not in that without."""
+    """Return results that are better in the search and in the verdict with the monitor, but not without it."""
     return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
 
 
@@ -76,7 +76,7 @@ def none_arrives(settings, task):
 
 @pytest.fixture
 def few(monkeypatch):
-    """Use few courses, and a clock on which each drive takes a second and everything else no time."""
+    """Use few courses, and a clock on which each drive takes one second and everything else takes none."""
     DRIVEN.clear()
     LOADED.clear()
     PLANNERS.clear()
@@ -96,7 +96,7 @@ def jackal(tmp_path, few):
 
 
 def tune(folder, runner, *more):
-    robot_folder._read.cache_clear()  # a real command has a new process
+    robot_folder._read.cache_clear()  # A command starts in a new process.
     words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
