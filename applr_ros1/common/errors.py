@@ -92,7 +92,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
     usual = signal.getsignal(signal.SIGINT)
     if usual is signal.default_int_handler:  # A library's destructor might swallow its KeyboardInterrupt.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    loaded = importlib.import_module(module)
+    loaded: Any = importlib.import_module(module)
     signal.signal(signal.SIGINT, usual)
     usage = getattr(loaded, "USAGE", loaded.__doc__ if node else None)
     if usage and {"-h", "--help"} & set(sys.argv[1:]):
@@ -101,4 +101,5 @@ def _main_of(module: str, node: bool) -> Optional[int]:
     words = [word for word in sys.argv[1:] if ":=" not in word]
     if node and words:
         raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help lists them")
-    return loaded.main()
+    status: Optional[int] = loaded.main()
+    return status

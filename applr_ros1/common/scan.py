@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any, Dict, List, Optional, Tuple, Union
+from functools import lru_cache
+from typing import Any, List, Optional, Tuple, Union
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, transform_point
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
 SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
 Quaternion = Tuple[float, float, float, float]
 Point = Tuple[float, float, float]
+Bounds = Tuple[np.float32, np.float32]
 
 
 @dataclass
@@ -40,7 +43,7 @@ class LaserScan:
     angle_increment: float
     range_min: float
     range_max: float
-    ranges: np.ndarray
+    ranges: Array32
     sensor_pose: Pose
     sensor_height: float = 0.0
     rotation: Optional[Quaternion] = None
@@ -58,7 +61,7 @@ class SensorCloud:
     """
 
     stamp: float
-    points: np.ndarray
+    points: Array32
     position: Point
     rotation: Quaternion
     origin: Optional[Point] = None
@@ -73,7 +76,7 @@ class PointCloud:
     """
 
     origin: Point
-    points: np.ndarray
+    points: Array32
     stamp: float = 0.0
     frame: str = ""
 
@@ -83,8 +86,7 @@ Observation = Union[LaserScan, SensorCloud]
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
     """Return the PointCloud of an observation. inf_is_valid applies to laser scans only."""
-    is_cloud = isinstance(observation, SensorCloud)
-    cloud = place_cloud(observation) if is_cloud else project(observation, inf_is_valid)  # type: ignore[arg-type]
+    cloud = place_cloud(observation) if isinstance(observation, SensorCloud) else project(observation, inf_is_valid)
     cloud.frame = observation.frame
     return cloud
 
@@ -113,21 +115,12 @@ def _turned(q: Quaternion, yaw: float) -> Quaternion:
     return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
-_beams: Dict[Tuple[float, float, int], np.ndarray] = {}
-
-
-def beam_directions(angle_min: float, angle_increment: float, count: int) -> np.ndarray:
+@lru_cache(maxsize=8)
+def beam_directions(angle_min: float, angle_increment: float, count: int) -> Array:
     """Return cosine and sine (count, 2) of every beam. Tables of recent scan geometries are cached."""
-    key = (angle_min, angle_increment, count)
-    table = _beams.get(key)
-    if table is None:
-        if len(_beams) >= 8:
-            _beams.clear()
-        first, step = float(np.float32(angle_min)), float(np.float32(angle_increment))
-        angles = [first + i * step for i in range(count)]
-        table = np.array([[math.cos(a), math.sin(a)] for a in angles], dtype=np.float64).reshape(count, 2)
-        _beams[key] = table
-    return table
+    first, step = float(np.float32(angle_min)), float(np.float32(angle_increment))
+    angles = [first + i * step for i in range(count)]
+    return np.array([[math.cos(a), math.sin(a)] for a in angles], dtype=np.float64).reshape(count, 2)
 
 
 def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
@@ -142,18 +135,8 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     level = scan.rotation is None
     x, y, yaw = scan.sensor_pose if level else (0.0, 0.0, 0.0)
     x, y, z = float(x), float(y), float(scan.sensor_height) if level else 0.0
-    count = _project(
-        ranges,
-        table,
-        np.float32(scan.range_min),
-        np.float32(scan.range_max),
-        bool(inf_is_valid),
-        x,
-        y,
-        z,
-        float(yaw),
-        points,
-    )
+    bounds = np.float32(scan.range_min), np.float32(scan.range_max)
+    count = _project(ranges, table, bounds, bool(inf_is_valid), (x, y, z), float(yaw), points)
     if scan.rotation is not None:
         position = float(scan.sensor_pose[0]), float(scan.sensor_pose[1]), float(scan.sensor_height)
         return place_cloud(SensorCloud(scan.stamp, points[:count], position, scan.rotation, scan.origin))
@@ -170,7 +153,7 @@ def place_cloud(cloud: SensorCloud) -> PointCloud:
 
 
 @kernel
-def _place(points, qx, qy, qz, qw, tx, ty, tz):
+def _place(points: Array32, qx: float, qy: float, qz: float, qw: float, tx: float, ty: float, tz: float) -> None:
     """Rotate and translate the points (n, 3) float32 in place. Every step is rounded to float32."""
     one = np.float32(1.0)
     two = np.float32(2.0)
@@ -196,7 +179,10 @@ def _place(points, qx, qy, qz, qw, tx, ty, tz):
 
 
 @kernel
-def _project(ranges, table, range_min, range_max, inf_is_valid, x, y, z, yaw, points):
+def _project(
+    ranges: Array32, table: Array, bounds: Bounds, inf_is_valid: bool, origin: Point, yaw: float, points: Array32
+) -> int:
+    (range_min, range_max), (x, y, z) = bounds, origin
     one = np.float32(1.0)
     two = np.float32(2.0)
     qz = np.float32(math.sin(0.5 * yaw))

@@ -7,11 +7,12 @@ from typing import Any, Dict
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
     """Return the dict at a path such as "a/b", or {} if there is none; with `create`, add it to the tree."""
-    here: Any = tree
+    here: Dict[str, Any] = tree
     for part in filter(None, path.split("/")):
-        here = here.setdefault(part, {}) if create else here.get(part)
-        if not isinstance(here, dict):
+        below = here.setdefault(part, {}) if create else here.get(part)
+        if not isinstance(below, dict):
             return {}
+        here = below
     return here
 
 

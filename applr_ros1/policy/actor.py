@@ -17,6 +17,7 @@ import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common import files
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
@@ -32,8 +33,9 @@ FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in th
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
 # Distance and angle that TrajectoryPlannerROS backs out of a dead end while the robot has stalled [m, rad].
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
-Weights = Mapping[str, np.ndarray]
-Layers = List[Tuple[np.ndarray, np.ndarray]]
+PLAIN = "format", "sha256"  # metadata that are not JSON; older files have a checksum
+Weights = Mapping[str, Array32]
+Layers = List[Tuple[Array32, Array32]]
 
 
 class _FromFile(Method):
@@ -127,13 +129,8 @@ class Policy(_FromFile):
     @property
     def environment(self) -> Dict[str, Any]:
         """Arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for the policy's observations and actions."""
-        encoding = self.encoding
-        return {
-            "robot": encoding.robot.folder,
-            "observation": encoding.name,
-            "period": self.period,
-            "base": encoding.base,
-        }
+        encoding, robot = self.encoding, self.encoding.robot.folder
+        return {"robot": robot, "observation": encoding.name, "period": self.period, "base": encoding.base}
 
     def reset(self, seed: int) -> None:
         """Forget the previous decisions at the start of a course, and seed the random draws."""
@@ -142,11 +139,12 @@ class Policy(_FromFile):
         self._stall.reset()
         self._draws = np.random.default_rng([seed, 0x57A1])
 
-    def action(self, observation: Any) -> np.ndarray:
+    def action(self, observation: Any) -> Array32:
         """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n). NaN is propagated."""
-        return np.tanh(forward(self.layers, observation))
+        action: Array32 = np.tanh(forward(self.layers, observation))
+        return action
 
-    def theta(self, context: Optional[Context]) -> np.ndarray:
+    def theta(self, context: Optional[Context]) -> Array:
         """Return the parameters (n,) of a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
@@ -160,10 +158,10 @@ class Policy(_FromFile):
     def predict(
         self,
         observation: Any,
-        state: Optional[Tuple[np.ndarray, ...]] = None,
-        episode_start: Optional[np.ndarray] = None,
+        state: Any = None,
+        episode_start: Any = None,
         deterministic: bool = True,
-    ) -> Tuple[np.ndarray, Optional[Tuple[np.ndarray, ...]]]:
+    ) -> Tuple[Array32, Any]:
         """Return actions (m,) or (k, m) for observations (n,) or (k, n), with the interface of stable-baselines3.
 
         The policy is deterministic and has no memory: `state` is returned unchanged, and the others have no effect.
@@ -201,14 +199,14 @@ class ContextPolicy(_FromFile):
         """Return the index of the context predicted from an observation (729,) or its first 720 entries."""
         return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
 
-    def theta(self, context: Optional[Context]) -> np.ndarray:
+    def theta(self, context: Optional[Context]) -> Array:
         """Return the parameter set of the context that is predicted from the scan."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
-        return self.sets[self.context(context.observation)].copy()
+        return np.array(self.sets[self.context(context.observation)])
 
 
-def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, ContextPolicy]:
+def load(path: Union[str, "os.PathLike[str]"], robot: Robot = JACKAL) -> Union[Policy, ContextPolicy]:
     """Read a policy from its file, for a robot. The layout of the scan comes from the file.
 
     Args:
@@ -223,7 +221,7 @@ def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, 
     written = header.get("format")
     if written not in (FORMAT, CONTEXTS_FORMAT):
         raise ApplrError(f"{path}: unknown policy format {written!r}: give a file written by train.py or appld.py")
-    metadata = {key: _value(text) for key, text in header.items()}
+    metadata = {key: json.loads(text) for key, text in header.items() if key not in PLAIN}
     policy: Union[Policy, ContextPolicy]
     try:
         if written == CONTEXTS_FORMAT:
@@ -238,7 +236,7 @@ def load(path: Union[str, os.PathLike], robot: Robot = JACKAL) -> Union[Policy, 
 
 
 def save(
-    path: Union[str, os.PathLike],
+    path: Union[str, "os.PathLike[str]"],
     weights: Weights,
     metadata: Optional[Mapping[str, Any]] = None,
     encoding: Optional[Encoding] = None,
@@ -258,7 +256,7 @@ def save(
 
 
 def save_contexts(
-    path: Union[str, os.PathLike],
+    path: Union[str, "os.PathLike[str]"],
     contexts: Weights,
     weights: Weights,
     metadata: Optional[Mapping[str, Any]] = None,
@@ -284,16 +282,8 @@ def _write(path: Any, weights: Dict[str, Any], written: str, metadata: Dict[str,
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
-def _float32(weights: Weights) -> Dict[str, np.ndarray]:
+def _float32(weights: Weights) -> Dict[str, Array32]:
     return {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
-
-
-def _value(text: str) -> Any:
-    """Return a metadata entry parsed as JSON, or the string itself if it is not JSON, as for `format`."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
 
 
 def layers_of(weights: Weights) -> Layers:
@@ -314,17 +304,13 @@ def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
     return layers
 
 
-def forward(layers: Layers, x: Any) -> np.ndarray:
+def forward(layers: Layers, x: Any) -> Array32:
     """Return the network's output before a final activation for x (n, inputs) or (inputs,). NaN is propagated."""
     x = np.asarray(x, dtype=np.float32)
     several, shape = layers[0][0].ndim == 3, x.shape[:-1]
-    units = np.atleast_2d(x) if several else x  # The shape is (k, n, units) after the first layer of an ensemble.
-    for layer in layers[:-1]:
-        units = np.maximum(_linear(layer, units), np.float32(0.0))
-    out = _linear(layers[-1], units)
-    return out.mean(axis=0).reshape(*shape, -1) if several else out
-
-
-def _linear(layer: Tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
-    weight, bias = layer
-    return x @ weight.swapaxes(-1, -2) + (bias[:, None, :] if weight.ndim == 3 else bias)
+    units: Array32 = np.atleast_2d(x) if several else x  # The shape is (k, n, units) after an ensemble's first layer.
+    for number, (weight, bias) in enumerate(layers):
+        if number:
+            units = np.maximum(units, np.float32(0.0))
+        units = units @ weight.swapaxes(-1, -2) + (bias[:, None, :] if several else bias)
+    return units.mean(axis=0).reshape(*shape, -1) if several else units

@@ -14,6 +14,7 @@ from typing import Any, Dict, Mapping, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array32, Ints
 from applr_ros1.common.errors import ApplrError
 
 ANGLE_TOLERANCE_RAD = 0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
@@ -61,12 +62,12 @@ class Layout:
         """Make the layout from the values of to_dict."""
         return cls(**{name: values[key] for key, name in IN_FILES.items()})
 
-    def sector(self, bearing: float, width: float) -> np.ndarray:
+    def sector(self, bearing: float, width: float) -> Ints:
         """Return the indices of the beams within width / 2 of a bearing [rad]."""
         angles = self.angle_min + self.step * np.arange(self.beams)
         return np.flatnonzero(np.abs((angles - bearing + math.pi) % TURN_RAD - math.pi) <= 0.5 * width)
 
-    def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
+    def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> Array32:
         """Return a scan resampled to this layout, (beams,) float32 [m]. A scan with the same geometry is unchanged.
 
         Each beam of the layout is a sector of `step` radians. It takes the smallest range in the sector, so that no
@@ -82,32 +83,27 @@ class Layout:
         Raises:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or has no geometry.
         """
-        ranges = np.asarray(ranges, dtype=np.float32)
-        zero = ranges == 0.0
+        measured: Array32 = np.asarray(ranges, dtype=np.float32)
+        zero = measured == 0.0
         if zero.any():  # Zeros must be replaced before the minimum is taken.
-            ranges = np.where(zero, np.float32(np.nan), ranges)
-        source, starts = _sectors(self, len(ranges), float(angle_min), float(angle_increment))
-        if len(source):
-            ranges = np.fmin.reduceat(ranges[source], starts)
-        return ranges
+            measured = np.where(zero, np.float32(np.nan), measured)
+        source, starts = _sectors(self, len(measured), float(angle_min), float(angle_increment))
+        return np.fmin.reduceat(measured[source], starts) if len(source) else measured
 
 
 @lru_cache(maxsize=32)
-def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.ndarray, np.ndarray]:
+def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[Ints, Ints]:
     """Return the indices of the scan's ranges in each of the layout's sectors.
 
     Returns:
         (source, starts): beam i takes source[starts[i] : starts[i + 1]]. Both are empty if the geometry is the same.
     """
     if count < 2 or not (math.isfinite(first) and math.isfinite(step)) or step == 0.0:
-        raise ObservationError(
-            "scan has %d beams from %g rad every %g rad, no geometry: check the laser's driver" % (count, first, step)
-        )
+        scan = f"scan has {count} beams from {first:g} rad every {step:g} rad"
+        raise ObservationError(f"{scan}, no geometry: check the laser's driver")
     if abs(step) > COARSEST_RAD:
-        raise ObservationError(
-            "scan has a beam every %.3f rad, the limit is %.3f: use a finer scanner or setting"
-            % (abs(step), COARSEST_RAD)
-        )
+        remedy = f"the limit is {COARSEST_RAD:.3f}: use a finer scanner or setting"
+        raise ObservationError(f"scan has a beam every {abs(step):.3f} rad, {remedy}")
     last, half = first + step * (count - 1), 0.5 * layout.step
     if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -121,14 +117,10 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.
     nearest = right - (middles - angles[right - 1] <= angles[right] - middles)
     covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
     if not covered.all():
-        raise ObservationError(
-            "scan of %d beams covers %.3f to %.3f rad: the policy needs %.3f to %.3f"
-            % (count, min(first, last), max(first, last), layout.angle_min, layout.angle_max)
-        )
+        covers = f"scan of {count} beams covers {min(first, last):.3f} to {max(first, last):.3f} rad"
+        raise ObservationError(f"{covers}: the policy needs {layout.angle_min:.3f} to {layout.angle_max:.3f}")
     begins, ends = (np.searchsorted(angles, middles + offset) for offset in (-half, half))
     empty = begins == ends
     begins, ends = np.where(empty, nearest, begins), np.where(empty, nearest + 1, ends)
-    lengths = ends - begins
-    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    taken = np.repeat(begins - starts, lengths) + np.arange(lengths.sum())
-    return source[taken], starts
+    starts = np.concatenate([[0], np.cumsum(ends - begins)[:-1]])
+    return np.concatenate([source[begin:end] for begin, end in zip(begins, ends)]), starts

@@ -14,6 +14,7 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.robots import Robot
@@ -60,11 +61,12 @@ class Space:
     def _chosen_at(self) -> List[int]:
         return [i for i, name in enumerate(self.names) if name not in self.fixed]
 
-    def pick(self, theta: Any) -> np.ndarray:
+    def pick(self, theta: Any) -> Array:
         """Return the chosen parameters (..., k) out of parameters (..., n)."""
-        return np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
+        chosen: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
+        return chosen
 
-    def fill(self, values: Any) -> np.ndarray:
+    def fill(self, values: Any) -> Array:
         """Return parameters (n,) with the chosen ones (k,) from `values`, and the others from theta_0."""
         theta = self.theta0.copy()
         theta[self._chosen_at] = values
@@ -75,31 +77,27 @@ class Space:
         mine = np.array(self.names) == name
         return replace(self, high=np.where(mine, np.minimum(self.high, highest), self.high))
 
-    def clip(self, theta: Any) -> np.ndarray:
+    def clip(self, theta: Any) -> Array:
         """Return the nearest parameters (n,) float64 inside the ranges, with counts rounded.
 
         Raises ApplrError if the length is wrong or a value is not finite.
         """
-        theta = np.asarray(theta, dtype=np.float64)
-        self._check(theta, "parameter")
-        theta = np.clip(theta, self.low, self.high)
-        return np.where(self.integer, np.rint(theta), theta)
+        inside: Array = np.clip(self._checked(theta, "parameter"), self.low, self.high)
+        return np.where(self.integer, np.rint(inside), inside)
 
-    def to_theta(self, action: Any) -> np.ndarray:
+    def to_theta(self, action: Any) -> Array:
         """Return the parameters (n,) float64 for an action (n,) in [-1, 1], scaled to the ranges, with counts rounded.
 
         Raises ApplrError if the length is wrong or a value is not finite.
         """
-        action = np.asarray(action, dtype=np.float64)
-        self._check(action, "action")
-        action = np.clip(action, -1.0, 1.0)
+        action = np.clip(self._checked(action, "action"), -1.0, 1.0)
         return self.clip(self.low + 0.5 * (action + 1.0) * (self.high - self.low))
 
-    def to_action(self, theta: Any) -> np.ndarray:
+    def to_action(self, theta: Any) -> Array:
         """Return the action (n,) float64 in [-1, 1] for parameters. Values beyond the ranges are clipped."""
-        theta = np.asarray(theta, dtype=np.float64)
-        self._check(theta, "parameter")
-        return np.clip(2.0 * (theta - self.low) / (self.high - self.low) - 1.0, -1.0, 1.0)
+        shares = (self._checked(theta, "parameter") - self.low) / (self.high - self.low)
+        action: Array = np.clip(2.0 * shares - 1.0, -1.0, 1.0)
+        return action
 
     def as_dict(self, theta: Any) -> Dict[str, float]:
         """Return the parameters (n,) as {name: value}, with counts as int."""
@@ -107,7 +105,7 @@ class Space:
             name: int(value) if whole else float(value) for name, value, whole in zip(self.names, theta, self.integer)
         }
 
-    def from_dict(self, values: Mapping[str, Any]) -> np.ndarray:
+    def from_dict(self, values: Mapping[str, Any]) -> Array:
         """Return the parameters (n,) for {name: value} after a range check. Missing names are taken from theta_0."""
         theta = self.theta0.copy()
         for name, value in values.items():
@@ -128,11 +126,7 @@ class Space:
 
     def requests(self, theta: Any) -> Dict[str, Dict[str, Any]]:
         """Return one request for each move_base server, {server: {name: value}}, for parameters (n,), clipped."""
-        return self.requests_for(self.clip(theta))
-
-    def requests_for(self, values: Any) -> Dict[str, Dict[str, Any]]:
-        """Return the requests for values (n,) without clipping them to the ranges (nodes/applr/meter_scoring.py)."""
-        values = list(self.as_dict(values).values())
+        values = list(self.as_dict(self.clip(theta)).values())
         return {
             server: {t.name: -values[i] if t.negated else values[i] for i, t in self.targets_of(server)}
             for server in self.servers
@@ -168,12 +162,15 @@ class Space:
         integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
         return cls(names, low, high, integer, theta0, robot=str(robot))
 
-    def _check(self, vector: np.ndarray, kind: str) -> None:
+    def _checked(self, numbers: Any, kind: str) -> Array:
+        """Return n numbers (..., n) as float64. Raise ApplrError if their number is wrong or one is not finite."""
+        vector: Array = np.asarray(numbers, dtype=np.float64)
         if vector.shape[-1:] != (len(self.names),):
             raise ApplrError(f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed")
         if not np.all(np.isfinite(vector)):
             bad = np.argwhere(~np.isfinite(vector))[0]
             raise ApplrError(f"{kind} {self.names[bad[-1]]} is {vector[tuple(bad)]}, not finite")
+        return vector
 
 
 def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) -> bool:

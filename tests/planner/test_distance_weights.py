@@ -1,6 +1,7 @@
 """Units of a planner's distance weights: detected from its cost_cloud, and compensated without changing the drive."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,11 +51,13 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
     from sim_bridge import make
     from training.env.episode import Episode
 
+    unbounded = replace(SPACE, low=np.full(len(SPACE), -np.inf), high=np.full(len(SPACE), np.inf))
+
     class Rescaled(Episode):
         """Episode that sends parameters converted for a planner with weights per metre, as the applr node does."""
 
         def apply(self, theta):
-            send(SPACE.requests_for(theta * multipliers_of(SPACE, 0.05)), self.move_base)
+            send(unbounded.requests(theta * multipliers_of(SPACE, 0.05)), self.move_base)
             return theta
 
     draw, rows = np.random.default_rng(2), []
