@@ -13,6 +13,7 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.scan_matching import beam_at
@@ -27,7 +28,7 @@ BEHIND_M = 0.1  # depth behind a hit that counts as observed, because only a way
 SHOWN_M = 2.5  # distance from the scanner up to which a scan observes space; exceeds all stopping distances [m]
 
 # Ranges (n,) float32 [m] of a scan, its angle_min, angle_increment [rad], range_min and range_max [m], and sensor_pose.
-Rays = Tuple[np.ndarray, Tuple[float, float, float, float], Pose]
+Rays = Tuple[Array32, Tuple[float, float, float, float], Pose]
 
 
 def _rays(scan: LaserScan) -> Rays:
@@ -73,14 +74,14 @@ class ObstacleMemory:
         self._count, lost = _update(self._points, self._count, self._forgotten, _rays(scan), limits)
         return self._forgotten[:lost]
 
-    def around(self, pose: Pose, reach: float) -> np.ndarray:
+    def around(self, pose: Pose, reach: float) -> Array:
         """Return the points (k, 2) [m] within `reach` [m] of a robot at pose (x, y, yaw), in the robot's frame."""
-        near: np.ndarray = _around(self._points, self._count, tuple(map(float, pose)), float(reach))
+        near: Array = _around(self._points, self._count, tuple(map(float, pose)), float(reach))
         return near
 
 
 @kernel
-def _around(points: np.ndarray, count: int, pose: Pose, reach: float) -> np.ndarray:
+def _around(points: Array, count: int, pose: Pose, reach: float) -> Array:
     near = np.empty((count, 2))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     n = 0
@@ -94,7 +95,7 @@ def _around(points: np.ndarray, count: int, pose: Pose, reach: float) -> np.ndar
 
 @kernel
 def _update(
-    points: np.ndarray, count: int, forgotten: np.ndarray, scan: Rays, limits: Tuple[float, float, float]
+    points: Array, count: int, forgotten: Array, scan: Rays, limits: Tuple[float, float, float]
 ) -> Tuple[int, int]:
     """Update the rows (x, y, stamp) of `points`, and return the numbers of points and of rows written to `forgotten`.
 
@@ -192,12 +193,12 @@ class SeenSpace:
         shown = min(self._shown, float(scan.range_max), THIN_M / abs(float(scan.angle_increment)))
         _observe(self.cells, self.corner, _rays(scan), shown)
 
-    def forget(self, points: np.ndarray) -> None:
+    def forget(self, points: Array) -> None:
         """Mark the cells around forgotten obstacle points (k, 2) [m] as unknown."""
         if len(points):
             _forget(self.cells, self.corner, points)
 
-    def stand(self, planes: np.ndarray, reach: float, pose: Pose) -> None:
+    def stand(self, planes: Array, reach: float, pose: Pose) -> None:
         """Mark the cells under the body (half planes within `reach` [m] of its origin) at a pose as observed."""
         x, y, yaw = pose
         _stand(self.cells, self.corner, planes, reach, (float(x), float(y), float(yaw)))
@@ -242,7 +243,7 @@ def _observe(cells: np.ndarray, corner: np.ndarray, scan: Rays, shown: float) ->
 
 
 @kernel
-def _forget(cells: np.ndarray, corner: np.ndarray, points: np.ndarray) -> None:
+def _forget(cells: np.ndarray, corner: np.ndarray, points: Array) -> None:
     n, around = cells.shape[0], int(math.ceil(BEHIND_M / CELL_M))
     for k in range(points.shape[0]):
         ci, cj = int(math.floor(points[k, 0] / CELL_M)), int(math.floor(points[k, 1] / CELL_M))
@@ -252,7 +253,7 @@ def _forget(cells: np.ndarray, corner: np.ndarray, points: np.ndarray) -> None:
 
 
 @kernel
-def _stand(cells: np.ndarray, corner: np.ndarray, planes: np.ndarray, reach: float, pose: Pose) -> None:
+def _stand(cells: np.ndarray, corner: np.ndarray, planes: Array, reach: float, pose: Pose) -> None:
     _follow(cells, corner, pose[0], pose[1])
     n = cells.shape[0]
     around = int(reach / CELL_M) + 2

@@ -15,6 +15,7 @@ from typing import Any, List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 
@@ -35,7 +36,7 @@ FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid ma
 ELSEWHERE_SHARE = 0.15  # share of points seen through, in both directions, that shows another place
 
 Beams = Tuple[float, float]  # first angle, angle increment [rad]
-Reference = Tuple[np.ndarray, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
+Reference = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
 
 
 class ScanMatcher:
@@ -162,7 +163,7 @@ def _difference(a: Pose, b: Pose) -> Tuple[float, float]:
 
 
 @kernel
-def _nearest(places: np.ndarray, pose: Pose) -> int:
+def _nearest(places: Array, pose: Pose) -> int:
     best, nearest = np.inf, 0
     for i in range(places.shape[0]):
         turned = abs(places[i, 2] - pose[2]) % (2.0 * math.pi)
@@ -173,7 +174,7 @@ def _nearest(places: np.ndarray, pose: Pose) -> int:
 
 
 @kernel
-def _points(ranges: np.ndarray, beams: Beams) -> np.ndarray:
+def _points(ranges: Array32, beams: Beams) -> Array:
     """Return (k, 3) x, y [m] in the scanner's frame and index of every STRIDE_BEAMS-th beam that has a return."""
     points = np.empty((ranges.shape[0] // STRIDE_BEAMS + 1, 3))
     k = 0
@@ -186,9 +187,7 @@ def _points(ranges: np.ndarray, beams: Beams) -> np.ndarray:
 
 
 @kernel
-def _match(
-    surface: np.ndarray, old_beams: Beams, old_pose: Pose, points: np.ndarray, guess: Pose
-) -> Tuple[Pose, int, float]:
+def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, guess: Pose) -> Tuple[Pose, int, float]:
     """Return the pose (x, y, yaw) at which points fit an earlier scan's lines() best, their number, and sum of weights.
 
     Computes in the frame of the earlier scan's scanner, so that its lines are computed only once. Writes the earlier
@@ -256,7 +255,7 @@ def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
 
 
 @kernel
-def lines(ranges: np.ndarray, beams: Beams) -> np.ndarray:
+def lines(ranges: Array32, beams: Beams) -> Array:
     """Return (n, 6) for a scan: per beam the point [m], unit normal of the surface to the next point, and direction.
 
     All are in the scanner's frame. The normal is NaN if there is no surface: at an edge, and for a beam without return.
@@ -285,7 +284,7 @@ def lines(ranges: np.ndarray, beams: Beams) -> np.ndarray:
 
 
 @kernel
-def _line(surface: np.ndarray, place: float) -> Tuple[bool, float, float, float, float]:
+def _line(surface: Array, place: float) -> Tuple[bool, float, float, float, float]:
     """Return the surface in the direction of a fractional beam index: (hit, point on the surface, unit normal)."""
     i = int(math.floor(place))
     if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
@@ -296,7 +295,7 @@ def _line(surface: np.ndarray, place: float) -> Tuple[bool, float, float, float,
 
 
 @kernel
-def _beam_near(surface: np.ndarray, beams: Beams, x: float, y: float, last: float) -> float:
+def _beam_near(surface: Array, beams: Beams, x: float, y: float, last: float) -> float:
     """Return beam_at of the point x, y [m] in the scanner's frame, faster if the point is near the beam `last`.
 
     Steps from beam to beam by the angle between beam and point, with a short series for the arc tangent.

@@ -7,6 +7,7 @@ from typing import Any, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CAPACITY_POINTS
@@ -25,7 +26,7 @@ STOOD_SHARE = 0.3  # share of the beams of such a sector that must have had an o
 REPEATED_M_RAD = 0.005  # motion beyond which an identical image counts as repeated old data [m, rad]
 
 # Ranges (n,) of a scan, (range_min, range_max) [m], (first angle, angle increment) [rad] and pose of the laser.
-Image = Tuple[np.ndarray, Tuple[float, float], Tuple[float, float], Pose]
+Image = Tuple[Array32, Tuple[float, float], Tuple[float, float], Pose]
 
 
 class ScannerCheck:
@@ -89,7 +90,7 @@ class ScannerCheck:
         pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
         return marks, 0 if self._last is None else _mark_expected(self._last, beams, pose, reach, marks)
 
-    def _frozen(self, ranges: np.ndarray, pose: Pose) -> str:
+    def _frozen(self, ranges: Array32, pose: Pose) -> str:
         if self._image is None or not np.array_equal(ranges, self._image, equal_nan=True):
             self._image, self._equal, self._since = ranges.copy(), 0, pose
             self.repeats = False
@@ -123,7 +124,7 @@ def geometry_fault(scan: LaserScan) -> str:
 
 
 @kernel
-def _count_ranges(ranges: np.ndarray, range_min: float, range_max: float, full_turn: bool) -> Tuple[int, int, int]:
+def _count_ranges(ranges: Array32, range_min: float, range_max: float, full_turn: bool) -> Tuple[int, int, int]:
     """Return the numbers of invalid ranges and of hits, and the length of the longest run of beams without return."""
     n = ranges.shape[0]
     blind = hits = run = widest = 0
@@ -162,7 +163,7 @@ def _mark_expected(old: Image, beams: Tuple[float, float], pose: Pose, reach: fl
 
 @kernel
 def _doubt(
-    ranges: np.ndarray, range_max: float, increment: float, full_turn: bool, expected: np.ndarray, doubted: np.ndarray
+    ranges: Array32, range_max: float, increment: float, full_turn: bool, expected: np.ndarray, doubted: np.ndarray
 ) -> bool:
     """Doubt the beams of each wide sector without returns in which STOOD_SHARE of the beams were expected to return.
 

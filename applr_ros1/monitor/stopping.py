@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M
 from applr_ros1.monitor.motion import Twist
@@ -53,7 +54,7 @@ def edge_points(outline: Any) -> np.ndarray:
 
 
 @kernel
-def penetration(planes: np.ndarray, margin: float, x: float, y: float) -> float:
+def penetration(planes: Array, margin: float, x: float, y: float) -> float:
     """Return the depth of a point inside the widened body [m]; negative outside."""
     depth = np.inf
     for k in range(planes.shape[0]):
@@ -63,8 +64,8 @@ def penetration(planes: np.ndarray, margin: float, x: float, y: float) -> float:
 
 @kernel
 def safe_scale(
-    points: np.ndarray,
-    planes: np.ndarray,
+    points: Array,
+    planes: Array,
     margin: float,
     twist: Twist,
     command: Twist,
@@ -129,7 +130,7 @@ def on_arc(v: float, command_v: float, command_w: float, turned: float) -> float
 
 
 @kernel
-def _is_free_every_way(rows: np.ndarray, motion: Motion, scale: float) -> bool:
+def _is_free_every_way(rows: Array, motion: Motion, scale: float) -> bool:
     """Return whether a command is free for every possible response of the turn rate.
 
     The base may turn as commanded at once, faster, still as measured, or not at all. It may thus run wide of the arc.
@@ -143,7 +144,7 @@ def _is_free_every_way(rows: np.ndarray, motion: Motion, scale: float) -> bool:
 
 
 @kernel
-def _is_free(rows: np.ndarray, motion: Motion, scale: float, share: float) -> bool:
+def _is_free(rows: Array, motion: Motion, scale: float, share: float) -> bool:
     """Return whether the body touches nothing while the base continues, follows scale * command, and then brakes.
 
     share is the ratio of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes at
@@ -193,7 +194,7 @@ def _is_free(rows: np.ndarray, motion: Motion, scale: float, share: float) -> bo
 
 
 @kernel
-def _is_deeper(rows: np.ndarray, limits: np.ndarray, planes: np.ndarray, margin: float, at: Placed) -> bool:
+def _is_deeper(rows: Array, limits: Array, planes: Array, margin: float, at: Placed) -> bool:
     """Return whether any point's penetration() is above its limit with the body at `at`.
 
     The loops run over all points, plane by plane, without an early exit, so that they compile to vector instructions.
@@ -214,7 +215,7 @@ def _is_deeper(rows: np.ndarray, limits: np.ndarray, planes: np.ndarray, margin:
 
 
 @kernel
-def _may_swing(rows: np.ndarray, planes: np.ndarray, ahead: float, pose: Pose, swing: float) -> bool:
+def _may_swing(rows: Array, planes: Array, ahead: float, pose: Pose, swing: float) -> bool:
     """Return whether the outline at a pose may turn by `swing` [rad] to both sides about its centre of rotation."""
     if swing == 0.0:
         return True

@@ -6,15 +6,14 @@ MoverTracker calls find_clusters for each scan. tracks.py calls `centre` once th
 import math
 from typing import Tuple
 
-import numpy as np
-
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.free_space import full_turn
 
 # Ranges (n,) float32 of a scan [m], cosine and sine of its beams (n, 2), (first angle, increment [rad], range_min,
 # range_max [m]), and pose of the laser in the fixed frame.
-Scan = Tuple[np.ndarray, np.ndarray, Tuple[float, float, float, float], Pose]
+Scan = Tuple[Array32, Array, Tuple[float, float, float, float], Pose]
 
 MAX_CLUSTERS = 256  # maximum number of clusters per scan
 REACH_M = 8.0  # range beyond which a cluster is left out [m]
@@ -33,7 +32,7 @@ FEWEST_POINTS = 3  # minimum number of points per cluster
 
 
 @kernel
-def find_clusters(scan: Scan, clusters: np.ndarray) -> int:
+def find_clusters(scan: Scan, clusters: Array) -> int:
     """Fill `clusters` (MAX_CLUSTERS, COLUMNS) from a scan, and return the number of clusters."""
     ranges, _, limits, _ = scan
     n = ranges.shape[0]
@@ -102,7 +101,7 @@ def _hides(scan: Scan, edge: int, way: int, full: bool) -> float:
 
 
 @kernel
-def _measure(scan: Scan, first: int, last: int, cluster: np.ndarray) -> bool:
+def _measure(scan: Scan, first: int, last: int, cluster: Array) -> bool:
     """Fit a disc to the beams `first` to `last`. Return False if it is larger than LARGEST_M."""
     ranges, table, limits, sensor = scan
     n = ranges.shape[0]
@@ -133,7 +132,7 @@ def _measure(scan: Scan, first: int, last: int, cluster: np.ndarray) -> bool:
 
 
 @kernel
-def centre(cluster: np.ndarray, radius: float, sensor: Pose) -> Tuple[float, float, float]:
+def centre(cluster: Array, radius: float, sensor: Pose) -> Tuple[float, float, float]:
     """Return the centre (x, y) and its standard deviation [m] of a disc of this radius, given its visible part.
 
     If the range beyond an edge is longer, that edge is the true edge of the disc. If the other edge is occluded, the

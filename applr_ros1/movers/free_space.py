@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
 SCANS = 7  # number of scans that are kept
@@ -42,7 +43,7 @@ class FreeSpace:
         """Return whether APART_S [s] have passed, so that a scan with this stamp must be kept."""
         return bool(stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3)
 
-    def take(self, depth: np.ndarray, fan: np.ndarray) -> None:
+    def take(self, depth: Array32, fan: Array) -> None:
         """Replace the oldest scan by one with depth (n,) as in `ranges` and fan (10,) as in `fans`."""
         n = len(depth)
         if n > self.ranges.shape[1]:
@@ -58,13 +59,13 @@ def full_turn(n: int, step: float) -> bool:
     return (n + 3.5) * abs(step) >= 2.0 * math.pi
 
 
-def depths(ranges: np.ndarray, range_min: float, range_max: float) -> np.ndarray:
+def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
     """Return the free depth of each beam of a scan (n,) float32 [m], 0 if it is unknown: below range_min, or NaN."""
     return np.where(ranges >= np.float64(range_min), np.minimum(ranges, range_max), 0.0).astype(np.float32)
 
 
 @kernel
-def sees_through(depth: np.ndarray, fan: np.ndarray, x: float, y: float, turned: float) -> bool:
+def sees_through(depth: Array32, fan: Array, x: float, y: float, turned: float) -> bool:
     """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
     depth (at least n,) and fan (10,) are as in FreeSpace. turned is the possible bearing error beyond TURNED_RAD [rad].

@@ -6,9 +6,8 @@ is a robust weighted least-squares fit to the positions of the static tracks.
 
 import math
 
-import numpy as np
-
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
@@ -20,14 +19,14 @@ AGREE_SHARE = 0.6  # share of the tracks that must fit the correction
 
 
 @kernel
-def slip(places: np.ndarray, voters: np.ndarray, votes: int, clusters: np.ndarray, sensor: Pose) -> Pose:
+def slip(places: Array, voters: Ints, votes: int, clusters: Array, sensor: Pose) -> Pose:
     """Return the correction (dx, dy [m], turn [rad]) of the laser's pose, or zeros if too few static tracks agree.
 
     Args:
         places: (at least `votes`, 3) x, y [m] and variance [m^2] of the static tracks.
         voters: (at least `votes`,) cluster index of each track.
         votes: number of static tracks.
-        clusters: (MAX_CLUSTERS, COLUMNS) as in clusters.py.
+        clusters: (n, COLUMNS) as in clusters.py.
         sensor: (x, y, yaw) of the laser by the odometry.
     """
     dx = dy = turn = fitting = 0.0
@@ -60,12 +59,11 @@ def slip(places: np.ndarray, voters: np.ndarray, votes: int, clusters: np.ndarra
 
 
 @kernel
-def shift(clusters: np.ndarray, count: int, fan: np.ndarray, sensor: Pose, by: Pose) -> Pose:
+def shift(clusters: Array, fan: Array, sensor: Pose, by: Pose) -> Pose:
     """Correct the clusters of a scan and the pose in `fan` in place, and return the corrected pose (x, y, yaw)."""
     dx, dy, turn = by
     c, s = math.cos(turn), math.sin(turn)
-    for k in range(count):
-        cluster = clusters[k]
+    for cluster in clusters:
         cluster[FROM] += turn
         cluster[TO] += turn
         for i in (CX, POINTS, POINTS + 2, POINTS + 4):

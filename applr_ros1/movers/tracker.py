@@ -111,14 +111,14 @@ class MoverTracker:
         swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
         fan = np.array((scan.stamp, *sensor, *limits[:3], n, self._turning, swept))
         count = clusters.find_clusters((ranges, beam_directions(first, step, n), limits, sensor), self._clusters)
-        before = self._free.ranges, self._free.fans
-        given = self._tracks, self._history, self._clusters, count
-        cluster_of, taken, sensor = tracks.follow(*given, (depth, fan, sensor), before, dt, self._speed)
+        found = self._clusters[:count]
+        given = self._tracks, self._history, found, (depth, fan, sensor), (self._free.ranges, self._free.fans)
+        cluster_of, taken, sensor = tracks.follow(*given, dt, self._speed)
         self._correction = compose(sensor, inverse(pose))
-        self._number = tracks.begin(self._tracks, self._clusters, count, taken, scan.stamp, self._number)
+        self._number = tracks.begin(self._tracks, found, taken, scan.stamp, self._number)
         if self._free.due(scan.stamp):
             self._free.take(depth, fan)
-            tracks.remember(self._history, self._free.newest, cluster_of, self._clusters)
+            tracks.remember(self._history, self._free.newest, cluster_of, found)
 
     def _movers(self) -> Movers:
         rows = self._tracks[self._tracks[:, tracks.MOVES] > 0.0]

@@ -12,8 +12,9 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
-from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, MAX_CLUSTERS, POINTS, RADIUS, centre
+from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, POINTS, RADIUS, centre
 from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
 from applr_ros1.movers.slip import VOTES, shift, slip
 
@@ -46,11 +47,11 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
 LOST_S = 0.25  # time without a cluster after which any other track ends [s]
-Scans = Tuple[np.ndarray, np.ndarray]  # ranges and fans of FreeSpace
+Scans = Tuple[Array32, Array]  # ranges and fans of FreeSpace
 
 
 @kernel
-def predict(tracks: np.ndarray, dt: float) -> None:
+def predict(tracks: Array, dt: float) -> None:
     """Predict all tracks dt [s] ahead."""
     q = ACCELERATION
     for t in range(tracks.shape[0]):
@@ -64,22 +65,21 @@ def predict(tracks: np.ndarray, dt: float) -> None:
 
 
 @kernel
-def associate(
-    tracks: np.ndarray, clusters: np.ndarray, count: int, sensor: Pose, dt: float, cluster_of: np.ndarray
-) -> np.ndarray:
-    """Fill cluster_of (MAX_TRACKS,) with each track's cluster index, or -1. Assigns the nearest pairs first.
+def associate(tracks: Array, clusters: Array, sensor: Pose, dt: float) -> Tuple[Ints, np.ndarray]:
+    """Assign clusters to tracks, the nearest pairs first.
 
-    Returns whether each cluster has a track, (MAX_CLUSTERS,).
+    Returns:
+        (MAX_TRACKS,) cluster index of each track, or -1; (n,) whether each cluster has a track.
     """
+    cluster_of = np.full(MAX_TRACKS, -1)
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
     n = 0
     for t in range(tracks.shape[0]):
-        cluster_of[t] = -1
         row = tracks[t]
         if row[ID] == 0.0:
             continue
-        for c in range(count):
+        for c in range(clusters.shape[0]):
             if abs(clusters[c, 0] - row[TX]) > FARTHEST_M or abs(clusters[c, 1] - row[TY]) > FARTHEST_M:
                 continue
             x, y, sigma = centre(clusters[c], row[TR], sensor)
@@ -91,17 +91,17 @@ def associate(
             if cost < GATE and n < costs.shape[0]:
                 costs[n], pairs[n, 0], pairs[n, 1] = cost, t, c
                 n += 1
-    taken = np.zeros(MAX_CLUSTERS, np.bool_)
+    taken = np.zeros(clusters.shape[0], np.bool_)
     for k in np.argsort(costs[:n]):
         t, c = pairs[k, 0], pairs[k, 1]
         if cluster_of[t] < 0 and not taken[c]:
             cluster_of[t] = c
             taken[c] = True
-    return taken
+    return cluster_of, taken
 
 
 @kernel
-def correct(row: np.ndarray, cluster: np.ndarray, sensor: Pose, dt: float) -> None:
+def correct(row: Array, cluster: Array, sensor: Pose, dt: float) -> None:
     """Update a track's row with the position and size of its cluster, dt [s] after the previous update."""
     radius = cluster[RADIUS]
     if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
@@ -127,7 +127,7 @@ def correct(row: np.ndarray, cluster: np.ndarray, sensor: Pose, dt: float) -> No
 
 
 @kernel
-def has_moved(points: np.ndarray, history: np.ndarray, before: Scans, depth: np.ndarray, fan: np.ndarray) -> bool:
+def has_moved(points: Array, history: Array, before: Scans, depth: Array32, fan: Array) -> bool:
     """Return whether a scan saw through a cluster's points, or the latest scan sees through their previous positions.
 
     points (6,) are three points of the cluster [m], and history (SCANS, 6) their previous positions, NaN without a
@@ -151,37 +151,34 @@ def has_moved(points: np.ndarray, history: np.ndarray, before: Scans, depth: np.
 
 @kernel
 def follow(
-    tracks: np.ndarray,
-    history: np.ndarray,
-    clusters: np.ndarray,
-    count: int,
-    scan: Tuple[np.ndarray, np.ndarray, Pose],
+    tracks: Array,
+    history: Array,
+    clusters: Array,
+    scan: Tuple[Array32, Array, Pose],
     before: Scans,
     dt: float,
     speed: float,
-) -> Tuple[np.ndarray, np.ndarray, Pose]:
+) -> Tuple[Ints, np.ndarray, Pose]:
     """Update all tracks with a scan, and correct its clusters and fan in place by the corrected pose of the laser.
 
     Args:
         tracks: (MAX_TRACKS, COLUMNS).
         history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the kept scans [m].
-        clusters: (MAX_CLUSTERS, COLUMNS) of the scan.
-        count: number of clusters.
+        clusters: (n, COLUMNS) of the scan.
         scan: free depth of its beams (n,) [m], its fan (10,), and the laser's pose.
         before: ranges and fans of FreeSpace.
         dt: time since the last scan [s].
         speed: speed of the laser by the odometry [m/s].
 
     Returns:
-        (MAX_TRACKS,) cluster index of each track, or -1; (MAX_CLUSTERS,) whether a cluster has a track; the laser's
-        pose, corrected by the static tracks.
+        Cluster index of each track and whether each cluster has a track, as `associate`; the laser's pose, corrected by
+        the static tracks.
     """
     depth, fan, sensor = scan
     now = fan[STAMP]
-    cluster_of = np.empty(MAX_TRACKS, np.int64)
     predict(tracks, dt)
-    taken = associate(tracks, clusters, count, sensor, dt, cluster_of)
-    sensor = _correct_pose(tracks, clusters, count, cluster_of, fan, sensor)
+    cluster_of, taken = associate(tracks, clusters, sensor, dt)
+    sensor = _correct_pose(tracks, clusters, cluster_of, fan, sensor)
     for t in range(tracks.shape[0]):
         if cluster_of[t] >= 0:
             correct(tracks[t], clusters[cluster_of[t]], sensor, dt)
@@ -216,9 +213,7 @@ def follow(
 
 
 @kernel
-def _correct_pose(
-    tracks: np.ndarray, clusters: np.ndarray, count: int, cluster_of: np.ndarray, fan: np.ndarray, sensor: Pose
-) -> Pose:
+def _correct_pose(tracks: Array, clusters: Array, cluster_of: Ints, fan: Array, sensor: Pose) -> Pose:
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
         row, c = tracks[t], cluster_of[t]
@@ -229,12 +224,12 @@ def _correct_pose(
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
             voters[votes] = c
             votes += 1
-    corrected: Pose = shift(clusters, count, fan, sensor, slip(places, voters, votes, clusters, sensor))
+    corrected: Pose = shift(clusters, fan, sensor, slip(places, voters, votes, clusters, sensor))
     return corrected
 
 
 @kernel
-def _drift(tracks: np.ndarray, cluster_of: np.ndarray, speed: float) -> Tuple[float, float]:
+def _drift(tracks: Array, cluster_of: Ints, speed: float) -> Tuple[float, float]:
     """Return the median velocity (x, y) [m/s] of the static tracks if wheel slip can explain it, else zeros."""
     n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
     for t in range(tracks.shape[0]):
@@ -248,10 +243,10 @@ def _drift(tracks: np.ndarray, cluster_of: np.ndarray, speed: float) -> Tuple[fl
 
 
 @kernel
-def begin(tracks: np.ndarray, clusters: np.ndarray, count: int, taken: np.ndarray, now: float, number: int) -> int:
+def begin(tracks: Array, clusters: Array, taken: np.ndarray, now: float, number: int) -> int:
     """Start a track for each cluster without one that is not part of a moving obstacle, and return the next number."""
     t = 0
-    for c in range(count):
+    for c in range(clusters.shape[0]):
         if taken[c]:
             continue
         x, y, radius = clusters[c, 0], clusters[c, 1], clusters[c, RADIUS]
@@ -275,7 +270,7 @@ def begin(tracks: np.ndarray, clusters: np.ndarray, count: int, taken: np.ndarra
 
 
 @kernel
-def remember(history: np.ndarray, slot: int, cluster_of: np.ndarray, clusters: np.ndarray) -> None:
+def remember(history: Array, slot: int, cluster_of: Ints, clusters: Array) -> None:
     """Store the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
     for t in range(cluster_of.shape[0]):
         if cluster_of[t] >= 0:

@@ -151,10 +151,10 @@ def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarra
     return ranges[::-1], -(message.angle_min + (len(ranges) - 1) * message.angle_increment)
 
 
-def sensor_cloud(message: Any, points: np.ndarray, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
-    """Convert a message and its points (points_of) to the planner's cloud. Arguments are as for laser_scan."""
-    stamp, frame = message.header.stamp.to_sec(), message.header.frame_id
-    return SensorCloud(stamp, points, point_of(transform), _rotation(transform), origin, frame)
+def sensor_cloud(message: Any, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
+    """Convert a sensor_msgs/PointCloud2 or PointCloud to the planner's cloud. Arguments are as for laser_scan."""
+    stamp, points, rotation = message.header.stamp.to_sec(), points_of(message), _rotation(transform)
+    return SensorCloud(stamp, points, point_of(transform), rotation, origin, message.header.frame_id)
 
 
 def static_map(message: Any) -> StaticMap:

@@ -30,6 +30,7 @@ from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
+RECENT_S = 2.0  # largest age and lead of the stamp of a message that keeps waiting [s]
 ADJUSTMENT_S = 1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
 
 
@@ -143,8 +144,8 @@ class Sensors:
 
     def stamps(self) -> Dict[str, rospy.Time]:
         """Return the stamps {"scan", "pose", "twist"} of the latest data that were used; 0 for none."""
-        scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
-        return dict(self._stamps, scan=scan)
+        scans = [stamp for topic in self._topics.values() if topic.is_scan for stamp in topic.used.values()]
+        return dict(self._stamps, scan=max(scans, default=rospy.Time(0)))
 
     def ages(self, now: rospy.Time) -> Dict[str, float]:
         """Return the ages [s] of the nonzero `stamps` as {"scan_age_s", "pose_age_s", "twist_age_s"}."""
@@ -174,7 +175,7 @@ class Sensors:
     ) -> Optional[Pose]:
         self.pose_trouble = ""
         try:
-            transform = self.transforms.latest(target, source, now, oldest, most_ahead, "check transform_tolerance")
+            transform = self.transforms.latest(target, source, now, oldest, most_ahead)
         except ObservationError as problem:
             self.pose_trouble = str(problem)
             return None
@@ -203,7 +204,7 @@ class Sensors:
             with contextlib.suppress(ObservationError):
                 origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
         if not topic.is_scan:
-            return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
+            return conversions.sensor_cloud(message, transform, origin)
         ranges = conversions.check_scan(message, self._no_return)
         return conversions.laser_scan(message, ranges, transform, origin)
 
@@ -231,7 +232,7 @@ class _Topic:
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self._used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
+        self.used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
         self.stamp, self.name = rospy.Time(0), topic  # stamp of the last message that arrived, name of the topic
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
@@ -251,16 +252,11 @@ class _Topic:
     def forget(self) -> None:
         with self._lock:
             self._waiting.clear()
-            self._used = {}
-
-    @property
-    def used(self) -> rospy.Time:
-        """Stamp of the latest message that was used; 0 for none."""
-        return max(self._used.values(), default=rospy.Time(0))
+        self.used = {}
 
     def used_of(self, message: Any) -> rospy.Time:
         """Return the stamp of the latest message that was used in the frame of `message`; 0 for none."""
-        return self._used.get(message.header.frame_id, rospy.Time(0))
+        return self.used.get(message.header.frame_id, rospy.Time(0))
 
     def latest(self, use: Callable[[_Topic, Any], Any]) -> Any:
         """Return use(self, message) of the latest message that is usable and newer than the last one, or None.
@@ -280,13 +276,10 @@ class _Topic:
                 rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
                 refused.add(id(message))
             if used is not None:
-                self._used[message.header.frame_id] = message.header.stamp
+                self.used[message.header.frame_id] = message.header.stamp
                 break
         with self._lock:
             kept = [m for m in self._waiting if m.header.stamp > self.used_of(m) and id(m) not in refused]
             self._waiting.clear()
-            self._waiting.extend(filter(self._is_recent, kept))
+            self._waiting.extend(m for m in kept if abs((rospy.get_rostime() - m.header.stamp).to_sec()) < RECENT_S)
         return used
-
-    def _is_recent(self, message: Any) -> bool:
-        return bool(abs((rospy.get_rostime() - message.header.stamp).to_sec()) < 2.0)

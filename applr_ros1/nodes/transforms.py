@@ -40,13 +40,7 @@ class Transforms:
             raise ObservationError(f"transform {target} <- {source}{when}: {reason(error)}") from None
 
     def latest(
-        self,
-        target: str,
-        source: str,
-        now: rospy.Time,
-        oldest: float = math.inf,
-        most_ahead: float = MAX_AHEAD_S,
-        hint: str = "is localisation running?",
+        self, target: str, source: str, now: rospy.Time, oldest: float = math.inf, most_ahead: float = MAX_AHEAD_S
     ) -> Any:
         """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, or else the latest, as C++ does.
 
@@ -60,7 +54,8 @@ class Transforms:
             self.buffer.clear()  # tf would reject all transforms older than this one.
         if not -most_ahead <= age <= oldest:
             most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
-            raise ObservationError(f"transform {target} <- {source} is {abs(age):.2f} s {most} can be used: {hint}")
+            problem = f"transform {target} <- {source} is {abs(age):.2f} s {most} can be used"
+            raise ObservationError(f"{problem}: check localisation and transform_tolerance")
         return transform
 
     def unsubscribe(self) -> None:

@@ -96,7 +96,7 @@ def test_static_tracks_correct_the_pose():
     correction = slip(*given, 8, rows, tuple(sensor))
     np.testing.assert_allclose(correction, by, atol=0.004)
     fan = FAN.copy()
-    pose = shift(rows, 8, fan, tuple(sensor), tuple(by))
+    pose = shift(rows, fan, tuple(sensor), tuple(by))
     np.testing.assert_allclose(rows[1:, [clusters.CX, clusters.CY]], places[1:], atol=1e-9)
     np.testing.assert_allclose(rows[:, clusters.FROM], by[2])
     assert pose == tuple(fan[1:4]) == pytest.approx(sensor + by)
@@ -109,7 +109,7 @@ def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun):
     known, rows = np.zeros((8, tracks.COLUMNS)), np.zeros((3, clusters.COLUMNS))
     known[0, [tracks.ID, tracks.TX, tracks.TR, tracks.MOVES]] = 5.0, 2.0, 0.3, moves
     rows[:, [clusters.CX, clusters.CY, clusters.RADIUS]] = (2.2, 0.3, 0.1), (2.0, 0.0, 0.3), (4.0, 0.0, 0.3)
-    assert tracks.begin(known, rows, 3, np.array([False, True, False]), 1.0, 7) == 7 + len(begun)
+    assert tracks.begin(known, rows, np.array([False, True, False]), 1.0, 7) == 7 + len(begun)
     new = known[known[:, tracks.ID] >= 7.0]
     assert [tuple(place) for place in new[:, [tracks.TX, tracks.TY]].tolist()] == begun
 
@@ -144,9 +144,7 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(de
     deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * dt) ** 2)
     cluster = disc(3.0 + deviations * deviation)
     cluster[clusters.RADIUS] += larger * tracks.RESIZED_M
-    given, numbers = np.zeros((clusters.MAX_CLUSTERS, clusters.COLUMNS)), np.empty(tracks.MAX_TRACKS, np.int64)
-    given[0] = cluster
-    taken = tracks.associate(rows, given, 1, (0.0, 0.0, 0.0), dt, numbers)
+    numbers, taken = tracks.associate(rows, cluster[np.newaxis], (0.0, 0.0, 0.0), dt)
     assert (numbers[0], taken[0], numbers[1:].max()) == (number, number == 0, -1)
 
 

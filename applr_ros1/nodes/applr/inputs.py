@@ -77,9 +77,8 @@ class RobotInputs:
     def goal(self, now: rospy.Time) -> Any:
         """Return the id of the goal that move_base pursues, or None if there is none or move_base is gone."""
         with self._lock:
-            if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S:
-                return None
-            return self._goal
+            gone = self._goal is not None and abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S
+            return None if gone else self._goal
 
     def has_lost_move_base(self, now: rospy.Time) -> bool:
         """Return whether move_base has published its status before, but not within the last STATUS_AGE_S seconds."""

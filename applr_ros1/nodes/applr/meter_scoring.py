@@ -26,7 +26,6 @@ CLOSE = 0.002  # largest relative error of a cell's cost for a matching factor; 
 FEWEST = 20  # smallest number of cells for a decision
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # values of the parameter meter_scoring
 PATIENCE_S = 1.0  # longest wait of a course's first decision for a cloud, in ROS time [s]
-ODD_CLOUDS = 20  # number of inconclusive clouds after which the search is abandoned
 
 
 def indices_of(space: Space) -> Optional[List[int]]:
@@ -105,7 +104,6 @@ class MeterScoring:
         """Reset the detection and the multipliers after a restart of the planner. May be called from any thread."""
         self._client.multipliers = np.ones(len(self._space))
         self._factor: Optional[float] = None  # factor that the planner applies to its biases, once it is known
-        self._odd = 0  # number of inconclusive clouds
         self._since: Optional[rospy.Time] = None  # ROS time at which the node subscribed
         self._used: Tuple[Optional[float], bool] = (None, False)  # (factor, per_cell) of the present multipliers
         self._line = ""
@@ -123,13 +121,12 @@ class MeterScoring:
         """
         if self._at is not None and self.choice != AUTO and self._factor is None:
             self._factor = self._resolution() if self.choice == TRUE else 1.0
-        wanted = self._at is not None and driving and self._factor is None and self._odd < ODD_CLOUDS
+        wanted = self._at is not None and driving and self._factor is None
         if wanted and self._since is None:
             self._since = now
         if wanted and self._subscriber is None:
-            self._subscriber = rospy.Subscriber(
-                self._topic(), PointCloud2, self._on_cloud, queue_size=1, buff_size=2**24
-            )
+            given = self._topic(), PointCloud2, self._on_cloud
+            self._subscriber = rospy.Subscriber(*given, queue_size=1, buff_size=2**24)
         elif not wanted and self._subscriber is not None:
             self._subscriber.unregister()
             self._subscriber = None
@@ -166,7 +163,7 @@ class MeterScoring:
         if self._factor is not None:
             how = "measured from cost_cloud" if self.choice == AUTO else f"set by meter_scoring:={self.choice}"
             return f"the planner's distance weights count per {'cell' if self._factor == 1.0 else 'metre'} ({how})"
-        if self._since is None or (self.waits(now) and self._odd < ODD_CLOUDS):
+        if self._since is None or self.waits(now):
             return ""
         return f"parameter sets are sent unchanged: no cost_cloud on {self._topic()} shows the unit of distance weights"
 
@@ -182,8 +179,4 @@ class MeterScoring:
         if values is None or self._at is None:
             return
         rows = np.frombuffer(message.data, "<f4").reshape(-1, len(COST_FIELDS))
-        factor = factor_of(rows, values[self._at], self._resolution())
-        if factor is None:
-            self._odd += 1
-        elif self._factor is None:
-            self._factor = factor
+        self._factor = self._factor or factor_of(rows, values[self._at], self._resolution())

@@ -42,13 +42,11 @@ class Heartbeat:
 
     def beat(self) -> bool:
         """Send a heartbeat. Return False if the guard has ended."""
-        if self._pipe >= 0:
-            try:
+        try:
+            if self._pipe >= 0:
                 os.write(self._pipe, b".")
-            except BlockingIOError:  # The pipe is full because the guard is frozen.
-                return True
-            except OSError:
-                return False
+        except OSError as error:
+            return isinstance(error, BlockingIOError)  # The pipe is full if the guard is frozen.
         return True
 
 

@@ -5,9 +5,8 @@ allows. If the next command is overdue, it brakes the base at its own rate, and 
 stood still for a second. If an exception occurs, it stops the base and reports this on /diagnostics. With ~escape, it
 makes small escape motions while move_base is stuck or blocked although its goal is active.
 
-Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], ~more_scans (topics
-of further lasers; default: those of the description), ~escape (false), and the fields of monitor/settings.py except
-body.
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of further lasers;
+default: those of the description), ~escape (false), and the fields of monitor/settings.py except body.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ import threading
 import time
 import traceback
 from dataclasses import fields, replace
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
-from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
+from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
@@ -40,6 +39,7 @@ from .stalled_move_base import StalledMoveBase
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
 REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
 IDLE_AFTER_S = 2.0  # wall time without a command after which the node counts as idle [s]
+POSE_AGE_S = 0.3  # largest usable age of the base's pose in the odometry frame [s]
 ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
 LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
@@ -54,22 +54,12 @@ class CollisionMonitorNode:
         settings: Settings of the monitor.
         robot: Description of the robot, with its topics and frames.
         prefix: Prefix of the robot's frames.
-        tolerance: Largest usable age of the base's pose in the odometry frame [s].
         more_scans: Topics of further lasers.
         escape: Whether to make escape motions, for a move_base that makes none itself.
     """
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        robot: Robot,
-        prefix: str,
-        tolerance: float,
-        more_scans: Sequence[str] = (),
-        escape: bool = False,
-    ):
+    def __init__(self, settings: MonitorSettings, robot: Robot, prefix: str, more_scans: List[str], escape: bool):
         self.monitor = CollisionMonitor(settings, more_scans)
-        self._tolerance = tolerance
         self._lock = threading.Lock()
         self._clock = Clock()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has arrived yet")
@@ -147,7 +137,7 @@ class CollisionMonitorNode:
             self._out.publish(conversions.twist(*self._braked()))
         self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command for {silence:.2g} s"))
 
-    def _braked(self) -> Tuple[float, float]:
+    def _braked(self) -> Velocity:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
         return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist()[0])
 
@@ -169,13 +159,13 @@ class CollisionMonitorNode:
             except Exception as problem:
                 self._fail(problem)
 
-    def _escape(self, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
+    def _escape(self, command: Velocity) -> Optional[Velocity]:
         """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
         if self._stalls is None or self._stalled:
             return None
         return self._stalls.instead(self._clock.now, command)
 
-    def _drive(self, command: Tuple[float, float], planned: bool) -> None:
+    def _drive(self, command: Velocity, planned: bool) -> None:
         """Filter and publish the planner's command, or an escape motion if not `planned`."""
         self._zeros = 0
         verdict = self._judge(command, planned)
@@ -198,9 +188,9 @@ class CollisionMonitorNode:
         self.monitor.reset()
         self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
 
-    def _judge(self, command: Tuple[float, float], creeps: bool) -> Verdict:
+    def _judge(self, command: Velocity, creeps: bool) -> Verdict:
         now = rospy.get_rostime()
-        pose: Any = self.sensors.pose(now, self._tolerance)
+        pose: Any = self.sensors.pose(now, POSE_AGE_S)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
@@ -237,7 +227,7 @@ def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
         ApplrError: A parameter is unknown or has an invalid value.
     """
     known = {field.name for field in fields(MonitorSettings)} - {"body"}
-    others = {*NAMING, "transform_tolerance", "more_scans", "escape"}
+    others = {*NAMING, "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
@@ -249,14 +239,13 @@ def main() -> int:
     init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)
-    tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
     more = parameters.get("more_scans", list(robot.topics.more_scans))
     if not isinstance(more, list):
         raise ApplrError(f"more_scans is {more!r}: give a list of topics")
     if robot.topics.scan in more:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic: remove it")
-    settings, escape = settings_from(parameters, robot), bool(parameters.get("escape", False))
-    node = CollisionMonitorNode(settings, robot, prefix, tolerance, more, escape)
+    escape = bool(parameters.get("escape", False))
+    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, more, escape)
     with until_shutdown():
         node.spin()
     return 0

@@ -249,11 +249,11 @@ class MoveBaseNode:
             self.loop.missed = 0
         name, refused, self._refusals = rospy.get_name().lstrip("/"), self._refusals, {}
         blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
-        for what, level, text, values in (
-            ("age of what commands are made from", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
+        for about, level, text, values in (
+            ("ages of the inputs", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
             ("samples that critics refused", *blocked, refused),
         ):
-            self._diagnostics.publish(conversions.diagnostics(f"{name}: {what}", level, text, values, stamp))
+            self._diagnostics.publish(conversions.diagnostics(f"{name}: {about}", level, text, values, stamp))
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work: Callable[[Any], Any]) -> Callable[[Any], Any]:
