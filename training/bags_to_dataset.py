@@ -61,7 +61,7 @@ def run(options: DatasetOptions) -> None:
 
     Raises:
         BagError: No transition is usable.
-        StorageError: The folder cannot be written.
+        ApplrError: The folder cannot be written.
     """
     learnt = TrainConfig(**recipe(options.recipe))
     if "robot" not in options.model_fields_set:

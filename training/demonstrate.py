@@ -39,7 +39,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
 
     Raises:
         ApplrError: The course takes longer than LIMIT.
-        StorageError: The bag cannot be written.
+        ApplrError: The bag cannot be written.
     """
     robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
     world = worlds.scaled(worlds.load(options.world), robot.world_scale)

@@ -2,6 +2,6 @@
 # Imports only applr_ros1.common.
 
 from .loading import Worlds, load, scaled, specs
-from .world import Course, Mover, World, WorldError
+from .world import Course, Mover, World
 
-__all__ = ["Course", "Mover", "World", "WorldError", "Worlds", "load", "scaled", "specs"]
+__all__ = ["Course", "Mover", "World", "Worlds", "load", "scaled", "specs"]

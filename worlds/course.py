@@ -14,10 +14,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.errors import ApplrError
 
 from . import barn, dynabarn, search
 from .sdf import NAMESPACE, numbers
-from .world import Course, Mover, WorldError
+from .world import Course, Mover
 
 PATH_FOLDER = "path_files"
 COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
@@ -47,7 +48,7 @@ def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
         return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
-    raise WorldError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
+    raise ApplrError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
 
 
 def _on_barns_grid(file: str, cylinders: Array) -> Course:
@@ -57,14 +58,14 @@ def _on_barns_grid(file: str, cylinders: Array) -> Course:
     shut = ~search.free_space(barn.fill_of(cylinders), 1)[cells[:, 0], cells[:, 1]]
     if shut.any():
         where = f"runs into an obstacle at cell {tuple(cells[shut][0].tolist())}: there is no passage"
-        raise WorldError(f"{file} {where}; copy the path file of this world there, or remove the obstacle")
+        raise ApplrError(f"{file} {where}; copy the path file of this world there, or remove the obstacle")
     return barn.paper_course(barn.to_xy(cells))
 
 
 def given(path: str, points: Array) -> Course:
     """Return a course along points (n, 2) [m] given for a world file. Both yaws point along the first leg."""
     if len(points) < 2 or math.dist(points[0], points[-1]) <= barn.GOAL_TOLERANCE_M:
-        raise WorldError(f"the course for {path} has no length; give X Y of at least two points in metres")
+        raise ApplrError(f"the course for {path} has no length; give X Y of at least two points in metres")
     yaw = math.atan2(*(points[1] - points[0])[::-1])
     start, goal = ((*place, yaw) for place in points[[0, -1]].tolist())
     return Course(start, goal, None, barn.GOAL_TOLERANCE_M, points, planner_ends=True)

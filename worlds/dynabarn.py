@@ -17,8 +17,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+
 from .sdf import NAMESPACE, numbers
-from .world import Course, KeyFrame, Mover, World, WorldError
+from .world import Course, KeyFrame, Mover, World
 
 START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # poses of the BARN Challenge, 20 m along -x
 GOAL_TOLERANCE_M = 1.0  # goal tolerance of the BARN Challenge [m]
@@ -49,7 +51,7 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     """Return the animation of a model in the world file `path`, or None if the model has no plugin.
 
     Raises:
-        WorldError: The table beside the file has no rows of the plugin.
+        ApplrError: The table beside the file has no rows of the plugin.
     """
     stated = model.find(f"{{{NAMESPACE}}}waypoints")
     if stated is not None:
@@ -67,7 +69,7 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
         which = f"model {model.get('name')!r} in {path} has the Gazebo plugin {plugin.get('filename')!r}"
         remedy = "if the plugin moves nothing, remove it from a copy of the world; otherwise make that table once"
         where = f"{which}, which has no rows in {NAME} beside the world"
-        raise WorldError(f"{where}: {remedy}, as docs/reference/worlds.md describes")
+        raise ApplrError(f"{where}: {remedy}, as docs/reference/worlds.md describes")
     return animations[name]
 
 

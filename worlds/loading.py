@@ -14,8 +14,10 @@ from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+
 from . import barn, dynabarn, physical_course, sdf_reader
-from .world import Mover, World, WorldError
+from .world import Mover, World
 
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
@@ -52,21 +54,21 @@ _RECIPES = {
 
 
 def load(spec: str) -> World:
-    """Return the one world that `spec` names. Raise WorldError if there is none or if it cannot be read."""
+    """Return the one world that `spec` names. Raise ApplrError if there is none or if it cannot be read."""
     text = str(spec)
     recipe, _, _ = text.partition(":")
     if recipe in _RECIPES:
         names = specs(text)
         if len(names) > 1:
-            raise WorldError(f"{text} names {len(names)} worlds, but one is needed; give one of them")
+            raise ApplrError(f"{text} names {len(names)} worlds, but one is needed; give one of them")
         return _RECIPES[recipe].make(int(names[0].partition(":")[2]))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
         return sdf_reader.read_world(text)
     if os.path.isdir(text):
-        raise WorldError(f"{text} is a folder, but one world is needed; give one of its .world files")
-    raise WorldError(f"unknown world {text!r}; give {SPECIFICATIONS}")
+        raise ApplrError(f"{text} is a folder, but one world is needed; give one of its .world files")
+    raise ApplrError(f"unknown world {text!r}; give {SPECIFICATIONS}")
 
 
 class Worlds(Sequence[World]):
@@ -76,7 +78,7 @@ class Worlds(Sequence[World]):
     generated on access, because each takes up to a tenth of a second. The latest KEPT of them are cached.
 
     Raises:
-        WorldError: A specification or a file cannot be read.
+        ApplrError: A specification or a file cannot be read.
     """
 
     KEPT = 256
@@ -101,7 +103,7 @@ def specs(spec: str) -> List[str]:
     """Return the specifications of the single worlds that `spec` names, in the order of their numbers.
 
     Raises:
-        WorldError: There are no such numbers, or a folder contains no .world files.
+        ApplrError: There are no such numbers, or a folder contains no .world files.
     """
     text = str(spec)
     name, _, part = text.partition(":")
@@ -110,13 +112,13 @@ def specs(spec: str) -> List[str]:
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
         if part not in recipe.splits and not first <= last < recipe.end:
-            raise WorldError(f"no worlds {text!r}; give {SPECIFICATIONS}")
+            raise ApplrError(f"no worlds {text!r}; give {SPECIFICATIONS}")
         return [f"{name}:{number}" for number in recipe.splits.get(part, range(first, last + 1))]
     if not os.path.isdir(text):
         return [text]
     files = [os.path.join(text, file) for file in sorted(os.listdir(text), key=_by_number) if file.endswith(".world")]
     if not files:
-        raise WorldError(f"{text} contains no .world files; give a folder with .world files")
+        raise ApplrError(f"{text} contains no .world files; give a folder with .world files")
     return files
 
 

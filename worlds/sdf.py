@@ -19,8 +19,7 @@ from defusedxml.ElementTree import fromstring
 
 from applr_ros1.common import files
 from applr_ros1.common.arrays import Array
-
-from .world import WorldError
+from applr_ros1.common.errors import ApplrError
 
 NAMESPACE = "applr"  # XML namespace of our own elements {applr}course and {applr}waypoints
 ROBOT_HEIGHTS_M = (0.02, 0.50)  # range of heights in which an obstacle blocks a Jackal [m]
@@ -29,18 +28,18 @@ Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size
 
 
 def parse(path: str) -> Element:
-    """Return the root element of an SDF file. Raise WorldError if the file is malformed."""
+    """Return the root element of an SDF file. Raise ApplrError if the file is malformed."""
     data = files.plain_xml(files.read_bytes(path))
     if data and not data.startswith("<"):
-        raise WorldError(f"{path} is not SDF, but for example a world of Stage; give a Gazebo world file")
+        raise ApplrError(f"{path} is not SDF, but for example a world of Stage; give a Gazebo world file")
     # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
     try:
         root: Element = fromstring(re.sub(r"<(\w+) frame=>", r"<\1>", data), forbid_dtd=True)
         return root
     except DefusedXmlException:
-        raise WorldError(f"{path} has a DOCTYPE or entities, which are not supported; remove them") from None
+        raise ApplrError(f"{path} has a DOCTYPE or entities, which are not supported; remove them") from None
     except ParseError as error:
-        raise WorldError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
+        raise ApplrError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
 
 
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:
@@ -51,7 +50,7 @@ def numbers(text: Optional[str], count: int, what: str) -> List[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise WorldError(f"{what} is {' '.join(words)[:60]!r}: give {count} finite numbers")
+        raise ApplrError(f"{what} is {' '.join(words)[:60]!r}: give {count} finite numbers")
     return values
 
 

@@ -16,11 +16,12 @@ import numpy as np
 
 from applr_ros1.common.angles import outside_box
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.errors import ApplrError
 
 from . import course, dynabarn
 from .dynabarn import Animation
 from .sdf import NAMESPACE, SHAPES, Shape, numbers, parse, pose_of
-from .world import Mover, World, WorldError
+from .world import Mover, World
 
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries that are no obstacle
@@ -37,13 +38,13 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
             path_files/path_N.npy beside the file.
 
     Raises:
-        WorldError: The file cannot be read or has no course.
+        ApplrError: The file cannot be read or has no course.
     """
     name = os.path.splitext(os.path.basename(path))[0]
     root = parse(path)
     world = root if root.tag == "world" else root.find("world")
     if world is None:
-        raise WorldError(f"{path} contains no <world>; give a Gazebo world file")
+        raise ApplrError(f"{path} contains no <world>; give a Gazebo world file")
     cylinders, boxes, low, movers = _Reader(path, world).read()
     stated = world.find(f"{{{NAMESPACE}}}course")
     if points is not None:

@@ -12,11 +12,11 @@ from typing import Iterable, List, Optional
 import numpy as np
 
 from applr_ros1.common import files
-from applr_ros1.common.errors import run_main
+from applr_ros1.common.errors import ApplrError, run_main
 
 from .loading import SPECIFICATIONS, load
 from .sdf_reader import read_world
-from .world import Mover, World, WorldError
+from .world import Mover, World
 
 HEIGHT_M = 1.0  # height of all written obstacles [m]
 
@@ -46,7 +46,7 @@ _MODEL = """    <model name="{name}">
 
 
 def write(world: World, path: str) -> None:
-    """Write `world` to `path` atomically. Raise WorldError if the file cannot be written."""
+    """Write `world` to `path` atomically. Raise ApplrError if the file cannot be written."""
     files.write_bytes(path, text(world).encode("utf-8"))
 
 
@@ -103,7 +103,7 @@ def _world(name: str, course: Optional[List[float]]) -> World:
     if course is None:
         return load(name)
     if len(course) % 2 or not name.endswith(".world"):
-        raise WorldError(
+        raise ApplrError(
             f"{name}: --course does not fit; give X Y X Y ... for a .world file, two numbers for each point"
         )
     return read_world(name, np.array(course).reshape(-1, 2))

@@ -17,7 +17,6 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, outside_box
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
 
 KeyFrame = Tuple[float, float, float]
 Point = Tuple[float, float]
@@ -93,10 +92,6 @@ def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -
 # Odometry error allowed at the goal [m], and as a share of the route: .55 m on 10 m in Gazebo, 1.3 m on 20 m here
 ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE = 0.5, 0.08
 MAP_REACH_M = 19.7  # reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
-
-
-class WorldError(ApplrError):
-    """A world that cannot be read or generated. The message is one line with problem, value and remedy."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,17 +35,10 @@ def one_line(error: BaseException) -> str:
     """
     if isinstance(error, ApplrError):
         return str(error)
-    text = f"{type(error).__name__}: {_with_file(error)}"
-    frames = traceback.extract_tb(error.__traceback__)
+    text, frames = f"{type(error).__name__}: {error}".splitlines()[0], traceback.extract_tb(error.__traceback__)
     if not frames or isinstance(error, SyntaxError):  # A SyntaxError's text has its file and line.
         return text
     return f"{text} ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})"
-
-
-def _with_file(error: BaseException) -> str:
-    """Return the reason of an error, preceded by the file concerned if there is one."""
-    where = f"{error.filename}: " if isinstance(error, OSError) and error.filename else ""
-    return where + reason(error)
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
@@ -64,7 +57,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         status, text = 128 + signal.SIGINT, str(stopped) or "stopped"
     except Exception as error:
         status, text = 1, absent(error.name) if isinstance(error, ModuleNotFoundError) else ""
-        text = text or (_with_file(error) if isinstance(error, OSError) else one_line(error))
+        text = text or (str(error) if isinstance(error, OSError) else one_line(error))
         if os.environ.get("APPLR_DEBUG"):
             traceback.print_exc()
     print(f"{program}: {text}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Atomic writing, reading and hashing of files. Every failure is a StorageError of one line."""
+"""Atomic writing, reading and hashing of files. Every failure is a ApplrError of one line."""
 
 from __future__ import annotations
 
@@ -12,14 +12,10 @@ from typing import Any
 from applr_ros1.common.errors import ApplrError, reason
 
 
-class StorageError(ApplrError):
-    """A file or folder that cannot be read or written."""
-
-
 def write_bytes(path: Any, data: bytes) -> None:
     """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
     if os.path.lexists(path) and not os.path.isfile(path):  # Renaming would replace a device.
-        raise StorageError(f"{path}: a folder, pipe or device; give the path of a regular file")
+        raise ApplrError(f"{path}: a folder, pipe or device; give the path of a regular file")
     partial = f"{path}.{os.getpid()}.partial"
     try:
         with open(partial, "wb") as file:
@@ -30,7 +26,7 @@ def write_bytes(path: Any, data: bytes) -> None:
     except OSError as problem:
         if os.path.exists(partial):
             os.unlink(partial)
-        raise StorageError(f"{path}: cannot be written ({reason(problem)}); the file there is untouched") from None
+        raise ApplrError(f"{path}: cannot be written ({reason(problem)}); the file there is untouched") from None
 
 
 def write_json(path: Any, value: Any) -> None:
@@ -43,7 +39,7 @@ def read_bytes(path: Any) -> bytes:
     try:
         return Path(path).read_bytes()
     except OSError as problem:
-        raise StorageError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
+        raise ApplrError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
 
 
 def read_json(path: Any) -> Any:
@@ -51,7 +47,7 @@ def read_json(path: Any) -> Any:
     try:
         return json.loads(read_bytes(path))
     except (json.JSONDecodeError, UnicodeDecodeError) as problem:
-        raise StorageError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
+        raise ApplrError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
 
 
 def plain_xml(data: bytes) -> str:

@@ -9,15 +9,14 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from applr_ros1.common.errors import reason
-from applr_ros1.common.files import StorageError
+from applr_ros1.common.errors import ApplrError, reason
 
 
 def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-    """Return (tensors, metadata) of safetensors bytes. Raises StorageError; its line begins with `name`."""
+    """Return (tensors, metadata) of safetensors bytes. Raises ApplrError; its line begins with `name`."""
     try:
         tensors = safetensors.numpy.load(data)
     except safetensors.SafetensorError as problem:
-        raise StorageError(f"{name}: cut short, or no safetensors file ({reason(problem)}); copy it again") from None
+        raise ApplrError(f"{name}: cut short, or no safetensors file ({reason(problem)}); copy it again") from None
     header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     return tensors, header.get("__metadata__") or {}

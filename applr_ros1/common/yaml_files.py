@@ -6,7 +6,8 @@ from typing import Any
 
 import yaml
 
-from applr_ros1.common.files import StorageError, read_bytes
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes
 
 
 def read_yaml(path: Any) -> Any:
@@ -15,8 +16,8 @@ def read_yaml(path: Any) -> Any:
 
 
 def yaml_value(text: Any, name: Any, loader: Any = yaml.SafeLoader) -> Any:
-    """Return the value of a YAML text. Raises StorageError if it is invalid; the line begins with `name`."""
+    """Return the value of a YAML text. Raises ApplrError if it is invalid; the line begins with `name`."""
     try:
         return yaml.load(text, loader)
     except (yaml.YAMLError, ValueError) as error:  # An impossible date or angle is a ValueError.
-        raise StorageError(f"{name}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+        raise ApplrError(f"{name}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None

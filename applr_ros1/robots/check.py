@@ -20,10 +20,10 @@ from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, of_kind, servers
-from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
+from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
-from applr_ros1.robots.parameter_files import too_deep
+from applr_ros1.robots.parameter_files import observation_sources, too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter
 
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the recipe of the worlds was made [m]
@@ -45,16 +45,6 @@ class _Setup(NamedTuple):
     def planner(self) -> str:
         """Namespace of the local planner."""
         return self.robot.local_planner
-
-    def layers(self, costmap: str, kind: str) -> List[Tuple[str, Dict[str, Any]]]:
-        """Return (path, values) of the layers of this kind in a costmap."""
-        paths = (layer.path for layer in layers(costmap, self.full[costmap]) if layer.kind == kind)
-        return [(path, branch(self.full, path)) for path in paths]
-
-    def sources(self, costmap: str) -> List[Tuple[str, Dict[str, Any]]]:
-        """Return (path, values) of the observation sources of a costmap."""
-        obstacle_layers = self.layers(costmap, OBSTACLE_LAYER)
-        return [(f"{path}/{name}", own[name]) for path, own in obstacle_layers for name in sources(own)]
 
 
 def check(robot: Robot, with_map: bool = False) -> List[str]:
@@ -171,13 +161,13 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         if not (setup.with_map or own["rolling_window"] or -size < own[name] < 0.0):
             start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
             yield f"{costmap}/{name} is {own[name]:g}: {start}, give {-size / 2:g}, or rolling_window: true"
-    static, seen = setup.layers(costmap, STATIC_LAYER), setup.sources(costmap)
-    if static and not setup.with_map:
-        yield f"{costmap}/plugins has {static[0][0].rpartition('/')[2]}, but there is no map: remove this layer"
-    blind = [_blind(path, source, robot) for path, source in seen]
+    for layer in layers(costmap, own):
+        if layer.kind == STATIC_LAYER and not setup.with_map:
+            yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
+    blind = [_blind(f"{path}/{name}", source, robot) for path, name, source in observation_sources(setup.full, costmap)]
     if blind and all(blind):
         yield blind[0]
-    if local and not seen:
+    if local and not blind:
         yield "local_costmap has no observation source: the robot would not see obstacles, add one"
 
 
@@ -268,11 +258,11 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
         if beyond > OUTSIDE:
             box = "the box around body and wheels, at which the monitor stops"
             yield f"local_costmap/footprint is too small: {box}, reaches {beyond:.2f} m beyond it with padding"
-    for path, source in setup.sources(costmap):
-        frame = source["sensor_frame"]
-        if frame and not _differ(source["topic"], robot.topics.scan) and _differ(frame, robot.laser.frame):
-            wanted = robot.laser.frame
-            yield f"{path}/sensor_frame is {frame}, but laser.frame in robot.yaml is {wanted}: give {wanted} or omit it"
+    for path, name, source in observation_sources(setup.full, costmap):
+        frame, wanted = source["sensor_frame"], robot.laser.frame
+        if frame and not _differ(source["topic"], robot.topics.scan) and _differ(frame, wanted):
+            place = f"{path}/{name}/sensor_frame is {frame}"
+            yield f"{place}, but laser.frame in robot.yaml is {wanted}: give {wanted} or omit it"
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict, Iterator
+from typing import Any, Callable, Dict, Iterator, Tuple
 
 import yaml
 
@@ -16,7 +16,7 @@ from applr_ros1.common.files import read_bytes
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.common.yaml_files import yaml_value
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
-from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
 
 PLACES = (*COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # sections below move_base that have files of their own
 _ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
@@ -81,6 +81,13 @@ def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
     if len(levels) > 1:
         raise ApplrError("the parameters contain more than one move_base: give those of one robot")
     return levels[0] if levels else tree
+
+
+def observation_sources(full: Dict[str, Any], costmap: str) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
+    """Yield (path of the layer, name, values) of the observation sources of a costmap in a complete tree."""
+    for layer in layers(costmap, full[costmap]):
+        own = branch(full, layer.path) if layer.kind == OBSTACLE_LAYER else {}
+        yield from ((layer.path, name, own[name]) for name in sources(own))
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:

@@ -116,7 +116,7 @@ class Bag:
     source: Dict[str, Any]
 
 
-def read(path: os.PathLike | str, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
+def read(path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), ranges: bool = True) -> Bag:
     """Read a bag.
 
     Args:
@@ -163,7 +163,7 @@ def read(path: os.PathLike | str, topics: TopicNames = TopicNames(), ranges: boo
 
 
 @contextmanager
-def refused(path: os.PathLike | str) -> Iterator[None]:
+def refused(path: os.PathLike[str] | str) -> Iterator[None]:
     """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
     try:
         yield
@@ -172,7 +172,7 @@ def refused(path: os.PathLike | str) -> Iterator[None]:
         raise BagError(f"{path}: {reason(error)}{remedy}") from None
 
 
-def bags_in(paths: Sequence[os.PathLike | str]) -> List[Path]:
+def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """Return the bags among files and folders, sorted: .bag files, ROS 2 folders, and single .mcap or .db3 files.
 
     Raises:
@@ -197,12 +197,12 @@ def _scan(m: Any, keep: bool) -> Sequence[Any]:
     ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
     nearest = np.fmin.reduce(ranges) if len(ranges) else np.inf
     geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max
-    return _stamp(m), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
+    return _nanoseconds(m.header.stamp), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
 
 
 def _odometry(m: Any) -> Sequence[Any]:
     twist = m.twist.twist
-    return _stamp(m), _frame(m), *_pose(m.pose.pose), twist.linear.x, twist.angular.z
+    return _nanoseconds(m.header.stamp), _frame(m), *_pose(m.pose.pose), twist.linear.x, twist.angular.z
 
 
 def _command(m: Any) -> Sequence[Any]:
@@ -217,7 +217,7 @@ def _decision(m: Any) -> Sequence[Any]:
     movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
     pose, goal = (m.x, m.y, m.yaw), (m.goal_x, m.goal_y, m.goal_yaw)
     seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, np.column_stack([m.plan_x, m.plan_y]), movers)
-    return m.goal, _stamp(m), _nanoseconds(m.scan), before, after, seen
+    return m.goal, _nanoseconds(m.header.stamp), _nanoseconds(m.scan), before, after, seen
 
 
 def _pose(m: Any) -> Tuple[float, float, float]:
@@ -225,12 +225,7 @@ def _pose(m: Any) -> Tuple[float, float, float]:
 
 
 def _frame(m: Any) -> str:
-    return m.header.frame_id.lstrip("/")
-
-
-def _stamp(m: Any) -> int:
-    """Return a header's stamp in nanoseconds."""
-    return _nanoseconds(m.header.stamp)
+    return str(m.header.frame_id.lstrip("/"))
 
 
 def _nanoseconds(time: Any) -> int:

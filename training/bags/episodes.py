@@ -128,19 +128,16 @@ def _check(bag: Bag, encoding: Encoding) -> None:
 # -- courses -----------------------------------------------------------------------------------------------------------
 def goals(bag: Bag) -> List[Goal]:
     """Return the goals that move_base pursued, according to the status of its action."""
-    spans: List[List] = []  # [id, start, end]
+    pursued: List[Goal] = []
     before = ""
     for at, running in bag.status:
         if before:  # The goal was pursued until now.
-            spans[-1][2] = at
+            pursued[-1] = pursued[-1]._replace(end=at)
         if running and running != before:
-            spans.append([running, at, at])
+            pursued.append(Goal(running, at, at, None))
         before = running
-    pursued = []
-    for goal, start, end in spans:
-        at, status = bag.results.get(goal, (end, None))
-        pursued.append(Goal(goal, start, end if status is None else min(end, at), status))
-    return pursued
+    ends = [(goal, *bag.results.get(goal.id, (goal.end, None))) for goal in pursued]
+    return [goal._replace(end=min(goal.end, at), status=status) for goal, at, status in ends]
 
 
 def decision_period(bag: Bag) -> float:

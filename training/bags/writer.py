@@ -12,7 +12,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.common.angles import Pose, quaternion_of
-from applr_ros1.common.files import StorageError
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
 from training.bags.topics import TopicNames
@@ -29,15 +29,15 @@ class BagWriter:
         robot: Robot with the laser and the frames.
 
     Raises:
-        StorageError: The bag already exists.
+        ApplrError: The bag already exists.
     """
 
-    def __init__(self, path: os.PathLike | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL):
+    def __init__(self, path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL):
         self.path, self.topics, self.robot = Path(path), topics, robot
         self.store = get_typestore(Stores.ROS1_NOETIC)
         self._connections: Dict[str, Any] = {}
         if self.path.exists():
-            raise StorageError(f"{path} already exists: give another name")
+            raise ApplrError(f"{path} already exists: give another name")
         self._partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
         self._writer = Writer(self._partial)
         self._writer.open()

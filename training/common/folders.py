@@ -6,7 +6,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from applr_ros1.common.files import StorageError
+from applr_ros1.common.errors import ApplrError
 
 
 def make_folder(path: os.PathLike | str) -> Path:
@@ -23,7 +23,7 @@ class Lock:
         who: Name of the program, for the error message.
 
     Raises:
-        StorageError: Another process holds the lock.
+        ApplrError: Another process holds the lock.
     """
 
     def __init__(self, folder: os.PathLike | str, who: str = "train.py"):
@@ -31,7 +31,7 @@ class Lock:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StorageError(f"{folder}: another {who} works in this folder: wait, or give another --out") from None
+            raise ApplrError(f"{folder}: another {who} works in this folder: wait, or give another --out") from None
 
     def close(self) -> None:
         """Release the folder for another process."""

@@ -42,7 +42,7 @@ def write(folder: os.PathLike | str, above: Sequence[str] = ()) -> str:
 
     Raises:
         ApplrError: There are no trials.
-        StorageError: The folder cannot be read or written.
+        ApplrError: The folder cannot be read or written.
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)

@@ -16,6 +16,7 @@ import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
@@ -29,7 +30,7 @@ from training.env.settings import CHALLENGE, TrialSettings, under
 from training.evaluation.loaded import loadable_space, with_set
 from training.evaluation.trial import POLICY, TRACED, Result, Trial
 from training.workers.collect import PolicyWeights
-from worlds import World, WorldError
+from worlds import World
 
 
 def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Result, bytes]:
@@ -49,7 +50,7 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
 
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
-    """Return a world with the protocol's course, scaled to the robot. Raises WorldError if it cannot be loaded."""
+    """Return a world with the protocol's course, scaled to the robot. Raises ApplrError if it cannot be loaded."""
     return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
 
 
@@ -174,12 +175,12 @@ def pack_trace(trace: Trace) -> bytes:
 
 
 def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
-    """Return [(name, specification, World), ...] of a comma-separated list, scaled to a robot. Raises WorldError."""
+    """Return [(name, specification, World), ...] of a comma-separated list, scaled to a robot. Raises ApplrError."""
     listed: List[Tuple[str, str, World]] = []
     for part in text.split(","):
         for spec in worlds_package.specs(part.strip()):
             world = at_scale(protocol, spec, robot)
             if any(world.name == name for name, _, _ in listed):
-                raise WorldError(f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file")
+                raise ApplrError(f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file")
             listed.append((world.name, spec, world))
     return listed

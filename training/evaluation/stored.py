@@ -40,7 +40,7 @@ class Results:
 
     Raises:
         ApplrError: There are no trials.
-        StorageError: The folder cannot be read.
+        ApplrError: The folder cannot be read.
     """
 
     def __init__(self, folder: os.PathLike | str):

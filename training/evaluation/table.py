@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
 from training.common.folders import Lock, make_folder
 from training.evaluation.trial import TRACED, Result, Trial
 
@@ -56,7 +57,7 @@ class Trials:
         added: Number of trials added since the table was opened.
 
     Raises:
-        StorageError: The folder belongs to an evaluation with other settings, or to another process.
+        ApplrError: The folder belongs to an evaluation with other settings, or to another process.
     """
 
     def __init__(self, folder: os.PathLike | str, settings: Dict[str, Any]):
@@ -78,14 +79,14 @@ class Trials:
         self._lock.close()
 
     def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the stored settings and notes. Raises StorageError if the stored settings are others."""
+        """Return the stored settings and notes. Raises ApplrError if the stored settings are others."""
         path = self.folder / SETTINGS
         if not path.exists():
             write_json(path, settings)
         stored = read_json(path)
         for name, value in json.loads(json.dumps(settings)).items():
             if value != stored.get(name):
-                raise StorageError(f"{self.folder} has another {name}: give another --out, or the same {name}")
+                raise ApplrError(f"{self.folder} has another {name}: give another --out, or the same {name}")
         return stored
 
     def find(self, trial: Trial) -> Optional[Result]:

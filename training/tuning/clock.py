@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Iterable, Iterator, TypeVar
+from typing import Iterable, Iterator, List, TypeVar
 
 from training.evaluation.table import Trials
 
@@ -24,7 +24,8 @@ class Clock:
 
     def __init__(self, table: Trials, name: str, seconds: float):
         self._table, self._name, self._seconds = table, name, seconds
-        self._readings, self._asked = list(table.notes.get(name, [])), 0
+        self._asked = 0
+        self._readings: List[float] = list(table.notes.get(name, []))
         self._began = time.monotonic() - max(self._readings, default=0.0)
 
     def spent(self) -> float:

@@ -70,7 +70,9 @@ class Floor(Episode):
 
     def drive(self, world: World) -> str:
         """Drive one course to its end. Return the reason of a failure, or "" if the robot arrived."""
-        self._counts, self._critics, self._blocked = Counter(), Counter(), Counter()  # type: Counter, Counter, Counter
+        self._counts: Counter[str] = Counter()  # number of cycles, and of cycles with each event
+        self._critics: Counter[str] = Counter()  # number of rejected velocities by critic
+        self._blocked: Counter[str] = Counter()  # number of cycles in which the monitor intervenes, by reason
         self._commanded = 0.0  # commanded distance [m]
         outcome = self.reset(world, SEED)
         while not outcome.over:

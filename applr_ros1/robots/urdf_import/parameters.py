@@ -16,8 +16,8 @@ from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
-from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, OBSTACLE_LAYER, STATIC_LAYER, layers, sources
-from applr_ros1.robots.parameter_files import PLACES, nested, of_move_base, too_deep
+from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_LAYER, layers
+from applr_ros1.robots.parameter_files import PLACES, nested, observation_sources, of_move_base, too_deep
 from applr_ros1.robots.robot import number_at
 
 _PLACES = ("", *PLACES)  # namespaces of parameter files below move_base
@@ -80,9 +80,7 @@ class Parameters:
     def sources(self) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
         """Yield (path of the layer, name, values) of the observation sources of the costmaps."""
         for costmap in COSTMAPS:
-            for layer in layers(costmap, self.full[costmap]):
-                own = branch(self.full, layer.path) if layer.kind == OBSTACLE_LAYER else {}
-                yield from ((layer.path, name, own[name]) for name in sources(own))
+            yield from observation_sources(self.full, costmap)
 
     def scans(self) -> List[Dict[str, Any]]:
         """Return the laser scans among the observation sources."""

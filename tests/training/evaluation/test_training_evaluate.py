@@ -20,7 +20,6 @@ import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, toy_runner
@@ -191,7 +190,7 @@ def test_another_evaluations_folder_is_refused(tmp_path):
         for task in plan:
             table.add(task, Result(time_s=1.0))
 
-    with pytest.raises(StorageError, match="another seed"):
+    with pytest.raises(ApplrError, match="another seed"):
         Trials(tmp_path, {"seed": 1})
     plain = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(plain, read_trials(tmp_path / "trials.csv"), check_dtype=False)
@@ -277,7 +276,7 @@ def test_table_and_traces(tmp_path):
     trace.decided = [0.0]
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
-        with pytest.raises(StorageError, match="another"):
+        with pytest.raises(ApplrError, match="another"):
             Trials(tmp_path, {"worlds": ["generated:0"]})
         table.add(plan[0], Result(time_s=1.0), runner.pack_trace(trace))
     assert read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
