@@ -85,7 +85,7 @@ def test_yaml_is_plain_values(tmp_path, text, words):
     refused(lambda: yaml_files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{words}")
 
 
-def test_numbers_within_bounds():
+def test_numbers_beyond_their_bounds_are_refused():
     assert number_within("speed", 2, 0.0, 2.0) == 2
     assert number_within("max_speed", math.inf, 0.2, math.inf) == math.inf
     for value in (-0.1, 2.1, math.nan, math.inf, "1", True, None, [1]):
@@ -94,7 +94,7 @@ def test_numbers_within_bounds():
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
-def test_quaternions_and_poses(yaw):
+def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
     q = SimpleNamespace(**dict(zip("xyzw", (3.0 * part for part in angles.quaternion_of(yaw)))))
     assert angles.yaw_of(q) == pytest.approx(yaw)
     x, y, turned = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
@@ -106,7 +106,7 @@ def test_quaternions_and_poses(yaw):
     assert angles.normalize_angle(yaw - 2 * math.pi) == pytest.approx(yaw)
 
 
-def test_outside_box():
+def test_distances_outside_a_box_equal_those_of_its_raster():
     dx, dy = np.random.default_rng(0).uniform(-3, 3, (2, 200))
     yaw, size, edge = 0.7, (2.0, 1.0), np.linspace(-0.5, 0.5, 101)
     inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)  # a raster of the box

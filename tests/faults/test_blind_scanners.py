@@ -85,7 +85,7 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
 
 @pytest.mark.fault("11b")
 @pytest.mark.parametrize("kind", BLIND)
-def test_a_wall_at_full_speed(kind, measured):
+def test_a_robot_with_a_blind_scanner_stops_before_the_wall(kind, measured):
     for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
         contact, stood = drive(BLIND[kind], blind_from, CollisionMonitor())
         assert not contact, "contact, blind from x = %g" % blind_from
@@ -95,7 +95,7 @@ def test_a_wall_at_full_speed(kind, measured):
 
 @pytest.mark.fault("12b")
 @pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
-def test_late_transforms_and_odometry_at_full_speed(late, late_twist):
+def test_late_transforms_and_odometry_cause_no_contact(late, late_twist):
     """If the monitor ignored the ages, each of these drives would end in the wall."""
     assert not drive(None, math.inf, CollisionMonitor(), late, late_twist)[0]
 

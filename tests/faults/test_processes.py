@@ -33,7 +33,7 @@ def has_what_was_decided(stack, client):
 
 
 @pytest.mark.fault("3")
-def test_the_planner_freezes(stack, client, measured):
+def test_the_base_stops_while_the_planner_is_frozen(stack, client, measured):
     """After SIGSTOP the base stops, and requests time out. After SIGCONT everything goes on."""
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].freeze, STANDS), "s")
@@ -47,7 +47,7 @@ def test_the_planner_freezes(stack, client, measured):
 
 
 @pytest.mark.fault("4", "14")
-def test_the_planner_is_killed_and_comes_back(stack, measured):
+def test_the_base_stops_and_a_restarted_planner_gets_the_current_parameters(stack, measured):
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, STANDS), "s")
     stack.start("move_base")
@@ -66,7 +66,7 @@ def test_the_planner_is_killed_and_comes_back(stack, measured):
 
 
 @pytest.mark.fault("8")
-def test_the_applr_node_is_killed(stack, client, measured):
+def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
     """The planner is reverted to theta_0 within three periods, and commands keep coming."""
     stack.under_way(room=10.0)
     wait_for(lambda: not np.array_equal(client.values(), THETA_0), "parameters of the policy")
@@ -88,7 +88,7 @@ def test_the_applr_node_is_killed(stack, client, measured):
 
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
-def test_commands_no_longer_reach_the_base(stack, measured, killed):
+def test_the_base_stops_if_commands_no_longer_reach_it(stack, measured, killed):
     """The base stops, and drives again after the monitor's restart."""
     stack.under_way()
     cut = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.faults.update(command=lambda _: None)

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.ros
         (dict(x=1.0, frame=""), "frame_id"),
     ],
 )
-def test_invalid_goals(stack, measured, bad, words):
+def test_invalid_goals_are_aborted_with_the_reason(stack, measured, bad, words):
     stack.cancel_goal()
     began = time.monotonic()
     stack.client.send_goal(goal(**bad))
@@ -61,7 +61,7 @@ def mad(stack):
 
 
 @pytest.mark.fault("11b")
-def test_a_frozen_image_at_full_speed(stack, mad, measured):
+def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
     """The scanner repeats the same scan with new stamps while the robot drives at 2 m/s towards a wall."""
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.9, "speed")
@@ -78,7 +78,7 @@ def test_a_frozen_image_at_full_speed(stack, mad, measured):
 
 
 @pytest.mark.fault("14b")
-def test_a_planner_gone_mad(stack, mad, measured):
+def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
     """Commands are NaN, infinite, and then full speed towards a wall: the robot stops before the wall."""
     stack.until(lambda: abs(stack.relay.speed) < 0.01, "standstill")
     for v in (math.nan, math.inf, -math.inf):

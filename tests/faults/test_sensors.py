@@ -1,4 +1,4 @@
-"""Failures of scan, odometry, tf and clock: the robot stops, reports the reason, and goes on after the failure."""
+"""Failures of scan, odometry, tf and clock: the robot stops, reports the reason, and drives on after the failure."""
 
 import math
 
@@ -72,7 +72,7 @@ def test_single_invalid_beams_do_not_stop_the_robot(stack):
 
 
 @pytest.mark.fault("12a")
-def test_a_transform_far_ahead(stack, measured):
+def test_a_transform_stamped_far_ahead_stops_the_robot_only_briefly(stack, measured):
     """A message stamped half a minute ahead does not stop the robot for half a minute."""
     stack.under_way()
 
@@ -92,7 +92,7 @@ def test_a_transform_far_ahead(stack, measured):
 
 
 @pytest.mark.fault("10a")
-def test_no_odometry(stack, measured):
+def test_the_robot_stops_without_odometry(stack, measured):
     """Transforms are still published, but the velocity is no longer measured."""
     stack.under_way()
     took = stack.stands_after(lambda: stack.relay.faults.__setitem__("odometry", lambda odometry: None))
@@ -103,7 +103,7 @@ def test_no_odometry(stack, measured):
 
 
 @pytest.mark.fault("13")
-def test_the_clock_jumps_back(stack, measured):
+def test_a_clock_jump_back_stops_the_robot_and_aborts_the_goal(stack, measured):
     stack.under_way()
     count = len(stack.decisions)
     took = stack.stands_after(lambda: setattr(stack.relay, "shift", stack.relay.shift - 50.0))

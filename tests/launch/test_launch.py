@@ -60,7 +60,7 @@ def test_a_robot_without_files_for_a_map():
     assert with_robot({"a": 1}) == ({"a": 1}, None)
 
 
-def test_rviz_shows_what_the_robots_and_their_local_planners_publish():
+def test_rviz_shows_topics_that_robots_and_local_planners_publish():
     published = {"/" + load(name).topics.scan for name in NAMES}
     for surface in ("move_base_surface.json", "dwa_surface.json"):
         published |= set(json.loads((DATA / surface).read_text())["publishes"])
@@ -147,7 +147,7 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m from the goal
     ],
 )
-def test_how_a_demo_ends(speed, gives_up_at, goal, reason, time):
+def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time):
     """The robot goes straight from the start of the course to its end at `speed` [m/s]."""
     values, _, robot, world = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
     observer = object.__new__(demo_tool.Observer)

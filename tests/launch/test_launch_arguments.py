@@ -82,7 +82,7 @@ def test_parameter_files_are_the_jackals():
         ),
     ],
 )
-def test_which_nodes_start(words, nodes):
+def test_arguments_select_the_nodes_that_start(words, nodes):
     assert set(loaded("jackal_applr.launch", *words).words) == nodes
 
 

@@ -220,7 +220,7 @@ def test_fault_11_invalid_scans(robot, stack):
     assert "Traceback" not in node.text
 
 
-def test_dwa_leaves_the_planner_alone(robot, stack):
+def test_dwa_sets_no_parameters_while_driving(robot, stack):
     _, _, client = stack("dwa")
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
     wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})), "a value set by another client")

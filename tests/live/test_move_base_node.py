@@ -60,7 +60,7 @@ def test_goal_is_reached_through_the_action(idle):
         s.unregister()
 
 
-def test_preempt(idle):
+def test_a_cancelled_goal_is_preempted_and_the_base_stops(idle):
     idle.client.send_goal(goal(4.0))
     wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
     idle.client.cancel_goal()

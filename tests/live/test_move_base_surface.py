@@ -1,4 +1,4 @@
-"""The move_base node's names and types, which are those of the C++ node, and its eight parameter servers."""
+"""Names and types of the move_base node, which equal those of the C++ node, and its eight parameter servers."""
 
 import json
 import math
@@ -91,8 +91,8 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
         client.close()
 
 
-def test_heartbeat_watchdog():
-    """The watchdog alone. tests/faults/test_processes.py tests it in a running stack."""
+def test_a_lost_heartbeat_is_reported_once():
+    """This is the watchdog without a node. tests/faults/test_processes.py tests it in a running stack."""
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # There was no heartbeat yet.
     watch.heartbeat(100.0)

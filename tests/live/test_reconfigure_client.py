@@ -109,7 +109,7 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     assert np.array_equal(client.theta(), theta)
 
 
-def test_a_restarted_server_is_called_whatever_its_last_values(client, calls):
+def test_a_restarted_server_is_called_with_any_last_values(client, calls):
     description = client._servers["local_costmap"]._client.param_description
     client._servers["local_costmap"]._on_description(description)
     for expected in ({COSTMAPS[0]}, set()):
@@ -128,7 +128,7 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     assert client.theta()[i] == 0.4
 
 
-def test_a_server_that_comes_back_gets_what_was_requested_last():
+def test_a_restarted_server_gets_the_last_request():
     client = ReconfigureClient()  # Without start(), requests are not applied.
     client.reapply()
     assert not client.busy
@@ -206,7 +206,7 @@ def test_fault_3_an_abandoned_call_never_overwrites_a_newer_one(client, fake):
 
 @pytest.mark.fault("5")
 @pytest.mark.parametrize(("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1]), ("lie", PLANNER)])
-def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_what_is_missing(client, server, fault):
+def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_values(client, server, fault):
     rospy.set_param("/fake/" + fault, [server])
     error = client.apply(SPACE.high, LONGEST)
     assert server in error

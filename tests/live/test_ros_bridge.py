@@ -119,7 +119,7 @@ def test_reports_when_it_is_ready(robot):
     assert "rosparam set /use_sim_time true" in robot.process.text  # The parameter is not set here.
 
 
-def test_topics_and_rates(robot):
+def test_topics_have_their_rates_and_frames(robot):
     began, simulated, kept = time.monotonic(), robot.now, Kept()
     robot.forget()
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
@@ -141,7 +141,7 @@ def test_topics_and_rates(robot):
     assert received["/sim_bridge/ground_truth"][-1].header.frame_id == "world"
 
 
-def test_frames(robot):
+def test_frames_of_laser_odometry_and_world_are_published(robot):
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     wait_for(lambda: buffer.can_transform("odom", "front_laser", rospy.Time(0)), "tf")

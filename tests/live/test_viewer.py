@@ -104,7 +104,7 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
 
 
 def by_hand(element, value):
-    """Do what viser does when the user changes an element of the page."""
+    """Change an element of the page as viser does for a user."""
     element.value = value
     for callback in element._impl.update_cb:
         callback(SimpleNamespace(client=object(), target=element))

@@ -162,7 +162,7 @@ def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
     [((0.0, 0.25), -2.25, 2.0), ((math.pi, 0.25), -2.25, 1.0), ((math.pi - 0.1, 0.0), -2.5, 1.0)],
     ids=["level", "upside down", "upside down and tilted"],
 )
-def test_beams_are_those_of_the_robots_frame_seen_from_above(beside, turn, first, last_range):
+def test_beams_are_ordered_as_seen_from_above_in_the_robots_frame(beside, turn, first, last_range):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     beside.mount(*turn)

@@ -70,7 +70,7 @@ def test_path_equals_the_generated_message(n):
         ((0.01, 0, 0, 1), True),
     ],
 )
-def test_quaternions(q, upright):
+def test_only_upright_quaternions_are_accepted(q, upright):
     assert conversions.is_upright(Quaternion(*map(float, q))) is upright
 
 
@@ -128,7 +128,7 @@ def test_points_of_clouds():
     assert conversions.points_of(PointCloud2()).shape == (0, 3)  # A cloud without points needs no fields.
 
 
-def test_maps():
+def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
     message = OccupancyGrid(data=[0, 100, -1, 50, 0, 0])
     message.header.frame_id = "/map"
     message.info.width, message.info.height, message.info.resolution = 3, 2, 0.05

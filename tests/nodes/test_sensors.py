@@ -163,7 +163,7 @@ def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, late
     assert used.count(("rear", 2)) == used.count(("base", 3)) == 5
 
 
-def test_a_laser_that_falls_silent_leaves_the_other_on_its_topic_alone(robot):
+def test_a_silent_laser_does_not_affect_the_other_on_its_topic(robot):
     robot.time(100.0)
     robot.tf(100.0)
     robot.sensors.transforms.buffer.set_transform(transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100)), "test")

@@ -43,7 +43,7 @@ def ended(process, status):
 
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
-def test_without_a_master(name):
+def test_a_node_without_a_master_ends_in_one_line(name):
     text = ended(start("-m", "applr_ros1.scripts", name), 1)
     assert text.startswith(name + ": no ROS master at http://localhost:")
     assert "roscore" in text

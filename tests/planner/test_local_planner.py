@@ -33,7 +33,7 @@ def local_planner(plan=None, **changes):
         ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
     ],
 )
-def test_cut(plan, cut, dropped):
+def test_the_cut_ends_beyond_the_map_and_skips_points_beyond_it(plan, cut, dropped):
     cropped, far = cut_plan(np.array(plan), 0.0, 0.0, 5.0, True)
     assert (cropped[:, 0].tolist(), far) == (list(cut), dropped)
 

@@ -89,7 +89,7 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
     assert fixed.size == (70, 30)
 
 
-def test_first_map_only_and_updates():
+def test_first_map_only_ignores_later_maps_and_updates_are_applied():
     first = costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
     updated = costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
     for made in (first, updated):
@@ -210,7 +210,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
-    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent, whatever the new time is.
+    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent for any step back.
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None
@@ -229,7 +229,7 @@ def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     assert router.silent(100.41) == ("other", 0.5)
 
 
-def test_tilted_sensors_and_moving_frames():
+def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
     ranges = np.array([1.0, 2.0, math.inf], np.float32)
     level = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.3), 0.4)
     half = math.sin(0.15), math.cos(0.15)

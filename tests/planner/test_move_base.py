@@ -303,14 +303,14 @@ def test_the_robot_stops_without_a_pose():
 
 # -- frequencies -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (4.0, 8), (0.0, 1)])
-def test_planner_frequency(planner, expected):
+def test_plans_are_made_at_planner_frequency(planner, expected):
     made, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
     cycles = []
     run(made, robot, 2.0, cycles=cycles)
     assert abs(sum(c.planned for _, c in cycles) - expected) <= 1
 
 
-def test_controller_and_costmap_frequency():
+def test_cycles_and_costmap_updates_have_their_frequencies():
     hertz = 5.0
     tree = quick(controller_frequency=hertz)
     tree["local_costmap"]["update_frequency"] = hertz

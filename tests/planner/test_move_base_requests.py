@@ -79,7 +79,7 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
         ("", {"planner_frequency": 2.0}, set()),
     ],
 )
-def test_which_call_clears_which_map(server, values, emptied):
+def test_only_calls_of_a_costmaps_own_server_clear_it(server, values, emptied):
     """Costmap2DROS::reconfigureCB of costmap_2d calls resizeMap for every request."""
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
     run(made, robot, 0.2)

@@ -41,7 +41,7 @@ OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=FOOTPRINT)
 USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
-def test_usual_order_and_sizes():
+def test_default_recoveries_have_their_order_and_sizes():
     built = recovery.build(complete(JACKAL))
     assert [b.name for b in built] == USUAL
     assert built[1] is built[3]
@@ -147,7 +147,7 @@ def test_a_rotation_slows_down_within_its_acceleration_limit():
     assert commands[-1] == (0.0, pytest.approx(math.sqrt(2.0 * 1.0 * 0.2)))
 
 
-def test_angle_difference():
+def test_the_angle_difference_is_the_shorter_way():
     pi = math.pi
     for a, b, want in [(0, 1, 1), (1, 0, -1), (3, -3, 2 * pi - 6), (0, pi, pi), (0, -pi, pi), (10, 10, 0)]:
         assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12), (a, b)

@@ -126,7 +126,7 @@ def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # last point of a short plan
 
 
-def test_observation_layout_and_scale():
+def test_an_observation_has_its_layout_and_scale():
     ranges = np.full(720, 1.5, dtype=np.float32)
     ranges[0], ranges[1], ranges[2], ranges[3] = np.inf, 30.0, -np.inf, 0.1
     obs = observe(ranges, np.pi / 2, THETA_0)
@@ -238,7 +238,7 @@ def test_one_request_for_each_server():
     assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
 
 
-def test_methods(tmp_path):
+def test_named_methods_and_files_give_their_parameters(tmp_path):
     obs = observe(np.ones(720), 0.0, THETA_0)
     here = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
     assert methods.make("dwa").static

@@ -121,7 +121,7 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     assert (planner.local_costmap.cells == LETHAL).any()
 
 
-def test_trained_and_driven(crate, tmp_path, capsys):
+def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
     found_set.write_set(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")

@@ -242,7 +242,7 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
     ],
     ids=["pairs", "plugin", "controller", "below a rocker"],
 )
-def test_driven_wheels(make, urdf, more, by):
+def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, more, by):
     _, output, values = make(urdf, **more)
     assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output)
     base = values["base"]

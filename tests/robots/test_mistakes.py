@@ -136,7 +136,7 @@ def test_included_robots_have_no_errors_and_no_remarks(name):
     assert [line for with_map in setups for line in remarks(robot, with_map)] == []
 
 
-def test_all_mistakes_in_robot_yaml_come_at_once_and_then_those_of_parameters(tmp_path, capsys):
+def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameters(tmp_path, capsys):
     folder = changed(tmp_path / "mine", "jackal", ROBOT, "max_speed: 2.0", "max_speed: fast")
     file = Path(folder, ROBOT)
     file.write_text(file.read_text().replace("beams: 720", "beams: 1"))

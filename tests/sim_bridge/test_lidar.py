@@ -45,7 +45,7 @@ def grazing(laser, circles, edges, x, y, yaw, beam):
 
 
 @seeds(60)
-def test_equals_brute_force(seed):
+def test_scans_equal_brute_force(seed):
     rng = np.random.default_rng(seed)
     n, m = rng.integers(0, 60), rng.integers(0, 8)
     spread = rng.choice([3.0, 8.0, 25.0])
@@ -76,7 +76,7 @@ def test_beams_without_obstacles_beyond_range_and_too_near():
     assert (Lidar(JACKAL, NOTHING[0], [(0, 0, 0.3, 2, 2)]).scan(0.3, 0, 0) == -np.inf).all()
 
 
-def test_moving_circles_are_seen_where_they_are():
+def test_moving_circles_are_in_the_scan_they_are_given_for():
     lidar = Lidar(JACKAL, *NOTHING)
     assert lidar.scan(0, 0, 0, np.array([(2.0, 0.0, 0.5)]))[360] == pytest.approx(1.5, abs=1e-3)
     assert lidar.scan(0, 0, 0)[360] == np.inf

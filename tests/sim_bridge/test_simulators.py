@@ -208,7 +208,7 @@ def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
     assert hypot(x, y) > 0.68
 
 
-def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
+def test_random_commands_enter_no_obstacle(simulator):
     rng = np.random.default_rng(5)
     ring = [(0.9 * np.cos(a), 0.9 * np.sin(a), 0.075) for a in np.linspace(0, 2 * pi, 40)]
     simulator.reset(small_world(ring), 0)
@@ -237,7 +237,7 @@ def test_odometry_can_be_set(simulator):
     assert np.allclose(state.odom_pose[:2], (5.95, 6.0), atol=0.1)
 
 
-def test_imu(on_plain_ground):
+def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator = on_plain_ground
     simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)

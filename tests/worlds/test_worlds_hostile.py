@@ -27,11 +27,11 @@ EXTERNAL = (
         (sdf(cylinder(0, 0), ""), ["has no course", "--course X Y X Y"]),
     ],
 )
-def test_bad_files(tmp_path, text, words):
+def test_invalid_world_files_are_one_line(tmp_path, text, words):
     refused(put(tmp_path, text, "w.world"), *words)
 
 
-def test_missing_files_and_folders(tmp_path):
+def test_missing_files_and_folders_are_one_line(tmp_path):
     refused(tmp_path / "missing.world", "missing.world", "give an existing file")
     (tmp_path / "folder.world").mkdir()
     refused(tmp_path / "folder.world", "Is a directory")
@@ -60,7 +60,7 @@ def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
     assert not os.path.exists("evil-was-here")
 
 
-def test_bad_course_in_the_file(tmp_path):
+def test_an_invalid_course_in_a_file_is_one_line(tmp_path):
     text = sdf_writer.text(worlds.load("generated:7"))
     for old, new, word in (
         ("<applr:start>", "<applr:start>nan ", "start"),

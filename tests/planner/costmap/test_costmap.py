@@ -69,7 +69,7 @@ def test_drives_equal_the_recorded_ones(drive):
             assert not differs.any()
 
 
-def test_sizes():
+def test_a_costmap_has_the_cells_of_its_size():
     assert (Costmap(10, 10, 0.05).size, Costmap(40, 20, 0.05).cells.shape) == ((200, 200), (400, 800))
 
 
@@ -88,7 +88,7 @@ def test_a_far_jump_empties_the_map():
     assert not costmap.obstacles.cells.any()
 
 
-def test_window_and_version():
+def test_windows_and_versions_report_changes():
     costmap = fixed(footprint=map_scenes.JACKAL)
     costmap.update(HERE, hit(1.02, 0.02))
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.

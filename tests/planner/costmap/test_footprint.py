@@ -19,7 +19,7 @@ polygons = st.lists(st.tuples(coordinate, coordinate), min_size=0, max_size=7).m
 )
 
 
-def test_jackals_footprint():
+def test_the_padded_footprint_of_the_jackal_has_its_known_radii():
     padded = footprints.pad(footprints.parse(JACKAL), 0.1)
     assert footprints.radii(padded) == (pytest.approx(0.265), pytest.approx(0.408, abs=1e-3))
     np.testing.assert_allclose(padded.max(axis=0) - padded.min(axis=0), (0.62, 0.53))

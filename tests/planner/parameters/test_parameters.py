@@ -391,7 +391,7 @@ class TestConfiguration:
         assert new["max_vel_x"] == 0.5
         assert new["restore_defaults"] is False
 
-    def test_unknown_names(self, config):
+    def test_refuses_unknown_names(self, config):
         refused(lambda: config.request(PLANNER, {"warp": 9}), "no such parameter", kind=ParameterError)
         refused(lambda: config.request("nowhere", {}), "no server", kind=ParameterError)
 

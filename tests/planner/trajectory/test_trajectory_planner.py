@@ -21,7 +21,7 @@ def planner(plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_
     return made
 
 
-def test_closed_forms_end_where_the_steps_end():
+def test_closed_forms_end_at_the_pose_of_the_steps():
     random = np.random.default_rng(0)
     params = planner(acc_lim_x=2.0, acc_lim_theta=5.0)._params
     for _ in range(300):

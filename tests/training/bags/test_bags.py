@@ -211,7 +211,9 @@ class PublishesEnd(Drive):
         (PublishesEnd, None, 9.8, None, 5, False, {}),  # The node was switched off.
     ],
 )
-def test_how_a_course_ends(tmp_path, kind, status, seconds, finish, count, terminated, skipped):
+def test_each_end_of_a_course_gives_its_transitions(
+    tmp_path, kind, status, seconds, finish, count, terminated, skipped
+):
     """If the node does not publish its observation at the end, that of the last decision is used."""
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)

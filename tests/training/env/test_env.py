@@ -150,7 +150,7 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
         ({"obstacle": WALL, "end_on_collision": True}, True, {"collided": True, "reason": "contact"}),
     ],
 )
-def test_how_a_trial_ends(options, fails, ends):
+def test_each_end_of_a_trial_is_recorded(options, fails, ends):
     outcomes = drive(trial(**options))
     last = outcomes[-1]
     assert {name: getattr(last, name) for name in ends} == ends
@@ -264,7 +264,7 @@ def earned(reward, outcome, limit=50, period=2.0, scale=1.0, pace=1.0):
     return reward(outcome, limit, period, scale, pace)
 
 
-def test_reward_terms():
+def test_the_reward_has_the_papers_terms():
     total, terms = earned(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP)
     assert terms == pytest.approx(dict(zip(TERMS, (-1.0, 1.8, -0.25, 0.0))))
     assert total == pytest.approx(0.55)

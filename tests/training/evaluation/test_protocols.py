@@ -69,7 +69,7 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     assert row["decisions"] > 3
 
 
-def test_barn_challenge(tmp_path):
+def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the metric."""
     base = worlds.load("generated:2")
     bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster

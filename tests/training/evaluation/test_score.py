@@ -39,7 +39,7 @@ def test_barn_metric_by_hand():
     assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
 
 
-def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
+def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     """Runner and plan are the same. The seeds differ, so that no trial serves both selection and evaluate.py."""
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
@@ -74,7 +74,7 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
         runner.TrialRunner(TrialSettings(**options))
 
 
-def test_the_environment_earns_what_the_evaluation_counts(monkeypatch):
+def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
     """With the same decisions on the same course, the environment's rewards add up to the trial's total."""
     options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()

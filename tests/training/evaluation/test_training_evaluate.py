@@ -81,7 +81,7 @@ def refused(run, capsys):
 
 
 # -- plan ------------------------------------------------------------------------------------------------------------
-def test_same_seeds_for_every_method_and_whatever_else_is_driven():
+def test_every_method_gets_the_same_seeds_in_any_evaluation():
     both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
     alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
     seeds = {(t.world, t.trial, t.method): t.seed for t in both}
@@ -143,7 +143,7 @@ def _rows(folder):
     return len(read_trials(folder / "trials.csv"))
 
 
-def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
+def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
     plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session continues
         with Trials(tmp_path, {}) as table:
@@ -271,7 +271,7 @@ def test_trial_depends_on_its_task_only():
     assert used.run(replace(task, theta=theta)) == fresh  # a parameter set, as from a search
 
 
-def test_table_and_traces(tmp_path):
+def test_traces_are_stored_beside_the_table(tmp_path):
     trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
     trace.decided = [0.0]
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)

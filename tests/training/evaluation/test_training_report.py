@@ -67,7 +67,7 @@ def results(folder):
 def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
     a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
-    equal = np.full(2, 5.05), np.full(20, 5.05)  # whose means differ in their last bit
+    equal = np.full(2, 5.05), np.full(20, 5.05)  # The two means differ in the last bit.
 
     def trials(*times):
         rows = [(world, n, time, True) for world, of_world in enumerate(times) for n, time in enumerate(of_world)]
@@ -214,7 +214,7 @@ def test_nothing_to_report_is_one_line(tmp_path):
         write(tmp_path)
 
 
-def test_regions():
+def test_regions_of_a_drive_follow_its_clearance():
     import worlds
 
     world = worlds.load("generated:7")

@@ -12,7 +12,7 @@ from applr_ros1.planner.variant import draw
 from tests.support.toy_robot import Scripted, ToyRobot, quick, ring, run
 
 
-def test_the_drawn_planner_depends_on_the_seed_alone():
+def test_the_random_planner_fidelity_depends_only_on_the_seed():
     both = [draw("drawn", seed) for seed in range(200)]
     assert both == [draw("drawn", [seed]) for seed in range(200)]
     assert set(both) == {"ours", "cpp-like"}

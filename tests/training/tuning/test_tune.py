@@ -141,7 +141,7 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would act differently by reconfigure"
 
 
-def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_where_it_was(tmp_path, monkeypatch):
+def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(tmp_path, monkeypatch):
     now = [7.0]
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
@@ -239,7 +239,7 @@ def result(**values):
     return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
 
 
-def test_each_objective_charges_what_its_name_says():
+def test_each_objective_charges_the_quantity_in_its_name():
     robot = robots.JACKAL  # its largest speed is 2 m/s, so the optimal time is 5 s
 
     def cost(aim, **values):
@@ -280,7 +280,7 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
         ("turtlebot3_burger", ["footprint_padding"]),
     ],
 )
-def test_a_robot_without_a_space_has_what_pays_for_searches_alone(name, searched, tmp_path):
+def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_path):
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
     described = yaml.safe_load((folder / "robot.yaml").read_text())
     described.pop("parameter_space", None)
