@@ -236,11 +236,21 @@ def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
 
 @pytest.mark.parametrize("pose", [(0.006, 0, 0), (0, -0.006, 0), (0, 0, 0.006), (0, 0, -0.006), (0, 0, 0.004)])
 def test_an_identical_image_is_a_repeat_if_the_robot_moved_or_turned_by_more_than_5_mm_or_mrad(pose):
-    check, scan = ScannerCheck(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
-    assert not check.fault(scan)
-    assert not check.repeats
-    assert not check.fault(replace(scan, sensor_pose=(scan.sensor_pose[0] + pose[0], *pose[1:])))
-    assert check.repeats == (max(map(abs, pose)) > 0.005)
+    """A repeated image is old data, so it does not become the latest scan."""
+    check, monitor, scan = ScannerCheck(), CollisionMonitor(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
+    for at, place in ((0.0, scan.sensor_pose), (0.1, (scan.sensor_pose[0] + pose[0], *pose[1:]))):
+        now = replace(scan, stamp=at, sensor_pose=place)
+        assert not check.fault(now)
+        assert check.repeats == (at > 0.0 and max(map(abs, pose)) > 0.005)
+        monitor.add_scan(now)
+    monitor.filter(0.2, (0.0, 0.0, 0.0), (0.0, 0.0), (0.5, 0.0))
+    assert monitor.ages[0] == pytest.approx(0.2 if check.repeats else 0.1)
+
+
+def test_a_scan_older_than_the_latest_is_ignored():
+    monitor = seen_all_around(wall(1.0))
+    assert monitor.add_scan(scan_of(wall(5.0, 4.0), (0.0, 0.0, 0.0), -0.05)) == ""
+    assert monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.5, 0.0)).action == SLOW
 
 
 def test_a_failed_sector_recovers_once_its_beams_return():
@@ -280,7 +290,9 @@ def test_absurd_commands_are_limited_to_a_speed_that_can_be_stopped():
     assert v * 0.15 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
     v, _ = monitor.filter(0.0, pose, (0, 0), (1e3, 0.0), (0.0, 0.3)).command  # The odometry is .3 s old.
     assert v * 0.45 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
-    assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # The odometry is impossible.
+    for factor in (1.9, 2.1):  # Odometry that reports more than twice the fastest command is impossible.
+        for twist in ((factor * monitor.fastest[0], 0.0), (0.0, factor * monitor.fastest[1])):
+            assert ("too fast" in monitor.filter(0.0, pose, twist, (0.5, 0.0)).reason) == (factor > 2.0)
 
 
 def test_the_scale_is_the_largest_safe_one():
@@ -430,6 +442,14 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
     assert verdict.command == pytest.approx((-0.1, 0.0))
     assert monitor.filter(now, pose, (0, 0), (-0.5, 0.0)).action == PASS
     assert CollisionMonitor(replace(SETTINGS, creep_speed=0.05)).settings.creep_speed == 0.05
+
+
+def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
+    monitor = seen_all_around(wall(0.229 + 0.03 + 0.05 + 0.015, 0.5))  # front, margin, radius of a post, and 15 mm
+    monitor.seen.clear()
+    verdict = monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
+    assert "creeping" in verdict.reason
+    assert 0.0 < verdict.command[0] < 0.07
 
 
 def test_space_behind_an_obstacle_or_the_robot_is_unknown():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
-from tests.monitor.test_collision_monitor import BEAMS, scan_of, wall
+from tests.monitor.test_collision_monitor import BEAMS, CLOSE_BEHIND, posts, scan_of, wall
 
 HERE = (0.0, 0.0, 0.0)
 BACK = (-0.5, 0.0)
@@ -68,11 +68,18 @@ def test_a_laser_does_not_clear_the_memory_of_another():
 
 
 def test_another_place_clears_the_memories_of_all_lasers():
-    monitor = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
-    monitor.reset()
-    monitor.add_scan(scan_of(wall(3.0), HERE, 1.0))
-    monitor.add_scan(behind([(-3.0, 0.0), (-3.0, 0.1)], 1.0), "rear")
-    assert monitor.filter(1.0, HERE, (0.0, 0.0), BACK).action == PASS
+    monitor = seen_both(posts(0), CLOSE_BEHIND)
+    assert "another place" in monitor.add_scan(scan_of(posts(1), HERE, 0.05))
+    monitor.add_scan(scan_of(posts(1), HERE, 0.1))
+    assert monitor.filter(0.1, HERE, (0.0, 0.0), BACK).command == pytest.approx((-0.1, 0.0))  # unknown space
+
+
+def test_only_the_first_laser_corrects_the_pose():
+    """The second laser's pose is 3 cm off, and the first laser faces the same way."""
+    monitor = CollisionMonitor(more_scans=["rear"])
+    monitor.add_scan(scan_of(wall(2.0), HERE))
+    assert monitor.add_scan(scan_of(wall(2.0), HERE, 0.05, sensor_pose=(0.15, 0.0, 0.0)), "rear") == ""
+    assert monitor.matcher.correction == (0.0, 0.0, 0.0)
 
 
 def test_a_laser_may_be_added_later():

@@ -141,6 +141,27 @@ def test_slipping_wheels_are_braked_from_the_speed_of_the_poses():
         assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
 
 
+def test_the_velocity_of_the_poses_refers_to_their_stamps():
+    """The robot drives at 1 m/s, and its last pose is .05 s old."""
+    monitor = seen_all_around(wall(9.0), SETTINGS)
+    for now, age in ((0.0, 0.0), (0.1, 0.0), (0.25, 0.05)):
+        monitor.filter(now, (now - age, 0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (age, 0.0))
+    assert monitor.motion.velocity[0] == pytest.approx(1.0)
+
+
+def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
+    """Posts beside a base that goes straight on at 1 m/s, was commanded to turn at 2 rad/s, and must now slow down."""
+    monitor = CollisionMonitor(SETTINGS)
+    monitor._given, brake, limited = (0.0, 1.0, 2.0), (SETTINGS.deceleration, SETTINGS.yaw_deceleration), set()
+    for x, y in [(x, y) for x in np.arange(0.2, 0.7, 0.05) for y in np.arange(0.2, 0.7, 0.05)]:
+        given = (1.0, 0.0), (0.5, 1.0), (0.0, 0.15)
+        scale = monitor._scale(np.array([[x, y]]), [(1.0, 0.0, 0.0)], *given[1:], EVERYTHING)
+        arguments = np.array([[x, y]]), monitor._planes, MARGIN, *given, brake, EVERYTHING
+        assert scale == safe_scale(*arguments, (2.0, 1.0, 0.0, 0.0))
+        limited.add(scale == safe_scale(*arguments, (1.0, 1.0, 0.0, 0.0)))
+    assert limited == {True, False}
+
+
 def test_poses_faster_than_any_command_stop_the_robot_at_once():
     """The odometry was set to a place 1 km away. Judging a command at this speed would take minutes."""
     monitor = seen_all_around(wall(9.0), SETTINGS)

@@ -106,6 +106,14 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
 
 
+def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
+    beside.goal("one", 5.0)
+    beside.now += 1.9
+    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == ("one", False)
+    beside.now += 0.2
+    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (None, True)
+
+
 def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(beside):
     beside.goal("one", 5.0)
     for x in (1.0, 2.0):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
 from tests.support.map_scenes import inflate
 from tests.support.seeds import examples
 
@@ -57,6 +57,10 @@ def assert_within(differs, rect):
         assert ys.max() < rect[3]
     else:
         pytest.fail("changes were not reported")
+
+
+def test_costs_decay_beyond_the_inscribed_radius():
+    assert [cost_at(cells, 0.05, 0.25, 10.0) for cells in (0, 5, 6)] == [254, 253, 152]
 
 
 def test_short_queues_are_survived():

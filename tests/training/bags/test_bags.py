@@ -25,7 +25,7 @@ from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpis
 from training import appld, bags_to_dataset, demonstrate, tune_robot
 from training.bags import SECOND
 from training.bags.bag import bags_in, read
-from training.bags.episodes import Skipped, _check_motion, decision_period, transitions
+from training.bags.episodes import Skipped, _check_motion, decision_period, goals, transitions
 from training.baselines.appld.scripted_driver import Demonstrator
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
@@ -220,6 +220,12 @@ def test_each_end_of_a_course_gives_its_transitions(
     assert (trajectory.terminated, why) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
     assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # no time cost at the goal
+
+
+def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier():
+    status = [(0, "g"), (10, "")]
+    pursued = [goals(SimpleNamespace(status=status, results={"g": (at, SUCCEEDED)})) for at in (8, 12)]
+    assert [goal.end for (goal,) in pursued] == [8, 10]
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
