@@ -33,7 +33,7 @@ BETTER_WEIGHT = 0.05  # advantage in mean weight that a match from the extrapola
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
-ELSEWHERE_SHARE = 0.15  # share of points seen through, in both directions, that shows another place
+ELSEWHERE_SHARE = 0.15  # share of each scan's points that the other sees through if they show different places
 
 Beams = Tuple[float, float]  # first angle, angle increment [rad]
 Reference = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
@@ -112,7 +112,7 @@ class ScanMatcher:
         return matched is not None
 
     def _is_elsewhere(self, measured: np.ndarray, newest: Reference) -> bool:
-        """Return whether a scan and the last one see through each other's points, or the last has few points."""
+        """Return whether this scan and the last see through each other's points, or few of the last are in view."""
         assert self._last is not None
         last = self._last[2]
         shown, appeared = _seen_through(newest, (self._measured, *last[1:]))
@@ -210,9 +210,11 @@ def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, gues
         for i in range(points.shape[0]):
             ox, oy = turn_c * points[i, 0] - turn_s * points[i, 1], turn_s * points[i, 0] + turn_c * points[i, 1]
             points[i, 2] = _beam_near(surface, old_beams, x + ox, y + oy, points[i, 2])
-            hit, qx, qy, nx, ny = _line(surface, points[i, 2])
-            if not hit:
+            k = int(math.floor(points[i, 2]))
+            if k < 0 or k + 1 >= surface.shape[0] or math.isnan(surface[k, 2]):
                 continue
+            share, qx, qy, nx, ny = points[i, 2] - k, surface[k, 0], surface[k, 1], surface[k, 2], surface[k, 3]
+            qx, qy = qx + share * (surface[k + 1, 0] - qx), qy + share * (surface[k + 1, 1] - qy)
             distance = nx * (x + ox - qx) + ny * (y + oy - qy)
             weight = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
             lever = ny * ox - nx * oy
@@ -281,17 +283,6 @@ def lines(ranges: Array32, beams: Beams) -> Array:
         if length >= 1e-6:
             surface[i, 2], surface[i, 3] = -dy / length, dx / length
     return surface
-
-
-@kernel
-def _line(surface: Array, place: float) -> Tuple[bool, float, float, float, float]:
-    """Return the surface in the direction of a fractional beam index: (hit, point on the surface, unit normal)."""
-    i = int(math.floor(place))
-    if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
-        return False, 0.0, 0.0, 0.0, 0.0
-    share = place - i
-    qx, qy, px, py = surface[i, 0], surface[i, 1], surface[i + 1, 0], surface[i + 1, 1]
-    return True, qx + share * (px - qx), qy + share * (py - qy), surface[i, 2], surface[i, 3]
 
 
 @kernel

@@ -35,7 +35,7 @@ class StalledPlanner:
 
     @property
     def has_stalled(self) -> bool:
-        """True if an escape motion was driven since the planner's commands were last let through for some time."""
+        """True from the first escape motion until the planner's own commands have passed for some time."""
         return self._escape.is_held
 
     def instead(self, now: float, command: Twist, goal: Optional[Hashable], left: Optional[float]) -> Optional[Twist]:

@@ -1,7 +1,7 @@
 """Largest safe scale of a command: the swept-body geometry of the collision monitor, in numba.
 
 The model of the base has three phases. First the base keeps its measured velocity for as long as its pose is old. Then
-it follows the command for the reaction time; its turn rate may be as commanded, higher, as measured, or zero. Last, it
+it follows the command for the reaction time. Its turn rate may be as commanded, higher, as measured, or zero. Last, it
 brakes along the same arc, more gently below .3 m/s. A stop brakes at once along the current arc. The body is a convex
 outline widened by a margin, and must not touch any obstacle point. The outline itself must not enter unobserved cells.
 At the end the base may turn by its yaw swing, because nearly stopped wheels have unequal friction.
@@ -32,7 +32,7 @@ LAST_DECELERATION_M_S2 = 0.6
 # Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated stops.
 SWING_RAD = 0.15
 AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
-DEEPER_M = 1e-3  # how much deeper a point that starts inside the margin may get [m]
+DEEPER_M = 1e-3  # largest increase of the depth of a point that starts inside the margin [m]
 HALVINGS = 5  # number of bisections in the search for the largest safe scale
 # Distance past the stopping point that must be observed [m]. Partly observed cells count as observed, hence 1.5 cells.
 BEYOND_M = 1.5 * CELL_M

@@ -2,8 +2,8 @@
 
 Each small cluster has a track with a constant-velocity Kalman filter, whose covariance is the same along x and y
 (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2). A track
-is a moving obstacle once its velocity differs clearly from zero and free space proves its motion (free_space.py). This
-means that an earlier scan saw through its position, or that the current scan sees through its previous position.
+is a moving obstacle once its velocity differs clearly from zero and free space proves its motion (free_space.py): an
+earlier scan saw through its position, or the current scan sees through its previous position.
 """
 
 import math

@@ -72,7 +72,7 @@ def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], sta
     return DiagnosticArray(Header(0, stamp, ""), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
-# -- in --------------------------------------------------------------------------------------------------------
+# -- from messages -----------------------------------------------------------------------------------------------
 def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
     """Return the ranges (n,) float32 of a sensor_msgs/LaserScan. Raises MessageError if the scan cannot be used.
 
@@ -170,7 +170,7 @@ def static_map(message: Any) -> StaticMap:
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
 
 
-# -- out -------------------------------------------------------------------------------------------------------
+# -- to messages -------------------------------------------------------------------------------------------------
 class PackedMessage:
     """A message whose last field, an array that is empty in `message`, is sent as the `count` elements of `payload`."""
 

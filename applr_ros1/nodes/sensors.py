@@ -67,6 +67,7 @@ class Sensors:
         no_return: Range [m] that means no return in laser scans, besides +inf (Laser of robots/robot.py).
 
     Attributes:
+        twist: (v [m/s], w [rad/s]) of the latest odometry; zeros before the first.
         pose_trouble: Reason for the last localisation failure, or "".
     """
 
@@ -81,7 +82,7 @@ class Sensors:
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.transforms = Transforms()
         self._no_return = no_return
-        self._twist: Tuple[float, float] = (0.0, 0.0)
+        self.twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # arrival time of the latest odometry
         self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest ones
         self.pose_trouble = ""
@@ -108,7 +109,7 @@ class Sensors:
     def _take_odometry(self, message: Odometry) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
         if all(map(math.isfinite, twist)):
-            self._twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
+            self.twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
         else:
             rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
 
@@ -119,7 +120,7 @@ class Sensors:
         self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
         for topic in self._topics.values():
             topic.forget()
-        self._twist = (0.0, 0.0)
+        self.twist = (0.0, 0.0)
 
     def resolved(self, topic: str) -> str:
         """Return the full name of a source's topic."""
@@ -137,10 +138,6 @@ class Sensors:
         """Clear the source errors."""
         for topic in self._topics.values():
             topic.trouble = ""
-
-    def twist(self) -> Tuple[float, float]:
-        """Return (v [m/s], w [rad/s]) of the latest odometry; zeros before the first."""
-        return self._twist
 
     def stamps(self) -> Dict[str, rospy.Time]:
         """Return the stamps {"scan", "pose", "twist"} of the latest data that were used; 0 for none."""

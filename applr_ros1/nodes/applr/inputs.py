@@ -104,7 +104,7 @@ class RobotInputs:
         goal = conversions.pose_of(plan.poses[-1].pose if goal is None else goal)
         moving, movers_stamp = self._moving(movers, frame, now)
         pose, time = self._pose(frame, stamps["scan"], now), (now - began).to_sec()
-        seen = Seen(beams, time, pose, self._sensors.twist(), goal, points, moving)
+        seen = Seen(beams, time, pose, self._sensors.twist, goal, points, moving)
         return Snapshot(seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp)
 
     def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:

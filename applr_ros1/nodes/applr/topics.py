@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, nan
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping
 
 import numpy as np
 import rospy
@@ -60,11 +60,8 @@ class ApplrTopics:
         message.before, message.after = (parameters_message(t, now, self._space) for t in (context.theta, theta))
         return message
 
-    def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: Optional[np.ndarray] = None) -> None:
-        """Publish theta (n,), the parameters in force at ROS time `now`.
-
-        multipliers: Factors (n,) applied to theta on its way to the planner; None means all ones.
-        """
+    def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
+        """Publish theta (n,), the parameters in force at ROS time `now`, and their multipliers for the planner (n,)."""
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
     def diagnostics(self, now: rospy.Time, trouble: str, lost: bool, doing: str, values: Mapping[str, Any]) -> None:
@@ -85,14 +82,14 @@ def parameters_message(theta: Any, stamp: Any, space: Space = SPACE, multipliers
     """Return an applr_ros1/Parameters of theta (n,). It has no names and values if theta is None."""
     message = Parameters()
     message.header.stamp = stamp
-    fields = [name for name in message.__slots__ if name not in ("header", "names", "values", "multipliers")]
+    fields = set(message.__slots__) - {"header", "names", "values", "multipliers"}
     for name in fields:
         setattr(message, name, nan)
     if theta is not None:
         message.names, message.values = list(space.names), [float(value) for value in theta]
         message.multipliers = [1.0] * len(space) if multipliers is None else [float(factor) for factor in multipliers]
         for name, value in zip(message.names, message.values):
-            aliases = (name,) + space.targets[name][0].names
-            for alias in [alias for alias in aliases if alias in fields][:1]:
+            alias = next((alias for alias in (name, *space.targets[name][0].names) if alias in fields), "")
+            if alias:
                 setattr(message, alias, value)
     return message

@@ -131,7 +131,7 @@ class CollisionMonitorNode:
             self._drive(motion, False)
             return
         if self._zeros < LAST_ZEROS:
-            stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_M_S, STANDS_RAD_S)))
+            stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist, (STANDS_M_S, STANDS_RAD_S)))
             stands &= not self.sensors.odometry_trouble(self._clock.now, self.monitor.settings.scan_timeout)
             self._zeros = self._zeros + 1 if stands else 0
             self._out.publish(conversions.twist(*self._braked()))
@@ -139,7 +139,7 @@ class CollisionMonitorNode:
 
     def _braked(self) -> Velocity:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
-        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist()[0])
+        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist[0])
 
     def _report_verdict(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
@@ -197,7 +197,7 @@ class CollisionMonitorNode:
             return Verdict(self._braked(), STOP, 0.0, trouble)
         known = self.sensors.ages(now)  # Static transforms and messages without stamps have no age.
         ages = known.get("pose_age_s", 0.0), known.get("twist_age_s", 0.0)
-        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages, creeps)
+        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist, command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
             named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
             topic = next(named, self._scan)

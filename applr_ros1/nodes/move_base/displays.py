@@ -25,19 +25,7 @@ from applr_ros1.planner.parameters.layers import COSTMAPS
 TRAJECTORIES_HZ = 5.0  # rate of trajectory_cloud for planners that have none in C++ [Hz]
 
 
-class _NewSubscriber(rospy.SubscribeListener):  # type: ignore[misc]  # ROS packages have no type hints.
-    """Listener that sends the whole costmap to each new subscriber, between two cycles."""
-
-    def __init__(self, lock: threading.RLock, send: Callable[..., None]):
-        super().__init__()
-        self._lock, self._send = lock, send
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        with self._lock:
-            self._send(peer_publish)
-
-
-class CostmapDisplay:
+class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS packages have no type hints.
     """Topics `costmap`, `costmap_updates` and `footprint` of one costmap (docs/explanation/planner.md, section 3.7).
 
     Args:
@@ -47,16 +35,21 @@ class CostmapDisplay:
     """
 
     def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
-        self._name, self._move_base = name, move_base
+        super().__init__()
+        self._name, self._move_base, self._lock = name, move_base, lock
         static = move_base.parameters[name]
         self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
-        listener = _NewSubscriber(lock, self._send_whole)
-        self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, listener, queue_size=1, latch=False)
-        self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
-        self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
         self._sent = float("-inf")
         self._shape: Any = None  # origin, size and resolution of the last whole map
         self._window: Any = None  # union of the update windows since the last publication
+        self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
+        self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
+        self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, self, queue_size=1, latch=False)
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        """Send the whole costmap to a new subscriber, between two cycles."""
+        with self._lock:
+            self._send_whole(peer_publish)
 
     def updated(self, stamp: rospy.Time, pose: Tuple[float, float, float]) -> None:
         """Publish the topics that are due after an update of the costmap at the robot's pose."""

@@ -1,7 +1,7 @@
 """Watchdog that restores the start-up parameters after the applr node has died.
 
-Otherwise the node's last parameters would stay in force. The move_base node calls the watchdog once per cycle. Without
-any heartbeat since the start, the watchdog does nothing.
+Without it, the last parameters of the dead node would stay in force. The move_base node calls the watchdog once per
+cycle. Until the first heartbeat, the watchdog does nothing.
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ class MoveBaseNode:
         now, move_base = stamp.to_sec(), self.move_base
         self._take_goals(stamp, now)
         pose, frame = self._locate(stamp)
-        cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.observations(), frame)
+        cycle = move_base.step(now, pose, self.sensors.twist, self.sensors.observations(), frame)
         self._pose = None if pose is None else move_base.in_global_frame(pose)
         if cycle.command is not None:
             self._send(*cycle.command)
@@ -363,15 +363,13 @@ def _refusals_of(topic: str) -> Iterator[None]:
         rospy.logerr("%s: %s: not used", topic, problem)
 
 
-class _OwnFootprints(logging.Filter):
-    """Filter for rospy's warning that ~*_costmap/footprint is published and subscribed with different types.
+def _is_not_of_footprint(record: logging.LogRecord) -> bool:
+    """Filter out rospy's warning that ~*_costmap/footprint has different types for its publisher and subscriber.
 
     The C++ move_base uses the same name for both, so this node must, too.
     """
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        text = record.getMessage()
-        return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
+    text = record.getMessage()
+    return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
 
 
 def main() -> int:
@@ -385,7 +383,7 @@ def main() -> int:
     if problems:
         return 1
     for logger in ("rosout", "rospy.internal"):
-        logging.getLogger(logger).addFilter(_OwnFootprints())
+        logging.getLogger(logger).addFilter(_is_not_of_footprint)
     for line in remarks(tree):
         rospy.logwarn("parameter %s", line)
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):

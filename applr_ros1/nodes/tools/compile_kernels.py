@@ -46,8 +46,7 @@ def _compile() -> None:
     fork, processes = multiprocessing.get_context("fork"), len(os.sched_getaffinity(0))
     pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))  # No tracebacks.
     with announced("compiling kernels", _report, first=QUIET_S), pool:
-        for part in [pool.submit(_compile_part, number) for number in range(len(PARTS))]:
-            part.result()
+        list(pool.map(_compile_part, range(len(PARTS))))
     print(cache_folder())
 
 

@@ -26,7 +26,7 @@ RATE_HZ = 20.0  # rate of commands [Hz]
 DRIVING_S = 1.2  # duration of each run before braking [s]
 SHARES = 0.25, 0.5, 1.0  # speeds of the runs as shares of the largest speed, or of half the largest turn rate
 BACK_MPS = 0.5  # largest speed on the way back [m/s]
-LEAST_WAY_M, ROOM_M = 2.0, 0.5  # smallest free way, and the part of it that is kept in reserve [m]
+LEAST_WAY_M, ROOM_M = 2.0, 0.5  # smallest free distance ahead, and the part of it that is kept in reserve [m]
 STANDING = 0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
 STILL = 0.02, 0.05  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
 FELL = 0.9  # share of the speed below which the base counts as braking
@@ -44,7 +44,7 @@ class Reading(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """One stop: speed [m/s or rad/s], its ratio to the command, time until braking began [s], way [m or rad]."""
+    """One stop: speed [m/s or rad/s], its ratio to the command, time until braking began [s], distance [m or rad]."""
 
     speed: float
     gain: float
@@ -68,7 +68,7 @@ def stop_of(samples: List[Reading], braked: float, command: float, turning: bool
 
 
 def deceleration(stops: List[Stop], reaction: float) -> float:
-    """Return the worst deceleration a, such that way <= speed * reaction + speed^2 / (2 a) for every stop."""
+    """Return the worst deceleration a: distance <= speed * reaction + speed^2 / (2 a) for every stop."""
     return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
 
 
@@ -158,19 +158,25 @@ class Base:
 
 
 def fastest(free: float) -> float:
-    """Return the largest speed [m/s] of a run on `free` metres if the base brakes with 1 m/s^2."""
+    """Return the largest speed [m/s] of a run within `free` metres if the base brakes at 1 m/s^2."""
     return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
 
 
 def main() -> None:
-    """Run the command. Raises ApplrError unless the options confirm that the way is free."""
+    """Run the command. Raises ApplrError unless --yes confirms that the robot may drive."""
     parser = argparse.ArgumentParser(
         prog="measure_braking.py",
         description="Drive the robot forwards at several speeds, brake, drive back, turn in place and stop; then print "
         "the line `monitor:` of robot.yaml. Commands bypass the collision monitor.",
     )
     add = parser.add_argument
-    add("--free", type=float, required=True, metavar="METRES", help="Free way ahead, and half a metre on all sides.")
+    add(
+        "--free",
+        type=float,
+        required=True,
+        metavar="METRES",
+        help="Free distance ahead. All sides need half a metre.",
+    )
     add("--yes", action="store_true", help="Required: confirms a way free of people, and an emergency stop at hand.")
     add("--robot", default="jackal", help="Name or folder of the robot's description. Default: %(default)s.")
     truth = "Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: the robot's odometry, "

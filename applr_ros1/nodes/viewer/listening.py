@@ -59,9 +59,8 @@ class Listener:
             self._subscribers.append(
                 rospy.Subscriber(topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24)
             )
-        queue, messages = self._queues[topic], []
-        while queue:
-            messages.append(queue.popleft())
+        queue = self._queues[topic]
+        messages = [queue.popleft() for _ in range(len(queue))]
         if messages:
             self._latest[topic] = messages[-1]
         return messages

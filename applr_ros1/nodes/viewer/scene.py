@@ -104,7 +104,7 @@ class Scene:
                 self._stand(f"/world/{topic.split('/')[1]}/{kind}", kind, there, colour)
 
     def _stand(self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]) -> None:
-        """Draw a unit shape, scaled, for each marker."""
+        """Draw the markers of one kind as scaled copies of a unit shape."""
         poses = [m.pose for m in markers]
         places = np.array([(p.position.x, p.position.y, p.position.z) for p in poses], np.float32)
         turns = np.array([(q.w, q.x, q.y, q.z) for q in (p.orientation for p in poses)], np.float32)
