@@ -24,9 +24,8 @@ from training.replay import dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 with extra(__name__):
-    from training.bags.bag import BagError, BagOptions, bags_in, read, refused
+    from training.bags.bag import BagError, BagOptions, TopicNames, bags_in, read, refused
     from training.bags.episodes import decision_period, transitions
-    from training.bags.topics import TopicNames
 
 
 class DatasetOptions(BagOptions):

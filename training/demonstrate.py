@@ -17,7 +17,7 @@ from training.common.options import Options, argument, option
 from training.env.episode import CONTROL_PERIOD
 
 with extra(__name__):
-    from training.bags.topics import TopicNames
+    from training.bags.bag import TopicNames
     from training.bags.writer import BagWriter
     from training.baselines.appld.scripted_driver import NAME, Demonstrator
 

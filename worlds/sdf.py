@@ -29,17 +29,13 @@ Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size
 
 def parse(path: str) -> Element:
     """Return the root element of an SDF file. Raise ApplrError if the file is malformed."""
-    data = files.plain_xml(files.read_bytes(path))
-    if data and not data.startswith("<"):
-        raise ApplrError(f"{path} is not SDF, but for example a world of Stage; give a Gazebo world file")
     # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
+    data = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
     try:
-        root: Element = fromstring(re.sub(r"<(\w+) frame=>", r"<\1>", data), forbid_dtd=True)
-        return root
-    except DefusedXmlException:
-        raise ApplrError(f"{path} has a DOCTYPE or entities, which are not supported; remove them") from None
-    except ParseError as error:
-        raise ApplrError(f"{path} is not well-formed XML ({error}); save the world from Gazebo again") from None
+        root: Element = fromstring(data, forbid_dtd=True)
+    except (DefusedXmlException, ParseError) as error:
+        raise ApplrError(f"{path} is not read ({error}): give a Gazebo world file without DOCTYPE") from None
+    return root
 
 
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:

@@ -1,4 +1,4 @@
-"""Atomic writing, reading and hashing of files. Every failure is a ApplrError of one line."""
+"""Atomic writing, reading and hashing of files. Every failure is an ApplrError of one line."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import os
 import re
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from applr_ros1.common.errors import ApplrError, reason
 
@@ -48,6 +50,19 @@ def read_json(path: Any) -> Any:
         return json.loads(read_bytes(path))
     except (json.JSONDecodeError, UnicodeDecodeError) as problem:
         raise ApplrError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
+
+
+def read_yaml(path: Any) -> Any:
+    """Return the plain value in a YAML file. A tag that would create a Python object is an error."""
+    return yaml_value(read_bytes(path), path)
+
+
+def yaml_value(text: Any, name: Any, loader: Any = yaml.SafeLoader) -> Any:
+    """Return the value of a YAML text. Raises ApplrError if it is invalid; the line begins with `name`."""
+    try:
+        return yaml.load(text, loader)
+    except (yaml.YAMLError, ValueError) as error:  # An impossible date or angle is a ValueError.
+        raise ApplrError(f"{name}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
 
 
 def plain_xml(data: bytes) -> str:

@@ -12,9 +12,8 @@ from typing import Any, Callable, Dict, Iterator, Tuple
 import yaml
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_bytes
+from applr_ros1.common.files import read_bytes, yaml_value
 from applr_ros1.common.trees import branch, merged
-from applr_ros1.common.yaml_files import yaml_value
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
 
@@ -54,20 +53,11 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
 
 def read_yaml(path: Any) -> Dict[str, Any]:
     """Read the mapping in a YAML file, {} if the file is empty. Raise ApplrError if it holds anything else."""
-    return mapping(read_bytes(path).decode("utf-8-sig", "replace"), path)  # Comments may have another encoding.
-
-
-def mapping(text: str, path: Any) -> Dict[str, Any]:
-    """Read the mapping in a YAML text, as `read_yaml` does."""
+    text = read_bytes(path).decode("utf-8-sig", "replace")  # Comments may have another encoding.
     content = yaml_value(text, path, Loader)
     if not isinstance(content or {}, dict):
         raise ApplrError(f"{path}: contains no mapping; give lines such as name: value")
     return content or {}
-
-
-def read_parameters(path: str) -> Dict[str, Any]:
-    """Read the parameters of move_base in a YAML file, without the levels above move_base."""
-    return of_move_base(nested(path))
 
 
 def nested(path: str) -> Dict[str, Any]:

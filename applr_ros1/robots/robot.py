@@ -17,7 +17,7 @@ from typing_extensions import Annotated, Literal
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.robots.parameter_files import read_parameters
+from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
@@ -299,7 +299,7 @@ class ParameterFile(Section):
     def loaded(self, folder: str) -> Dict[str, Any]:
         """Return the nested parameters of the file in a folder. Raise ApplrError if it cannot be read."""
         tree: Dict[str, Any] = {}
-        branch(tree, self.namespace, create=True).update(read_parameters(os.path.join(folder, self.file)))
+        branch(tree, self.namespace, create=True).update(of_move_base(nested(os.path.join(folder, self.file))))
         return tree
 
 

@@ -14,7 +14,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from applr_ros1.common import angles, files, yaml_files
+from applr_ros1.common import angles, files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
@@ -82,7 +82,7 @@ def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
 )
 def test_yaml_is_plain_values(tmp_path, text, words):
     (tmp_path / "a.yaml").write_text(text)
-    refused(lambda: yaml_files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{words}")
+    refused(lambda: files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{words}")
 
 
 def test_numbers_beyond_their_bounds_are_refused():

@@ -20,9 +20,9 @@ EXTERNAL = (
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["not well-formed"]),
+        ("", ["is not read", "give a Gazebo world file"]),
         ("<html></html>", ["no <world>"]),
-        (EXTERNAL, ["DOCTYPE"]),
+        (EXTERNAL, ["DTDForbidden", "without DOCTYPE"]),
         (sdf(cylinder(float("nan"), 0)), ["unit_cylinder_0", "nan", "finite"]),
         (sdf(cylinder(0, 0), ""), ["has no course", "--course X Y X Y"]),
     ],

@@ -150,6 +150,6 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
     assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
 
 
-def test_a_world_of_stage_is_named_as_such(tmp_path):
+def test_a_world_of_stage_is_refused(tmp_path):
     stage = put(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world")
-    refused_world(stage, "a world of Stage")
+    refused_world(stage, "give a Gazebo world file")

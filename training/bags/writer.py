@@ -15,7 +15,7 @@ from applr_ros1.common.angles import Pose, quaternion_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
-from training.bags.topics import TopicNames
+from training.bags.bag import TopicNames
 
 
 class BagWriter:

@@ -14,8 +14,7 @@ from typing import Any, Dict, List, Literal, NamedTuple, Optional, Sequence
 from pydantic import ConfigDict
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_json
-from applr_ros1.common.yaml_files import read_yaml
+from applr_ros1.common.files import read_json, read_yaml
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD

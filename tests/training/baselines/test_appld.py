@@ -15,7 +15,7 @@ from applr_ros1.policy.parameter_space import SPACE, send
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
 from training import appld
-from training.bags.topics import TopicNames
+from training.bags.bag import TopicNames
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import demonstration
 from training.baselines.appld import fit as appld_fit

@@ -15,8 +15,7 @@ import numpy as np
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
-from training.bags.bag import Bag, BagError, read, refused
-from training.bags.topics import TopicNames
+from training.bags.bag import Bag, BagError, TopicNames, read, refused
 from training.env.episode import CONTROL_PERIOD
 
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
