@@ -17,7 +17,7 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 
 from . import barn, dynabarn, physical_course, sdf_reader
-from .world import Mover, World
+from .world import Course, Mover, World
 
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
@@ -139,20 +139,12 @@ def scaled(world: World, factor: float) -> World:
     if factor == 1.0 or not (colon and recipe in _RECIPES or world.name == physical_course.NAME):
         return world
     course = world.course
-    return dataclasses.replace(
-        world,
-        cylinders=world.cylinders * factor,
-        boxes=world.boxes * np.array([factor, factor, 1.0, factor, factor]),
-        course=dataclasses.replace(
-            course,
-            start=(course.start[0] * factor, course.start[1] * factor, course.start[2]),
-            goal=(course.goal[0] * factor, course.goal[1] * factor, course.goal[2]),
-            finish_y=None if course.finish_y is None else course.finish_y * factor,
-            goal_tolerance=course.goal_tolerance * factor,
-            path=course.path * factor,
-        ),
-        movers=tuple(
-            Mover(m.radius * factor, tuple((t, x * factor, y * factor) for t, x, y in m.waypoints), m.length, m.repeat)
-            for m in world.movers
-        ),
+    start, goal = ((x * factor, y * factor, yaw) for x, y, yaw in (course.start, course.goal))
+    finish = None if course.finish_y is None else course.finish_y * factor
+    way = Course(start, goal, finish, course.goal_tolerance * factor, course.path * factor, course.planner_ends)
+    movers = tuple(
+        Mover(m.radius * factor, tuple((t, x * factor, y * factor) for t, x, y in m.waypoints), m.length, m.repeat)
+        for m in world.movers
     )
+    boxes = world.boxes * np.array([factor, factor, 1.0, factor, factor])
+    return World(world.name, world.cylinders * factor, boxes, way, movers)

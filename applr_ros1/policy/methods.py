@@ -27,6 +27,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.policy import actor
 from applr_ros1.policy.decision import Context, Method
@@ -51,10 +52,10 @@ class FixedParameters(Method):
 
     static = True
 
-    def __init__(self, values: np.ndarray, space: Space = SPACE, per_cell: bool = False):
+    def __init__(self, values: Array, space: Space = SPACE, per_cell: bool = False):
         self.values, self.space, self.per_cell = np.array(values, dtype=np.float64), space, per_cell
 
-    def theta(self, context: Optional[Context]) -> np.ndarray:
+    def theta(self, context: Optional[Context]) -> Array:
         """Return the parameter set."""
         return self.values.copy()
 
@@ -64,53 +65,34 @@ class FixedParameters(Method):
 
 
 class RandomParameters(Method):
-    """Random parameter sets, drawn uniformly from the ranges at each decision, for tests and data collection.
+    """Random parameter sets, drawn at each decision, for tests and for training drives.
 
     Args:
         space: Parameter space.
+        around: Mean of a normal distribution; None for a uniform distribution over the ranges.
     """
 
-    def __init__(self, space: Space = SPACE) -> None:
-        self.space = space
+    def __init__(self, space: Space = SPACE, around: Optional[FixedParameters] = None) -> None:
+        self.space, self.around = space, around
+        if around is not None:
+            self.period, self.per_cell = 1.0, around.per_cell
         self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Seed the draws of a new course."""
-        self._draws = np.random.default_rng([seed, 0x7A4D])
+        self._draws = np.random.default_rng([seed, 0x7A4D if self.around is None else 0xE401])
 
-    def theta(self, context: Optional[Context]) -> np.ndarray:
+    def theta(self, context: Optional[Context]) -> Array:
         """Return a new random parameter set."""
-        return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
-
-    def describe(self) -> Dict[str, Any]:
-        """Return the distribution of the draws."""
-        return {"parameters": "uniform in the ranges, drawn every step"}
-
-
-class Exploration(Method):
-    """Random parameter sets, drawn from a normal distribution around one set at each decision, for training drives.
-
-    Args:
-        around: Mean of the distribution.
-    """
-
-    period = 1.0
-
-    def __init__(self, around: FixedParameters) -> None:
-        self.around, self.space, self.per_cell = around, around.space, around.per_cell
-        self.reset(0)
-
-    def reset(self, seed: int) -> None:
-        """Seed the draws of a new course."""
-        self._draws = np.random.default_rng([seed, 0xE401])
-
-    def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return a new random parameter set."""
+        if self.around is None:
+            return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
         action = self.space.to_action(self.around.values) + EXPLORED * self._draws.normal(size=len(self.space))
         return self.space.to_theta(np.clip(action, -1.0, 1.0))
 
     def describe(self) -> Dict[str, Any]:
-        """Return the mean and the standard deviation of the draws."""
+        """Return the distribution of the draws."""
+        if self.around is None:
+            return {"parameters": "uniform in the ranges, drawn every step"}
         return {**self.around.describe(), "explored": EXPLORED}
 
 
@@ -132,23 +114,25 @@ def _fixed(path: str, robot: Robot) -> FixedParameters:
 
 
 def _trained(robot: Robot) -> Method:
-    path = shipped(POLICY, robot)
-    if not os.path.exists(path):
-        train = f"python -m training.train --recipe jackal --robot {robot.folder}"
-        raise ApplrError(f"applr: there is no {path}: run `./applr tune {robot.folder}`, then `{train}`")
-    return actor.load(path, robot)
+    train = f", then `python -m training.train --recipe jackal --robot {robot.folder}`"
+    return actor.load(_existing("applr", POLICY, robot, train), robot)
 
 
 def _tuned(robot: Robot) -> FixedParameters:
-    path = shipped(SET, robot)
+    return _fixed(_existing("static", SET, robot), robot)
+
+
+def _existing(method: str, name: str, robot: Robot, then: str = "") -> str:
+    """Return the path of a method's file in the robot's folder. Raise ApplrError if there is none."""
+    path = shipped(name, robot)
     if not os.path.exists(path):
-        raise ApplrError("static: there is no %s: run `./applr tune %s`" % (path, robot.folder))
-    return _fixed(path, robot)
+        raise ApplrError(f"{method}: there is no {path}: run `./applr tune {robot.folder}`{then}")
+    return path
 
 
 def _explored(robot: Robot) -> Method:
     tuned = os.path.exists(shipped(SET, robot))
-    return Exploration(_tuned(robot) if tuned else _default(robot))
+    return RandomParameters(space_of(robot), _tuned(robot) if tuned else _default(robot))
 
 
 def _default(robot: Robot) -> FixedParameters:
