@@ -23,7 +23,7 @@ from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClie
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.policy.decision import PERIOD, Context, Method
-from applr_ros1.policy.observation import ObservationError
+from applr_ros1.policy.layout import ObservationError
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
 
@@ -114,8 +114,10 @@ class ApplrNode:
                 if now >= report:
                     self._report(now)
                     report = now + rospy.Duration(REPORT_S)
-                self.tick(now)
-                rospy.sleep(self._nap(now))
+                with self._deciding:
+                    self._tick(now)
+                left = TICK_S if self._due is None else (self._due - now).to_sec()
+                rospy.sleep(left if 0.001 < left < TICK_S else TICK_S)
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 continue
             except rospy.exceptions.ROSInterruptException:
@@ -166,16 +168,8 @@ class ApplrNode:
             else:
                 self._begin_course(rospy.Time.now())
 
-    def _nap(self, now: rospy.Time) -> float:
-        left = TICK_S if self._due is None else (self._due - now).to_sec()
-        return left if 0.001 < left < TICK_S else TICK_S
-
-    def tick(self, now: rospy.Time) -> None:
-        """Begin and end courses, and decide when a decision is due."""
-        with self._deciding:
-            self._tick(now)
-
     def _tick(self, now: rospy.Time) -> None:
+        """Begin and end courses, and decide when a decision is due."""
         if not self._base_set and self.client.connected:
             self._base_set = True
             self._base()

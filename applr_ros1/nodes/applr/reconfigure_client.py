@@ -52,7 +52,7 @@ class Server:
     def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
         self.name, self._on_restart, self._described = name, on_restart, False
         self._restarted = False  # whether the process is new, so that `values` may be those of the former one
-        self.call: Future = Future()
+        self.call: Future[str] = Future()
         self.call.set_result("")
         self._client = Client(name, DEADLINE_S, None, self._on_description)
         self.close = self._client.close
@@ -85,7 +85,8 @@ class Server:
     @property
     def values(self) -> Mapping[str, Any]:
         """Values {name: value} of the server's latest message."""
-        return self._client.config
+        config: Dict[str, Any] = self._client.config
+        return config
 
     def has(self, values: Mapping[str, Any]) -> bool:
         """Return whether the values {name: value} are in force. False until a restarted server has been set."""
@@ -100,7 +101,7 @@ class Server:
         self.call = Future()
         threading.Thread(target=self._set, args=(dict(values), self.call), daemon=True).start()
 
-    def _set(self, values: Dict[str, Any], call: Future) -> None:
+    def _set(self, values: Dict[str, Any], call: Future[str]) -> None:
         """Wait for parameter_updates as well: a server's answer may differ from what it then applies."""
         try:
             self._client.update_configuration(dict(values))

@@ -59,8 +59,8 @@ def guarded(token: str) -> Iterator[None]:
 
         return serve(*where, process_request=process, **options)
 
-    server.serve = serve_guarded  # type: ignore[assignment, misc]
+    server.serve = serve_guarded  # type: ignore[assignment, misc]  # A function replaces the class of websockets.
     try:
         yield
     finally:
-        server.serve = serve  # type: ignore[misc]
+        server.serve = serve  # type: ignore[misc]  # Class names are constants for mypy.
