@@ -1,7 +1,7 @@
 """Simulated odometry of both simulators: distance from the wheels, heading from the IMU.
 
-The robot_localization node of the Jackal fuses them in this way. Lateral slip and wheels that spin at an obstacle are
-not noticed.
+The robot_localization node of the Jackal fuses them in this way. The estimate includes neither lateral slip nor wheels
+that spin at an obstacle.
 """
 
 from __future__ import annotations

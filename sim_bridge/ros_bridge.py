@@ -129,7 +129,7 @@ class Bridge:
                     self.topics.publish_scan(self.simulator.scan(), stamp)
                 if ticks % 10 == 0:
                     self.topics.publish_movers(self.simulator, stamp)
-                self.topics.publish_clock(stamp)
+                self.topics.clock.publish(stamp)
             if self.factor == 0.0:
                 self._lock_step()
                 if self.driven:
@@ -214,7 +214,7 @@ class Bridge:
             self.topics.publish_world(self.simulator, self.stamp())
             self.topics.publish_state(state, self.stamp(), False)
             self.topics.publish_scan(self.simulator.scan(), self.stamp())
-            self.topics.publish_clock(self.stamp())
+            self.topics.clock.publish(self.stamp())
         time.sleep(0.05)  # Scans from the old position must arrive before the maps are cleared.
         _clear_costmaps()
 

@@ -63,10 +63,6 @@ class BridgeTopics:
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
 
-    def publish_clock(self, stamp: rospy.Time) -> None:
-        """Publish simulated time."""
-        self.clock.publish(stamp)
-
     def publish_scan(self, ranges: Array32, stamp: rospy.Time) -> None:
         """Publish a scan, ranges (beams,) float32 [m]."""
         self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))

@@ -62,8 +62,8 @@ def _on_barns_grid(file: str, cylinders: Array) -> Course:
     return barn.paper_course(barn.to_xy(cells))
 
 
-def given(path: str, points: Array) -> Course:
-    """Return a course along points (n, 2) [m] given for a world file. Both yaws point along the first leg."""
+def along(path: str, points: Array) -> Course:
+    """Return a course along points (n, 2) [m] for a world file. Start and goal have the direction of the first leg."""
     if len(points) < 2 or math.dist(points[0], points[-1]) <= barn.GOAL_TOLERANCE_M:
         raise ApplrError(f"the course for {path} has no length; give X Y of at least two points in metres")
     yaw = math.atan2(*(points[1] - points[0])[::-1])

@@ -42,9 +42,8 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
         axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")
     x, y, yaw = course.start
     axes.plot([x], [y], "o", color=START, ms=6, label="start")
-    axes.annotate(
-        "", (x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)), (x, y), arrowprops=dict(arrowstyle="->", color=START)
-    )
+    ahead = x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)
+    axes.annotate("", ahead, (x, y), arrowprops=dict(arrowstyle="->", color=START))
     axes.plot(course.goal[0], course.goal[1], "*", color=GOAL, ms=11, label="goal")
     if course.finish_y is not None:
         axes.axhline(course.finish_y, color=GOAL, lw=0.8, ls=":", label="finish line")

@@ -53,12 +53,12 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     Raises:
         ApplrError: The table beside the file has no rows of the plugin.
     """
-    stated = model.find(f"{{{NAMESPACE}}}waypoints")
-    if stated is not None:
-        count = len((stated.text or "").split()) // 3 * 3
-        flat = numbers(stated.text, count, f"waypoints of model {model.get('name')!r} in {path}")
+    stored = model.find(f"{{{NAMESPACE}}}waypoints")
+    if stored is not None:
+        count = len((stored.text or "").split()) // 3 * 3
+        flat = numbers(stored.text, count, f"waypoints of model {model.get('name')!r} in {path}")
         frames = [(flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3)]
-        return _animation(float(stated.get("length", 0.0)), stated.get("repeat") != "0", frames)
+        return _animation(float(stored.get("length", 0.0)), stored.get("repeat") != "0", frames)
     plugin = model.find("plugin")
     name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
     if plugin is None or name.startswith("libgazebo_ros_"):  # These plugins move a model only on command.

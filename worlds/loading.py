@@ -75,18 +75,16 @@ class Worlds(Sequence[World]):
     """Sequence of the worlds named by a specification, or by several separated by commas.
 
     Files and built-in worlds are loaded immediately, so that errors are reported at the beginning. Other worlds are
-    generated on access, because each takes up to a tenth of a second. The latest KEPT of them are cached.
+    generated on access, because each takes up to a tenth of a second. The latest 256 of them are cached.
 
     Raises:
         ApplrError: A specification or a file cannot be read.
     """
 
-    KEPT = 256
-
     def __init__(self, spec: str) -> None:
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
         self._loaded = {one: load(one) for one in self.specs if not one.startswith(MADE)}
-        self._made = functools.lru_cache(maxsize=self.KEPT)(load)
+        self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:
         return len(self.specs)

@@ -46,11 +46,11 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
     if world is None:
         raise ApplrError(f"{path} contains no <world>; give a Gazebo world file")
     cylinders, boxes, low, movers = _Reader(path, world).read()
-    stated = world.find(f"{{{NAMESPACE}}}course")
+    stored = world.find(f"{{{NAMESPACE}}}course")
     if points is not None:
-        way = course.given(path, points)
+        way = course.along(path, points)
     else:
-        way = course.beside(path, cylinders, movers) if stated is None else course.from_element(stated, path)
+        way = course.beside(path, cylinders, movers) if stored is None else course.from_element(stored, path)
     # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
     stands_on = [np.hypot(*outside_box(*(way.start[:2] - box[:2]), *box[2:])) == 0.0 for box in low]
     return World(name, cylinders, np.concatenate([boxes, low[~np.array(stands_on, bool)]]), way, movers)

@@ -14,17 +14,17 @@ Pose = Tuple[float, float, float]
 
 
 def normalize_angle(angle: float) -> float:
-    """Return the angle in [-pi, pi], without rounding errors."""
+    """Wrap an angle to [-pi, pi] without rounding errors."""
     return math.remainder(angle, 2.0 * math.pi)
 
 
 def normalize_angle_modulo(angle: Any) -> Any:
-    """Return the angle, or an array of angles, in [-pi, pi). Simulators depend on the rounding of its last bits."""
+    """Wrap an angle, or an array of angles, to [-pi, pi). The simulators depend on how this formula rounds."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 def yaw_of(q: Any) -> float:
-    """Return the yaw in [-pi, pi] of a quaternion with attributes x, y, z, w, like tf2's getYaw. Any norm but 0."""
+    """Return the yaw in [-pi, pi] of a quaternion x, y, z, w of any length except 0, like tf2's getYaw."""
     return math.atan2(2.0 * (q.x * q.y + q.w * q.z), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
 

@@ -72,8 +72,8 @@ def run_script(module: str, node: bool = False) -> None:
 
     Args:
         module: Full name of the module, such as "training.evaluate".
-        node: Whether the module is a ROS node, which accepts only NAME:=VALUE: other arguments are an error. --help
-            prints the module's USAGE, or the docstring of a node without USAGE.
+        node: Whether the module is a ROS node, which accepts no arguments except NAME:=VALUE. --help prints the USAGE
+            of the module, or the docstring of a node without USAGE.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)

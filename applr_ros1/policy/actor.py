@@ -29,11 +29,11 @@ from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in the files of both policies
-# Displacement of a robot of the Jackal's size [m], and the time [s] in which a robot must cover it or has stalled.
+# A robot of the Jackal's size has stalled if its displacement [m] in this time [s] is smaller.
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
 # Distance and angle that TrajectoryPlannerROS backs out of a dead end while the robot has stalled [m, rad].
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
-PLAIN = "format", "sha256"  # metadata that are not JSON; older files have a checksum
+PLAIN = "format", "sha256"  # metadata entries that are plain text instead of JSON; older files have a checksum
 Weights = Mapping[str, Array32]
 Layers = List[Tuple[Array32, Array32]]
 
@@ -94,7 +94,7 @@ class Stall:
 class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
-    If the robot has stalled, the network's decisions have not helped. With `redraws_stalled` of the encoding, each
+    When the robot has stalled, the network's decisions have failed. If the encoding has `redraws_stalled`, each
     decision then draws random parameters from the course's seed, and the planner backs out by BACKING_OUT.
 
     Args:
@@ -134,7 +134,7 @@ class Policy(_FromFile):
 
     def reset(self, seed: int) -> None:
         """Forget the previous decisions at the start of a course, and seed the random draws."""
-        self.encoding.period = self.period  # at_period() or the node's ~period may have changed the period.
+        self.encoding.period = self.period  # The node's ~period may have changed the period.
         self.encoding.reset()
         self._stall.reset()
         self._draws = np.random.default_rng([seed, 0x57A1])

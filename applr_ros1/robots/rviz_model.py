@@ -10,6 +10,7 @@ import sys
 from typing import List, Sequence, Tuple
 from xml.sax.saxutils import quoteattr
 
+from applr_ros1.common.arguments import without_remappings
 from applr_ros1.robots import geometry, load
 from applr_ros1.robots.robot import Robot
 
@@ -64,5 +65,5 @@ def _cylinder(radius: float, length: float) -> str:
 
 def main() -> None:
     """Print the model of the robot named by the first argument, by default the Jackal."""
-    names = [word for word in sys.argv[1:] if ":=" not in word]  # ROS remapping arguments are not names
+    names = without_remappings()
     sys.stdout.write(urdf(load(names[0] if names else "jackal")))

@@ -205,7 +205,7 @@ def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) 
 
 
 def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal:
-    """Return the goal, which ends as reached as soon as the robot has driven `finish` [m] towards it."""
+    """Return the goal, which counts as reached once the robot has driven `finish` [m] towards it."""
     begin = np.array(made[0].seen.pose[:2])
     for decision, until in zip(made, [*(d.stamp for d in made[1:]), goal.end]):
         stamps, places = _driven(bag, decision, until)

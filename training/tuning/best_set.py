@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.planner.variant import CPP_LIKE
@@ -40,7 +41,7 @@ COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PRUNE_SHARE = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}  # arguments of search()
 COARSE, FINE = "kinematic", "pybullet"  # simulators of the first part of the search, and of everything after it
 LIMIT_OPTIMAL_TIMES = 10.0  # time limit of a drive of the search, in optimal times of the longest course
-FINALISTS = 5  # number of last generations whose means enter the last race; winners of few drives are mostly lucky
+FINALISTS = 5  # number of generations whose means enter the last race; the winner of a generation is often just lucky
 PRUNE_BLOCKS = 6  # largest number of blocks of drives that decide on reverting a parameter
 LINES_S = 10.0, 15.0  # time until the first progress line, and interval between further lines [s]
 DRAWN: Dict[str, Any] = {  # randomisation of the drives; the ground stays that of the robot
@@ -83,7 +84,8 @@ def best_set(
     robot, seed = settings.robot, options.seed
     whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
     space = whole.chosen
-    means, driven = [], []  # type: List[np.ndarray], List[str]
+    means: List[Array] = []
+    driven: List[str] = []  # simulator of each generation
 
     def report(line: str) -> None:
         show(f"{options.minutes * clock.spent():4.1f} min: {line}")

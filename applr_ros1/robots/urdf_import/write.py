@@ -12,7 +12,8 @@ from applr_ros1.robots.robot import Monitoring, RobotFile, number_at
 from applr_ros1.robots.urdf_import.description import Description
 from applr_ros1.robots.urdf_import.parameters import Parameters
 
-BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}  # fields of base: of monitor
+# Limits in the section base, and the corresponding decelerations in the section monitor
+BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
 _SECTIONS = ("base", "body", "laser", "topics", "frames", "monitor", "simulation")  # sections in the order of the file
