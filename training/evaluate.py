@@ -12,14 +12,13 @@ import sys
 from typing import Optional, Sequence
 
 from applr_ros1.common.errors import run_main
-from training.common.command_line import continuable, end_at_sigterm, parsed
+from training.common.command_line import continuable, parsed
 from training.evaluation.evaluation import EvaluationOptions, evaluate
 from training.evaluation.table import TRIALS
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 when all trials are done and reported, 1 after a one-line error, 130 after Ctrl-C."""
-    end_at_sigterm()
     name = "evaluate.py"
     return run_main(lambda: run(parsed(EvaluationOptions, name, __doc__, arguments)), name)
 

@@ -18,13 +18,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
     def run() -> int:
         config = parse(arguments)
-        from training.learner.run import TrainingRun  # Imported late, because --help must not wait for torch.
+        from training.learner import several  # Imported late, because --help must not wait for torch.
+        from training.learner.run import TrainingRun
 
-        if config.seeds == 1:
-            return TrainingRun(config).run()
-        from training.learner import several
-
-        return several.train(config, TrainingRun)
+        return TrainingRun(config).run() if config.seeds == 1 else several.train(config, TrainingRun)
 
     return run_main(run, "train.py")
 

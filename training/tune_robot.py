@@ -23,7 +23,7 @@ from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES
-from training.common.command_line import AnyRobot, Seed, Workers, continuable, end_at_sigterm, parsed, robot_name
+from training.common.command_line import AnyRobot, Seed, Workers, continuable, parsed, robot_name
 from training.common.folders import make_folder
 from training.common.options import Options, argument, option
 from training.env.settings import CHALLENGE
@@ -64,7 +64,6 @@ class TuneOptions(Options):
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if a better set was written, 1 if not or after an error, 130 after Ctrl-C."""
-    end_at_sigterm()
     name = "./applr tune"
     return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
 

@@ -57,9 +57,8 @@ def commands(*modules: str) -> str:
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             command.main()
         sys.argv = argv
-        name = re.match(r"usage: (\./applr \w+|\S+)", printed.getvalue()).group(1)
-        if not name.startswith("./applr"):
-            name = "python -m " + module.replace(".__main__", "")
+        ours = re.match(r"usage: (\./applr \w+)", printed.getvalue())
+        name = ours.group(1) if ours else "python -m " + module.replace(".__main__", "")
         parts.append("## `%s`\n\n```text\n%s```" % (name, printed.getvalue()))
     return "\n\n".join(parts)
 

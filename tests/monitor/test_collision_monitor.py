@@ -338,7 +338,8 @@ def test_a_faulty_planner_causes_no_collision_in_simulation(world):
 
     touched = {}
     for monitor in (False, True):
-        episode = Episode(sim_bridge.make("kinematic"), Mad(JACKAL.parameters()), period=2.0, limit=5, monitor=monitor)
+        parts = sim_bridge.make("kinematic"), Mad(JACKAL.parameters())
+        episode = Episode(*parts, period=2.0, time_limit=10.0, monitor=monitor)
         outcome = episode.reset(worlds.load(world), 0)
         while not outcome.over:
             outcome = episode.decide(episode.space.theta0)

@@ -11,7 +11,6 @@ because numpy's float64 functions differ in their last bits between processors.
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Dict
 
 import numpy as np
@@ -81,8 +80,7 @@ def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndar
     values: Dict[str, Any] = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
     outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **values)
-    episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
-    return list(reward.judge(encoding, episode)[1].values())
+    return list(reward(outcome, 100, PERIOD, encoding)[1].values())
 
 
 def main() -> None:

@@ -10,14 +10,15 @@ import torch
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
+from applr_ros1.policy.actor import forward
+from tests.support.toy_env import Line
 from training.evaluation.trial import POLICY, Result
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.prepare import Preparation
 from training.learner.run import TrainingRun
-from training.workers.collect import PolicyWeights, collect, environment
+from training.workers.collect import collect, environment, policy_layers
 
-LINE = "tests.support.toy_env:Line"
 TOY = [
     *("--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
     *("--eval-freq", "200", "--decision-period=0.5"),
@@ -25,9 +26,14 @@ TOY = [
 NO_EVALUATION = ["--eval-worlds", "none"]
 
 
+def network(weights):
+    """Return the policy of safetensors as a function of the observation."""
+    return lambda observation: np.tanh(forward(policy_layers(weights), observation))
+
+
 def drive(env, task, weights):
     """Drive one episode. Only the method of the policy moves; all others stand still."""
-    policy = PolicyWeights(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
+    policy = network(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
     made, total, ended = environment(env, "{}"), 0.0, False
     observation, _ = made.reset(seed=task.seed)
     while not ended:
@@ -36,7 +42,7 @@ def drive(env, task, weights):
     return Result(True, time_s=-total, decisions=10, route_m=1.0, total_reward=total), b""
 
 
-def toy_run(config, env=LINE):
+def toy_run(config, env=Line):
     """Return a training run in a toy environment."""
 
     class ToyRun(TrainingRun):
@@ -52,7 +58,7 @@ def toy_run(config, env=LINE):
     return ToyRun(config)
 
 
-def main(arguments=None, env=LINE):
+def main(arguments=None, env=Line):
     """Run train.py in a toy environment."""
     return run_main(lambda: toy_run(parse(arguments), env).run(), "train.py")
 

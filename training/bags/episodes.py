@@ -285,6 +285,6 @@ def _trajectory(encoding: Encoding, run: List[Sample], reward: Reward) -> Trajec
         actions.append(encoding.action(before.theta))
         outcome = after.outcome
         limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
-        rewards.append(reward(outcome, limit, encoding.period, encoding.scale, encoding.pace)[0])
+        rewards.append(reward(outcome, limit, encoding.period, encoding)[0])
     observations, terminated = [sample.observation for sample in run], outcome.success or failed(outcome)
     return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)

@@ -71,18 +71,10 @@ def parsed(model: Type[O], *command_line: Any) -> O:
     return checked(model, given(model, *command_line))
 
 
-def end_at_sigterm() -> None:
-    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that this process stops its children."""
-
-    def interrupt(*_: Any) -> NoReturn:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-
-
 @contextmanager
 def continuable() -> Iterator[None]:
-    """Report, if Ctrl-C or SIGTERM stops the work in this context, that the same command continues it."""
+    """Let SIGTERM stop the work in this context as Ctrl-C does, and report that the same command continues it."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     except KeyboardInterrupt:

@@ -9,7 +9,7 @@ from pathlib import Path
 from applr_ros1.common.errors import ApplrError
 
 
-def make_folder(path: os.PathLike | str) -> Path:
+def make_folder(path: os.PathLike[str] | str) -> Path:
     """Make the folder with its parents if it is missing, and return it."""
     Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
@@ -26,7 +26,7 @@ class Lock:
         ApplrError: Another process holds the lock.
     """
 
-    def __init__(self, folder: os.PathLike | str, who: str = "train.py"):
+    def __init__(self, folder: os.PathLike[str] | str, who: str = "train.py"):
         self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -91,7 +91,7 @@ def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:
         ApplrError: A name is unknown or a value is invalid; the message is one line.
     """
     try:
-        return model(**values)
+        return model.model_validate(values)
     except ValidationError as refused:
         problem = refused.errors()[0]
         text = problem["msg"].removeprefix("Value error, ")

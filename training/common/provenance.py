@@ -12,7 +12,7 @@ from datetime import datetime, timezone
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict
 
 ROOT = str(Path(__file__).resolve().parents[2])  # root of the checkout, even if imported through a catkin workspace
 PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # packages whose version can change a result
@@ -49,15 +49,6 @@ def _cpu() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
-    """Return one sentence for each session of an evaluation, for the report."""
-    return [
-        f"Driven on {s['date']} with commit {s['commit']} on {s['cpu']} ({s['cores']} cores); "
-        f"{', '.join(' '.join(item) for item in s['versions'].items())}. Command: {s['command']}"
-        for s in sessions
-    ]
 
 
 def without_folders(option: str) -> str:

@@ -26,18 +26,19 @@ from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
 from training.replay.trajectory import TransitionLayout
 from worlds import World
 
+Info = Dict[str, Any]
+
 
 class ApplrEnv(gymnasium.Env):
     """Learning problem as a Gymnasium environment; a step is one decision period.
 
     Args:
-        worlds: worlds to drive in: a list of World, or a specification ("generated:train", a file, a folder; several
+        worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file, a folder; several
             are separated by commas).
-        limit: number of decisions until the episode is truncated; None: as many as fit into 100 s.
-        end_on_collision: whether a collision terminates the episode as a failure.
-        end_on_stall: whether a stall (policy/actor.py) does so.
-        critics_know_more: whether the observation ends with numbers for the critics alone (privileged.py).
-        settings: fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...
+        end_on_collision: Whether a collision terminates the episode as a failure.
+        end_on_stall: Whether a stall (policy/actor.py) terminates the episode as a failure.
+        critics_know_more: Whether the observation ends with inputs for the critics alone (privileged.py).
+        settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...
             period is required; gymnasium.make defaults to the paper's 2 s.
 
     Raises:
@@ -48,7 +49,6 @@ class ApplrEnv(gymnasium.Env):
         self,
         worlds: Union[str, Sequence[World]] = "generated:train",
         *,
-        limit: Optional[int] = None,
         end_on_collision: bool = False,
         end_on_stall: bool = False,
         critics_know_more: bool = False,
@@ -57,14 +57,14 @@ class ApplrEnv(gymnasium.Env):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
-        self.worlds = load_worlds(worlds)
+        self.worlds = worlds_package.Worlds(worlds) if isinstance(worlds, str) else list(worlds)
         robot = self.settings.robot
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             MoveBase(self.settings.planner_parameters(robot), planner=self.settings.planner),
             robot,
-            limit=limit,
             period=self.settings.period,
+            time_limit=self.settings.time_limit,
             end_on_collision=end_on_collision,
             end_on_stall=end_on_stall,
             monitor=self.settings.monitor,
@@ -80,7 +80,7 @@ class ApplrEnv(gymnasium.Env):
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
-    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[np.ndarray, Dict]:
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[np.ndarray, Info]:
         """Begin a course in the world of index options["world"], or in a random world without this option."""
         super().reset(seed=seed)
         index = (options or {}).get("world")
@@ -95,11 +95,11 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), self._info(outcome)
 
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
-        """Drive one decision period. terminated: goal or final failure; truncated: time limit (to be bootstrapped)."""
+        """Drive one decision period. Goal and final failure terminate the episode, the time limit truncates it."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))
-        reward, terms = self.settings.reward.judge(self.encoding, self.episode)
+        reward, terms = self.settings.reward(outcome, self.episode.limit, self.episode.period, self.encoding)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
@@ -118,8 +118,3 @@ class ApplrEnv(gymnasium.Env):
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
         return {"world": self.episode.world.name, **vars(outcome)}
-
-
-def load_worlds(spec: Union[str, Sequence[World]]) -> Sequence[World]:
-    """Return the worlds of a specification (several are separated by commas). A list of World is returned unchanged."""
-    return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)

@@ -61,7 +61,7 @@ class Episode:
             costmaps receive predicted obstacle points.
         robot: Description of the robot. Its laser scans at its own rate, at most once per control cycle.
         period: Decision period [s]; 2 in the paper.
-        limit: Number of decisions until the time limit; None: as many as fit into TIME_LIMIT.
+        time_limit: Time after which a trial counts as failed [s].
         end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's protocol.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
         end_on_stall: Whether a robot that has hardly moved for a while has failed (policy/actor.py).
@@ -75,7 +75,7 @@ class Episode:
         robot: Robot = JACKAL,
         *,
         period: float,
-        limit: Optional[int] = None,
+        time_limit: float = TIME_LIMIT,
         end_on_collision: bool = False,
         monitor: bool = False,
         end_on_stall: bool = False,
@@ -91,7 +91,7 @@ class Episode:
         self.end_on_collision, self.escapes = end_on_collision, escapes
         self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)
-        self.time_limit = TIME_LIMIT if limit is None else limit * period
+        self.time_limit = time_limit
         self.outcome: Optional[Outcome] = None
         self.trace = Trace()
 
@@ -196,15 +196,12 @@ class Episode:
         state, laser = self.simulator.state, self.robot.laser
         assert self.outcome is not None, "reset() comes first"
         scan = self._scanned, laser.first_angle + laser.pose[2], laser.increment
-        motion = state.odom_pose, state.odom_twist, self.goal, self._plan, self.movers()
+        movers = np.zeros((0, 4))
+        if self.prediction is not None:
+            tracked = self.prediction.movers
+            movers = np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
+        motion = state.odom_pose, state.odom_twist, self.goal, self._plan, movers
         return Seen(scan, self.outcome.time_s, *motion)
-
-    def movers(self) -> np.ndarray:
-        """Return the tracked moving obstacles as (k, 4) x, y, vx, vy in the odometry's frame [m, m/s]."""
-        if self.prediction is None:
-            return np.zeros((0, 4))
-        seen = self.prediction.movers
-        return np.column_stack([seen.x, seen.y, seen.vx, seen.vy])
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta: np.ndarray) -> np.ndarray:
@@ -274,19 +271,15 @@ class Episode:
         self.trace.twist.append(tuple(state.twist))
         self._judge(now, cycle, state)
 
-    def _called_within(self, cycle: Cycle, state: RobotState) -> Optional[float]:
-        """Return the planner's goal tolerance [m] if the goal is reached by odometry or by its result, else None.
+    def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
+        """Set success, failure and reason in the outcome if the course has ended (Course.arrived).
 
-        The planner has still to stop and turn at the goal, but the time of a recorded drive ends here, too. If the plan
-        ends beside an occupied goal, as default_tolerance allows, only the planner's result counts.
+        The planner has reached the goal if it reports success, or if the odometry is within the tolerance, although the
+        robot has still to stop and turn. Beside an occupied goal (default_tolerance), only the report counts.
         """
         left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
-        reported = cycle.result is not None and cycle.result[0] == "succeeded"
-        return self._tolerance if reported or left <= self._tolerance else None
-
-    def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
-        """Set success, failure and reason in the outcome if the course has ended (Course.arrived)."""
-        if self.world.course.arrived(state.pose[0], state.pose[1], self._called_within(cycle, state)):
+        reached = left <= self._tolerance or (cycle.result is not None and cycle.result[0] == "succeeded")
+        if self.world.course.arrived(state.pose[0], state.pose[1], self._tolerance if reached else None):
             now.success, now.reason = True, "finished"
         elif state.flipped:
             now.flipped, now.reason = True, "flipped"

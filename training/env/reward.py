@@ -9,7 +9,6 @@ from pydantic import ConfigDict
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.encoding import Encoding
 from training.common.options import Options, option
-from training.env.episode import Episode
 from training.env.outcome import Outcome
 
 
@@ -65,17 +64,18 @@ class Reward(RewardOptions):
         return cls(**{name: getattr(options, name) for name in RewardOptions.model_fields})
 
     def __call__(
-        self, outcome: Outcome, limit: int, period: float, scale: float, pace: float = 1.0
+        self, outcome: Outcome, limit: int, period: float, encoding: Encoding
     ) -> Tuple[float, Dict[str, float]]:
         """Return the reward of one decision, and its weighted terms {name: value}.
 
         Args:
-            outcome: the trial after the decision.
-            limit: number of decisions until the trial is truncated.
-            period: decision period [s]. Time terms are scaled with the period, so that a course costs the same.
-            scale: unit of lengths [m]. A wider robot has longer courses and wider gaps.
-            pace: unit of times [s].
+            outcome: Trial after the decision.
+            limit: Number of decisions until the trial is truncated.
+            period: Decision period [s]. Time terms are scaled with the period, so that a course costs the same.
+            encoding: Encoding, whose scale and pace are the units of lengths and times. A wider robot has longer
+                courses and wider gaps.
         """
+        scale, pace = encoding.scale, encoding.pace
         share = period / PERIOD / pace  # Costs are per 2 s, so that a course costs the same for any period.
         time = -outcome.seconds / PERIOD / pace if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
@@ -89,11 +89,6 @@ class Reward(RewardOptions):
             "collision": -self.c_collision * float(outcome.contact),
         }
         return sum(terms.values()), terms
-
-    def judge(self, encoding: Encoding, episode: Episode) -> Tuple[float, Dict[str, float]]:
-        """Return the reward of an episode's latest decision, as __call__ does, in the scale and pace of an encoding."""
-        assert episode.outcome is not None
-        return self(episode.outcome, episode.limit, episode.period, encoding.scale, encoding.pace)
 
 
 def failed(outcome: Outcome) -> bool:

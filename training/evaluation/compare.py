@@ -13,6 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from applr_ros1.common.arrays import Array
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -101,8 +103,8 @@ def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estima
     return Estimate(value, *map(float, resampled.confidence_interval))
 
 
-def _ratio(totals: np.ndarray, counts: np.ndarray, axis: int = -1) -> np.ndarray:
-    return totals.sum(axis=axis) / counts.sum(axis=axis)
+def _ratio(totals: Array, counts: Array, axis: int = -1) -> Array:
+    return np.asarray(totals.sum(axis=axis) / counts.sum(axis=axis))
 
 
 def rate(flags: pd.Series, world: pd.Series) -> Estimate:

@@ -15,6 +15,7 @@ from applr_ros1.drives.page import Drive, Scene, page
 from training.common.folders import make_folder
 from training.evaluation.figures import colors
 from training.evaluation.stored import Results
+from training.evaluation.table import read_trace
 
 FILE = "drives.html"
 BACK = '<a href="index.html">report</a>'
@@ -27,9 +28,8 @@ def write(results: Results, out: Path, title: str) -> bool:
     scenes = []
     for name in results.worlds:
         drives = [d for place, method in enumerate(results.methods) for d in _drives(results, name, method, place)]
-        world = results.load(name) if drives else None
-        if world is not None:
-            scenes.append(Scene(name, world, drives))
+        if drives:
+            scenes.append(Scene(name, results.load(name), drives))
     if scenes:
         shade, marked = colors(results), bool(results.settings.get("movers"))
         methods = {method: shade[method] for method in results.methods}
@@ -42,7 +42,7 @@ def _drives(results: Results, world: str, method: str, place: int) -> List[Drive
     """Return the drives of one method in a world, as far as their traces were kept."""
     drives = []
     for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
-        trace = results.trace(world, method, row.trial)
+        trace = read_trace(results.folder, world, method, row.trial)
         if trace is None or not len(trace["pose"]):
             continue
         last = len(trace["pose"]) - 1

@@ -10,12 +10,13 @@ from pydantic import ConfigDict
 from tqdm import tqdm
 
 from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import space_of
 from training.common.command_line import RayAddress, Seed, SimulatorName, Workers
 from training.common.options import option
 from training.common.provenance import provenance
 from training.env.settings import PAPER, DriveSettings, TrialSettings
 from training.evaluation.drive import drive
-from training.evaluation.runner import content_of_worlds, described, run, world_list
+from training.evaluation.runner import content, content_of_worlds, run, world_list
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
@@ -91,16 +92,23 @@ def settings(
     options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
 ) -> Dict[str, Any]:
     """Return the settings for evaluation.json, which must not change when an evaluation is continued."""
-    made = {name: methods.make(spec, options.robot) for name, spec in chosen}
+    robot = options.robot
+    made = {name: methods.make(spec, robot) for name, spec in chosen}
     return {
         "worlds": [name for name, _, _ in worlds],
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": content_of_worlds(worlds),
         "world_specs": [spec for _, spec, _ in worlds],
         "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
-        "robot": described(options.robot),
+        "robot": {
+            "name": robot.name,
+            "body": list(robot.body.size[:2]),  # length and width [m]
+            "world_scale": robot.world_scale,
+            "space": space_of(robot).to_dict(),
+            "sha256": content(robot),
+        },
         **{name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "movers")},
         "planner": options.planner + ", started with the sets" * options.loaded,
-        "ground": options.robot.simulation.ground,
+        "ground": robot.simulation.ground,
         "seed": options.seed,
     }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any, Dict, Iterator, Sequence, Tuple
 
 import numpy as np
 
 from training.evaluation.stored import Results
+from training.evaluation.table import read_trace
 from worlds import World
 from worlds.draw import draw
 from worlds.world import clearance
@@ -15,7 +17,6 @@ from worlds.world import clearance
 # label and colour of each region, tightest first; LIMITS: distances from the robot's centre to the nearest obstacle [m]
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
 LIMITS = (0.5, 0.9)
-HOLD = 20  # number of control cycles (1 s) below which a region is merged with the region before
 AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]
 
 # colours of the methods: the baseline is red and applr green, as in the paper
@@ -38,17 +39,16 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
         _save(times(results, sets), folder / "times.png")
         order = f"ordered by {results.baseline}'s time, with linear fits"
         yield "times.png", f"Traversal time against world index, {order} (the paper's figure of its environments)"
-    traced = [w for w in results.worlds if all(results.trace(w, m, 0) is not None for m in results.methods)]
+    pairs = product(results.worlds, results.methods)
+    traces = {pair: trace for pair in pairs if (trace := read_trace(results.folder, *pair, 0)) is not None}
+    traced = [w for w in results.worlds if all((w, m) in traces for m in results.methods)]
     ordered = results.by_difficulty([w for w in traced if w != "physical_course"])
     changing = [m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})]
     for name in ordered[len(ordered) // 2 :][:1] + [w for w in traced if w == "physical_course"]:
         world = results.load(name)
         for method in changing[:3]:
-            trace = results.trace(name, method, 0)
-            if world is None or trace is None:
-                continue
             file = "".join(c if c.isalnum() or c in "-_." else "-" for c in f"profile_{name}_{method}.png")
-            _save(profile(results, world, method, trace), folder / file)
+            _save(profile(results, world, method, traces[name, method]), folder / file)
             caption = f"Parameters of {method} along {name}: regions by the room around the robot; dotted: θ₀"
             yield file, f"{caption} (the paper's parameter profiles)"
 
@@ -82,7 +82,8 @@ def times(results: Results, sets: Sequence[str]) -> Any:
 
 def profile(results: Results, world: World, method: str, trace: Dict[str, np.ndarray]) -> Any:
     """Draw a method's parameters along one course, regions coloured (paper, Fig. 5)."""
-    space, regions, path = results.space, region_of(world, trace["pose"]), trace["pose"][:, :2]
+    space, path = results.space, trace["pose"][:, :2].astype(np.float64)
+    regions = np.digitize(clearance(world, path), LIMITS)  # indices (n,) into REGIONS
     rows = max(2, (len(space) + 1) // 2)
     figure = _figure(12.6, 2.1 * rows)
     grid = figure.add_gridspec(rows, 3)
@@ -110,16 +111,6 @@ def profile(results: Results, world: World, method: str, trace: Dict[str, np.nda
         if i >= len(space) - 2:
             ax.set_xlabel("time [s]")
     return figure
-
-
-def region_of(world: World, poses: np.ndarray) -> np.ndarray:
-    """Return indices (n,) into REGIONS for poses (n, >= 2) x, y, ... [m]."""
-    raw = np.digitize(clearance(world, np.asarray(poses, dtype=np.float64)[:, :2]), LIMITS)
-    regions = raw.copy()
-    for i in range(1, len(raw)):
-        lasts = len(raw) - i >= HOLD and np.all(raw[i : i + HOLD] == raw[i])
-        regions[i] = raw[i] if raw[i] == regions[i - 1] or lasts else regions[i - 1]
-    return regions
 
 
 def _figure(width: float, height: float) -> Any:

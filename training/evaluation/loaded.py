@@ -42,11 +42,6 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
     return made
 
 
-def with_set(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return the robot with a parameter set {name: value} loaded after its own files."""
-    return robot.with_parameters(move_base_parameters(robot, values), robot.name)
-
-
 def loadable_space(robot: Robot) -> Space:
     """Return the robot's space. Its `chosen` parameters act the same when loaded and when set by reconfigure."""
     planner, space = robot.local_planner, space_of(robot)

@@ -25,25 +25,15 @@ class PeriodicEvaluation:
     """Rounds of trials, one due every `every` steps (transitions; offline: gradient steps).
 
     Args:
-        folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation-* the trials.
+        folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation/ the trials.
         worlds: [(name, specification), ...] of the held-out worlds; if empty, no round is ever due.
         every: Number of steps between two rounds.
         seed: Seed of the run. No trial of evaluate.py has the seed of a trial that selects the actor.
-        setting: Description of worlds, simulator and planner. Only rounds of the same setting and the same number of
-            worlds are compared.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        worlds: Sequence[Tuple[str, str]],
-        every: int,
-        seed: int,
-        setting: str = "",
-    ):
+    def __init__(self, folder: Path, worlds: Sequence[Tuple[str, str]], every: int, seed: int):
         self.folder, self.path = Path(folder), Path(folder) / "evaluations.jsonl"
         self.worlds, self.every, self.seed = worlds, every, seed
-        self._judged: Dict[str, Any] = {"setting": setting, "worlds": len(worlds), "trials_per_world": 1}
         lines = read_bytes(self.path).splitlines() if self.path.exists() else []
         self.history: List[Dict[str, Any]] = [json.loads(line) for line in lines]
 
@@ -59,7 +49,7 @@ class PeriodicEvaluation:
             return None
         if default and self.default is None:
             return THETA0
-        driven = max((r["step"] for r in self.here if r["round"] != THETA0), default=0)
+        driven = max((r["step"] for r in self.history if r["round"] != THETA0), default=0)
         number = step // self.every
         return number if number > driven // self.every or (last and step > driven) else None
 
@@ -88,27 +78,21 @@ class PeriodicEvaluation:
         policy = f"policy-{sha256(weights)[:16]}", POLICY
         method = (BASELINE, BASELINE) if number == THETA0 else policy
         plan = plan_trials(self.worlds, [method], 1, CHOOSING + self.seed, 0)
-        kept = {**self._judged, "seed": self.seed}
-        with Trials(self.folder / f"evaluation-{sha256(json.dumps(kept).encode())[:8]}", kept) as table:
+        with Trials(self.folder / "evaluation", {"seed": self.seed}) as table:
             results = drive(pool, partial(run, weights=weights), table, plan, show)
-        line = {**summary(list(results.values())), "round": number, **state, **self._judged}
-        rivals = [r["score"] for r in self.here if r["round"] != THETA0]
+        line = {**summary(list(results.values())), "round": number, **state}
+        rivals = [r["score"] for r in self.history if r["round"] != THETA0]
         line["best"] = number != THETA0 and line["score"] < min(rivals, default=float("inf"))
         self.history.append(line)
         write_bytes(self.path, "".join(json.dumps(each) + "\n" for each in self.history).encode())
         return line
 
     @property
-    def here(self) -> List[Dict[str, Any]]:
-        """Rounds of the current setting; other rounds are not comparable."""
-        return [r for r in self.history if all(r.get(name, value) == value for name, value in self._judged.items())]
-
-    @property
     def default(self) -> Optional[Dict[str, Any]]:
         """Summary of the round that drove the default parameters, or None."""
-        return next((r for r in self.here if r["round"] == THETA0), None)
+        return next((r for r in self.history if r["round"] == THETA0), None)
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
         """Summary of the round that selected the current best actor, or None."""
-        return next((r for r in reversed(self.here) if r["best"]), None)
+        return next((r for r in reversed(self.history) if r["best"]), None)

@@ -14,7 +14,6 @@ from tqdm import tqdm
 from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
-from training.common.provenance import sentences
 from training.evaluation import drives_page, figures
 from training.evaluation.compare import LEVEL
 from training.evaluation.stored import Results
@@ -33,7 +32,7 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder: os.PathLike | str, above: Sequence[str] = ()) -> str:
+def write(folder: os.PathLike[str] | str, above: Sequence[str] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
@@ -84,7 +83,13 @@ def _facts(results: Results) -> List[str]:
     if "wall_s" in s:
         wall = tqdm.format_interval(s["wall_s"])
         facts.append(f"Wall time {wall}; base seed {s['seed']}, the same seeds for all methods.")
-    return facts + sentences(s.get("provenance", []))
+    for session in s.get("provenance", []):
+        versions = ", ".join(" ".join(item) for item in session["versions"].items())
+        facts.append(
+            "Driven on {date} with commit {commit} on {cpu} ({cores} cores); ".format(**session)
+            + f"{versions}. Command: {session['command']}"
+        )
+    return facts
 
 
 def summary(results: Results) -> List[str]:

@@ -10,26 +10,27 @@ import hashlib
 import io
 import json
 from functools import cached_property, lru_cache
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
-from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.decision import PERIOD, Method
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.settings import CHALLENGE, TrialSettings, under
-from training.evaluation.loaded import loadable_space, with_set
+from training.evaluation.loaded import loadable_space, move_base_parameters
 from training.evaluation.trial import POLICY, TRACED, Result, Trial
-from training.workers.collect import PolicyWeights
+from training.workers.collect import policy_layers
 from worlds import World
 
 
@@ -45,25 +46,13 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
         The result, and the packed trace if the trial asks for it, else b"".
     """
     runner = _runner(settings.model_dump_json())
-    result = runner.run(trial, PolicyWeights(weights) if weights else None)
+    result = runner.run(trial, weights)
     return result, pack_trace(runner.trace) if trial.trace else b""
 
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
     """Return a world with the protocol's course, scaled to the robot. Raises ApplrError if it cannot be loaded."""
     return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
-
-
-def described(robot: Robot) -> Dict[str, Any]:
-    """Return a robot for evaluation.json: name, length and width [m], scale of the worlds, space, SHA-256."""
-    space = space_of(robot).to_dict()
-    return {
-        "name": robot.name,
-        "body": list(robot.body.size[:2]),
-        "world_scale": robot.world_scale,
-        "space": space,
-        "sha256": content(robot),
-    }
 
 
 def content(robot: Robot) -> str:
@@ -105,9 +94,9 @@ class TrialRunner:
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
-    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Result:
-        """Drive the trial and return its result. `policy` drives a trial of the method POLICY."""
-        world, method = self._world(task.world_spec), self._method(task, policy)
+    def run(self, task: Trial, weights: bytes = b"") -> Result:
+        """Drive the trial and return its result. `weights` are those of the policy of the method POLICY."""
+        world, method = self._world(task.world_spec), self._method(task, weights)
         if self.period is not None:
             method.period = self.period
         method.reset(task.seed)
@@ -125,7 +114,7 @@ class TrialRunner:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
-            total += self.settings.reward.judge(self.encoding, episode)[0]
+            total += self.settings.reward(outcome, episode.limit, episode.period, self.encoding)[0]
         self.trace = episode.trace
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
         values = {**vars(outcome), **more}
@@ -136,33 +125,29 @@ class TrialRunner:
         """Episode loop whose planner starts with the robot's default parameters."""
         return self._episode(self.robot)
 
-    def _starting_with(self, theta: np.ndarray) -> Episode:
+    def _starting_with(self, theta: Array) -> Episode:
         """Return an episode loop whose planner starts with a parameter set (n,)."""
         pairs = zip(self.space.as_dict(theta).items(), self.space.theta0)
-        return self._episode(with_set(self.robot, {name: value for (name, value), start in pairs if value != start}))
+        changed = {name: value for (name, value), start in pairs if value != start}
+        return self._episode(self.robot.with_parameters(move_base_parameters(self.robot, changed), self.robot.name))
 
     def _episode(self, starts: Robot) -> Episode:
-        episode = Episode(
+        return Episode(
             self.simulator,
             MoveBase(self.settings.planner_parameters(starts), planner=self.settings.planner),
             self.robot,
             period=PERIOD,
             end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
+            time_limit=self.settings.time_limit,
             escapes=not self.settings.loaded,  # a robot that loads a set runs the C++ move_base, which has no escapes
         )
-        episode.time_limit = self.settings.time_limit
-        return episode
 
-    def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
+    def _method(self, task: Trial, weights: bytes) -> Method:
         if task.theta is not None:
             return methods.for_robot(methods.FixedParameters(np.array(task.theta), space=self.space), self.robot)
         if task.method_spec == POLICY:
-            if policy is None:
-                raise ValueError("a trial of the policy being learnt came without its weights: pass weights")
-            if self.period is None:
-                raise ValueError("the policy being learnt has no decision period: set period in the settings")
-            return Policy(self.encoding, policy.layers)
+            return Policy(self.encoding, policy_layers(weights))
         return self._made(task.method_spec)
 
 

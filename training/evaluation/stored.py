@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 from pathlib import Path
@@ -18,14 +17,12 @@ from applr_ros1.policy.parameter_space import Space
 from training.env.settings import under
 from training.evaluation.compare import Comparison, compare
 from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.table import SETTINGS, TRIALS, read_trace, read_trials
+from training.evaluation.table import SETTINGS, TRIALS, read_trials
 from training.evaluation.trial import BASELINE
 from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
-
-log = logging.getLogger(__name__)
 
 
 class Results:
@@ -39,18 +36,17 @@ class Results:
             or, if it failed for any reason, the time limit [s].
 
     Raises:
-        ApplrError: There are no trials.
-        ApplrError: The folder cannot be read.
+        ApplrError: There are no trials, or the folder cannot be read.
     """
 
-    def __init__(self, folder: os.PathLike | str):
+    def __init__(self, folder: os.PathLike[str] | str):
         self.folder = Path(folder)
         trials = read_trials(self.folder / TRIALS)
         if trials.empty:
             raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        self.robot: Dict[str, Any] = self.settings["robot"]  # as runner.described returns it
+        self.robot: Dict[str, Any] = self.settings["robot"]  # name, body, world_scale and space (evaluation.settings)
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
@@ -68,7 +64,7 @@ class Results:
 
     def of_set(self, name: str) -> List[str]:
         """Return the worlds of one of SETS, in the order of the trials."""
-        return self.trials.world[self.trials.set == name].unique().tolist()
+        return list(self.trials.world[self.trials.set == name].unique())
 
     def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, str, pd.DataFrame]]:
         """Yield (name of the group, method, trials) for each of SETS that has worlds and each method (default: all)."""
@@ -98,18 +94,10 @@ class Results:
         ordered = self.by_difficulty(self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist())
         return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
 
-    def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-        """Return the recorded trace of a trial (evaluation/table.py), or None if there is none."""
-        return read_trace(self.folder, world, method, trial)
-
-    def load(self, name: str) -> Optional[World]:
-        """Return a world of the evaluation, or None with a warning if its file can no longer be loaded."""
-        try:
-            world = under(self.settings["protocol"], worlds_package.load(self._specs[name]))
-            return worlds_package.scaled(world, self.robot["world_scale"])
-        except ApplrError as error:
-            log.warning("the report has no map of %s: %s", name, error)
-            return None
+    def load(self, name: str) -> World:
+        """Return a world of the evaluation, at the scale of its robot."""
+        world = under(self.settings["protocol"], worlds_package.load(self._specs[name]))
+        return worlds_package.scaled(world, self.robot["world_scale"])
 
 
 def set_of(world: str) -> str:

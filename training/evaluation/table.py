@@ -32,7 +32,7 @@ COLUMNS.update({field.name: field.type for field in fields(Result)})
 NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
 
 
-def read_trials(path: os.PathLike | str) -> pd.DataFrame:
+def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
     """Return a table of trials with the types of COLUMNS; empty if the file is missing or empty.
 
     An incomplete last line is left out: the process was killed while writing it.
@@ -60,34 +60,25 @@ class Trials:
         ApplrError: The folder belongs to an evaluation with other settings, or to another process.
     """
 
-    def __init__(self, folder: os.PathLike | str, settings: Dict[str, Any]):
+    def __init__(self, folder: os.PathLike[str] | str, settings: Dict[str, Any]):
         self.folder, self.added = make_folder(folder), 0
+        path = self.folder / SETTINGS
+        if not path.exists():
+            write_json(path, settings)
+        self.notes: Dict[str, Any] = read_json(path)
+        for name, value in json.loads(json.dumps(settings)).items():
+            if value != self.notes.get(name):
+                raise ApplrError(f"{self.folder} has another {name}: give another --out, or the same {name}")
         self._lock = Lock(self.folder, "evaluate.py")
-        try:
-            self.notes = self._checked(settings)
-            rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
-            self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
-            self.order([])
-        except BaseException:
-            self._lock.close()
-            raise
+        rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
+        self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
+        self.order([])
 
     def __enter__(self) -> Trials:
         return self
 
     def __exit__(self, *error: Any) -> None:
         self._lock.close()
-
-    def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
-        """Return the stored settings and notes. Raises ApplrError if the stored settings are others."""
-        path = self.folder / SETTINGS
-        if not path.exists():
-            write_json(path, settings)
-        stored = read_json(path)
-        for name, value in json.loads(json.dumps(settings)).items():
-            if value != stored.get(name):
-                raise ApplrError(f"{self.folder} has another {name}: give another --out, or the same {name}")
-        return stored
 
     def find(self, trial: Trial) -> Optional[Result]:
         """Return the result of a trial, or None if it was not driven yet."""
@@ -121,7 +112,7 @@ def trace_name(world: str, method: str, trial: int) -> str:
     return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
 
 
-def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
     """Return the trace of a trial as {"time", "pose", "twist", "theta", "decided"}, or None if it was not kept.
 
     "decided" has the time at which each row of "theta" was chosen [s].

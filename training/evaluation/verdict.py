@@ -36,27 +36,6 @@ def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
-def outcomes(trials: pd.DataFrame, worst: pd.Series) -> str:
-    """Return a table of the methods as text: courses, arrivals, contacts, means over the arrivals, and `worst`.
-
-    Args:
-        trials: Trials of all methods (paired_trials).
-        worst: Mean score of each method in its worst tenth of the worlds [s].
-    """
-    import pandas as pd
-
-    by_method = trials.groupby("method", sort=False)
-    counts = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
-    means = trials[trials.success].groupby("method")[list(MEANS)].mean().rename(columns=MEANS)
-    table = pd.DataFrame(counts).join(means).join(worst.rename("worst tenth [s]"))
-    return table.round(2).rename_axis(None).to_string()
-
-
-def worst_tenth(scores: pd.DataFrame) -> pd.Series:
-    """Return the mean score [s] of each method in the tenth of the worlds (at least one) where it is worst."""
-    return scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
-
-
 def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
     """Compare methods with the robot's default parameters.
 
@@ -67,9 +46,15 @@ def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
         The method to drive with, which is BASELINE unless another method is significantly better on average and not
         worse in its worst tenth of the worlds; and the lines of the verdict: a table, and a line for each other method.
     """
+    import pandas as pd
+
     scores = mean_scores(trials)
-    worst = worst_tenth(scores)
-    lines, better = [outcomes(trials, worst)], []
+    worst = scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
+    by_method = trials.groupby("method", sort=False)
+    counts = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
+    means = trials[trials.success].groupby("method")[list(MEANS)].mean().rename(columns=MEANS)
+    table = pd.DataFrame(counts).join(means).join(worst.rename("worst tenth [s]"))
+    lines, better = [str(table.round(2).rename_axis(None).to_string())], []
     rivals = scores.columns.drop(BASELINE)
     for method in rivals:
         comparison = compare(scores[method], scores[BASELINE])

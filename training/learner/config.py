@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Dict, List, Literal, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, Literal, Optional, Tuple
 
 from pydantic import ConfigDict
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, read_yaml
 from applr_ros1.planner.variant import OURS
@@ -24,17 +25,16 @@ from training.common import command_line
 from training.common.command_line import RayAddress, Seed
 from training.common.options import Options, checked, dashed, option
 from training.env.reward import Reward, RewardOptions
-from training.env.settings import CHALLENGE, DRAWN, PAPER, DriveSettings
+from training.env.settings import CHALLENGE, DRAWN, DriveSettings
 from training.td3.options import TD3Options
 from worlds.loading import SPECIFICATIONS
 
 RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
 PROVENANCE = "provenance"  # key in config.json of the provenance of each session (training/common/provenance.py)
-BASE = "base"  # key in config.json of Start.base
-POLICY_FILE = ".safetensors"  # suffix of policy files
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
+EVALUATION = "eval_worlds", "simulator", "protocol", "planner", "monitor", "movers"  # conditions of the evaluations
 # options that --resume cannot change
-FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm"
+FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm", *EVALUATION
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
 simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
 
@@ -62,7 +62,7 @@ class RunOptions(Options):
         "Folder for the configuration, the checkpoints, all trajectories, the policies, and the learning curves.")
     resume: bool = option(False,
         "Continue the run in the folder --out with its stored options. Explicit options replace the stored ones, but "
-        "networks, seed, robot and --init-from cannot change.")
+        "networks, seed, robot, --init-from and the conditions of the evaluations cannot change.")
     total_timesteps: int = option(PAPER_STEPS,
         "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
@@ -148,15 +148,6 @@ class LearnerOptions(TD3Options):
     # fmt: on
 
 
-class Start(NamedTuple):
-    """Start of a run from one of run, policy and action; from random weights if all three are empty."""
-
-    run: str = ""  # folder of another run whose networks and optimisers are taken over
-    policy: str = ""  # file of a policy in the dimensionless encoding
-    action: Sequence[float] = ()  # initial action of the policy for any observation
-    base: Dict[str, float] = {}  # values of the parameters that a dimensionless policy does not choose
-
-
 class OfflineOptions(Options):
     """Learning from a dataset, and start of a run."""
 
@@ -170,7 +161,7 @@ class OfflineOptions(Options):
         "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
         "(period, reward and worlds may differ). static (best single parameter set of the robot), dwa (its default "
         "parameters) or a JSON file of parameters: the first output of the policy, and the values of the parameters "
-        "that a dimensionless policy does not choose. File of a dimensionless policy: this policy, frozen for a critic "
+        "that a dimensionless policy does not choose. File of a policy: this policy, frozen for a critic "
         "warm-up of 2,000 gradient steps. Default: a first output near the middle of the ranges.")
     # fmt: on
 
@@ -198,37 +189,19 @@ class TrainConfig(
     model_config = ConfigDict(title=None)
 
     @cached_property
-    def start(self) -> Start:
-        """Start of the run according to --init-from, which is not read again once the run has saved a checkpoint.
+    def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
+        """First output (m,) of the policy, and values of the parameters that a dimensionless policy does not choose.
 
-        Raises:
-            ApplrError: --init-from is invalid.
+        They are None and {} unless --init-from is a parameter set.
         """
-        name, out, stored_base = self.init_from, Path(self.out), {}
-        if self.resume and (out / "config.json").exists():
-            stored_base = read_json(out / "config.json").get(BASE, {})
-        if not name or self.resume and (out / "checkpoint.json").exists():
-            return Start(base=stored_base)
-        if name.endswith(POLICY_FILE):
-            if self.observation == PAPER_ENCODING:
-                raise ApplrError(f"--init-from is {name!r}: a policy needs --observation dimensionless")
-            return Start(policy=name)
-        if (Path(name) / "checkpoint.json").exists():
-            return Start(run=name)
-        is_method = name in methods.METHODS or name.endswith(".json")
-        method = methods.make(name, self.robot) if is_method else None
+        is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
+        method = methods.make(self.init_from, self.robot) if is_method else None
         if not isinstance(method, methods.FixedParameters):
-            raise ApplrError(
-                f"--init-from is {name!r}: give static, dwa, a JSON file with a parameter set, the file of a policy, "
-                "or the folder of a training run that has saved a checkpoint"
-            )
+            return None, {}
         encoding = ENCODINGS[self.observation](self.robot, self.decision_period)
-        base = {
-            name: value for name, value in encoding.space.as_dict(method.values).items() if name not in encoding.chosen
-        }
-        return Start(
-            action=encoding.action(method.values).tolist(), base=base if self.observation != PAPER_ENCODING else {}
-        )
+        values, paper = encoding.space.as_dict(method.values), self.observation == PAPER_ENCODING
+        base = {} if paper else {name: value for name, value in values.items() if name not in encoding.chosen}
+        return encoding.action(method.values), base
 
     def environment(self) -> Dict[str, Any]:
         """Return the arguments of the training's environment (ApplrEnv) as JSON values."""
@@ -240,7 +213,7 @@ class TrainConfig(
             "randomisation": {"start_xy": self.start_xy, "start_yaw": self.start_yaw, **drawn},
             "reward": Reward.of(self).model_dump(),
             "period": self.decision_period,
-            "base": self.start.base,
+            "base": self.start[1],
         }
 
     @property
@@ -252,13 +225,6 @@ class TrainConfig(
             "planner": OURS if self.planner == DRAWN else self.planner,
             "protocol": CHALLENGE if self.protocol == DRAWN else self.protocol,
         }
-
-    def setting(self) -> str:
-        """Describe the setting of the periodic evaluation. Results of different settings are not comparable."""
-        judged = self.judged
-        extras = ["collision monitor"] * self.monitor + ["movers"] * self.movers
-        rules = [judged["protocol"]] * (judged["protocol"] != PAPER)
-        return ", ".join([self.eval_worlds, self.simulator, judged["planner"], *extras, *rules])
 
     def noise(self, transitions: int) -> float:
         """Return the standard deviation of the exploration noise after a number of transitions."""
@@ -274,16 +240,14 @@ def recipe(name: str) -> Dict[str, Any]:
         name: one of RECIPES, the path of a YAML file of options, or "" for none.
 
     Raises:
-        ApplrError: The name is unknown, or the file contains anything but options.
+        ApplrError: The name or an option is unknown, or a value is invalid.
     """
     if not name:
         return {}
     if not name.endswith(".yaml") and name not in RECIPES:
         raise ApplrError(f"--recipe {name} is unknown: give {', '.join(RECIPES)} or a .yaml file")
     path = RECIPES.get(name, Path(name))
-    values = read_yaml(path)
-    if not isinstance(values, dict):
-        raise ApplrError(f"{path} contains no options: give lines such as `batch_size: 256`")
+    values: Dict[str, Any] = read_yaml(path)
     checked(TrainConfig, values, str(path))
     return values
 

@@ -15,12 +15,13 @@ import numpy as np
 import safetensors.numpy
 import torch
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
 from training.common.folders import make_folder
-from training.learner.config import LearnerOptions, Start
+from training.learner.config import LearnerOptions
 from training.replay.buffer import Replay
 from training.replay.dataset import Dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
@@ -31,27 +32,30 @@ class Learner:
     """Networks, replay buffer and their checkpoints. A learner continues from the last checkpoint in its folder.
 
     Args:
-        layout: layout of observations and actions.
-        options: options of learning.
-        folder: folder of the run with checkpoint.json, learner-*.pt and replay-*.safetensors.
-        rows: capacity of the replay buffer.
-        start: start of the networks, unless the folder has a checkpoint.
-        dataset: experience of an offline run, for which no gradient steps become due.
+        layout: Layout of observations and actions.
+        options: Options of learning.
+        folder: Folder of the run with checkpoint.json, learner-*.pt and replay-*.safetensors.
+        rows: Capacity of the replay buffer.
+        init_from: Run folder or policy file whose networks are taken over, unless `folder` has a checkpoint or there is
+            an `action`.
+        action: First output (m,) of the policy.
+        dataset: Experience of an offline run, for which no gradient steps become due.
 
     Attributes:
         extra: Values that save() stored in the checkpoint.
 
     Raises:
-        ApplrError: The networks in the folder, or in the run of `start`, differ.
+        ApplrError: The networks in the folder or in `init_from` differ, or `init_from` has no networks.
     """
 
     def __init__(
         self,
         layout: TransitionLayout,
         options: LearnerOptions,
-        folder: os.PathLike | str,
+        folder: os.PathLike[str] | str,
         rows: int,
-        start: Start = Start(),  # noqa: B008
+        init_from: str = "",
+        action: Optional[Array] = None,
         dataset: Optional[Dataset] = None,
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
@@ -61,7 +65,6 @@ class Learner:
         for trajectory in dataset.trajectories() if dataset is not None else ():
             self.replay.add(trajectory)
         self.rng = np.random.default_rng([options.seed, 1])
-        self.lags: Deque[int] = deque(maxlen=100)  # ages of the policies of the latest trajectories [updates]
         self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # info of the latest trajectories
         self.checkpoints = 0
         self.extra: Dict[str, Any] = {}
@@ -69,12 +72,12 @@ class Learner:
         self._due = 0.0  # number of gradient steps still due for the transitions
         if checkpoint := self.saved(folder):
             self._restore(checkpoint)
-        elif start.run:
-            self._begin_with(Path(start.run))
-        elif start.policy:
-            self.td3.begin_with(policy_network(start.policy), start.policy)
-        elif start.action:
-            self.td3.begin_at(start.action)
+        elif action is not None:
+            self.td3.begin_at(action)
+        elif init_from.endswith(".safetensors"):
+            self.td3.begin_with(policy_network(init_from), init_from)
+        elif init_from:
+            self._begin_with(Path(init_from))
         self._saved = self.replay.written  # number of written rows that are stored in files
 
     # -- taking ------------------------------------------------------------------------------------
@@ -83,7 +86,6 @@ class Learner:
         before = max(self.transitions, self.options.learning_starts)
         self.replay.add(trajectory)
         self._due += self.options.utd_ratio * max(0, self.transitions - before)
-        self.lags.append(self.td3.updates - trajectory.info.get("version", self.td3.updates))
         self.infos.append(trajectory.info)
 
     # -- learning ----------------------------------------------------------------------------------
@@ -126,7 +128,6 @@ class Learner:
                 "number": number,
                 "learner": name,
                 "replay": self._kept,
-                "layout": self.layout.to_dict(),
                 "layer_norm": self.options.layer_norm,
                 "rng": self.rng.bit_generator.state,
                 "transitions": self.transitions,
@@ -141,7 +142,7 @@ class Learner:
                 old.unlink(missing_ok=True)
 
     @staticmethod
-    def saved(folder: os.PathLike | str) -> Optional[Dict[str, Any]]:
+    def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
         """Return the content of checkpoint.json in a run folder, or None without this file."""
         path = Path(folder) / "checkpoint.json"
         return read_json(path) if path.exists() else None
@@ -158,7 +159,11 @@ class Learner:
     def _begin_with(self, folder: Path) -> None:
         """Take over networks and optimisers of another run, and reset the number of updates."""
         checkpoint = self.saved(folder)
-        assert checkpoint is not None
+        if checkpoint is None:
+            raise ApplrError(
+                f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter set, the file of a "
+                "policy, or the folder of a training run that has saved a checkpoint"
+            )
         if checkpoint["layer_norm"] != self.options.layer_norm:  # The same weights would give other values.
             raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: give the same")
         self._take_networks(folder, checkpoint)
@@ -166,16 +171,12 @@ class Learner:
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
-        if TransitionLayout.from_dict(checkpoint["layout"]) != self.layout:
-            raise ApplrError(
-                f"{folder} has the layout {checkpoint['layout']}, this run has {self.layout}: start a new run"
-            )
         data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
         self.td3.load(torch.load(data, self.td3.device, weights_only=True), str(folder))
 
 
 def policy_network(path: str) -> Weights:
-    """Return the network in the file of a dimensionless policy, without its mirror image. Raises ApplrError."""
+    """Return the network in a policy file, without its mirror image. Raises ApplrError."""
     layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}

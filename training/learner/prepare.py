@@ -10,14 +10,15 @@ from typing import Callable, List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from training.env.env import ApplrEnv, load_worlds
+from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.evaluation.runner import run, world_list
 from training.evaluation.trial import Result, Trial
 from training.learner.config import TrainConfig
 from training.replay.dataset import Dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
-from training.workers.collect import NAVIGATION, Collect, collect
+from training.workers.collect import Collect, collect
+from worlds.loading import Worlds
 
 
 @dataclass(frozen=True)
@@ -32,28 +33,28 @@ class Preparation:
 
 def prepare(config: TrainConfig) -> Preparation:
     """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
-    worlds, judged, options = load_worlds(config.worlds), config.judged, config.environment()
+    worlds, judged, options = Worlds(config.worlds), config.judged, config.environment()
     held_out: List[Tuple[str, str]] = []
     if config.eval_worlds != "none":
         held_out = [world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)]
-    env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
+    env = ApplrEnv(**dict(options, worlds=worlds[:1]))
     if config.actors > 1:  # Compile the planner's kernels once, so that the actors find them on disk.
         env.reset(seed=0)
         env.step(-np.ones(env.layout.action, np.float32))
     env.close()
     return Preparation(
-        partial(collect, NAVIGATION, json.dumps(options)),
+        partial(collect, ApplrEnv, json.dumps(options)),
         partial(run, env.settings.model_copy(update={**judged, "randomisation": {}})),
         held_out,
         env.layout,
     )
 
 
-def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Dataset]:
+def dataset_of(config: TrainConfig) -> Optional[Dataset]:
     """Return the checked dataset of --dataset, or None without one.
 
     Raises:
-        ApplrError: The dataset's period, robot, reward or layout differ from those of the options.
+        ApplrError: The dataset's period, robot, observation or reward differ from those of the options.
     """
     if not config.dataset:
         return None
@@ -65,8 +66,4 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Datase
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give the same, or make "
                 "a new dataset"
             )
-    if dataset.layout != layout:
-        raise ApplrError(
-            f"{config.dataset}: its layout is {dataset.layout}, this training has {layout}: use another one"
-        )
     return dataset

@@ -1,7 +1,7 @@
 """Training run: actors drive episodes, one learner learns from them, held-out worlds select the best policy.
 
 The run's folder contains config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
-best.safetensors, evaluations.jsonl, evaluation-* and tensorboard/.
+best.safetensors, evaluations.jsonl, evaluation/ and tensorboard/.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
 from training.evaluation.periodic import THETA0, PeriodicEvaluation
 from training.evaluation.trial import Result, Trial
-from training.learner.config import BASE, PROVENANCE, TrainConfig
+from training.learner.config import PROVENANCE, TrainConfig
 from training.learner.prepare import dataset_of, prepare
 from training.replay.trajectory import Trajectory
 from training.workers.collect import Collect
@@ -53,21 +53,22 @@ class TrainingRun:
 
         self.began = time.monotonic()
         self.preparation = self.prepare(config)
-        dataset = dataset_of(config, self.preparation.layout)
+        dataset = dataset_of(config)
         self.offline = dataset is not None
         rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + LONGEST_EPISODE
-        self.config, start = config, config.start
+        self.config, (action, self.base) = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
             raise ApplrError(f"{self.folder} already holds a run: continue it with --resume, or give another --out")
         if config.actors and config.ray_address in ("", "local"):  # Threads that wait for a core slow down all others.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-        self.learner = Learner(self.preparation.layout, config, self.folder, rows, start, dataset)
-        held_out, setting = self.preparation.held_out, config.setting()
-        self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed, setting)
+        begin = config.init_from, action, dataset
+        self.learner = Learner(self.preparation.layout, config, self.folder, rows, *begin)
+        held_out = self.preparation.held_out
+        self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed)
         self._next_episode = self.learner.extra.get("next_episode", 0)
-        self._running: Set[Future] = set()  # episodes whose results are not yet added
+        self._running: Set[Future[Any]] = set()  # episodes whose results are not yet added
         self._published, self._policy = 0, b""  # version [gradient steps] and weights of the actors' policy
         self._saved = self._shown = time.monotonic()
         self._failed_in_a_row = 0
@@ -81,8 +82,8 @@ class TrainingRun:
         self.bar = tqdm(total=self.goal, initial=self.steps, **style)
         path = self.folder / "config.json"
         sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
-        about = {BASE: start.base, PROVENANCE: [*sessions, provenance(config.seed)]}
-        write_json(path, {**config.model_dump(exclude={"resume"}), **about})  # This file makes the folder a run.
+        sessions.append(provenance(config.seed))
+        write_json(path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions})  # makes the folder a run
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -128,7 +129,11 @@ class TrainingRun:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
             self.lock.close()
-        self._print_summary()
+        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
+        made = f"{self.learner.transitions:,} transitions and {self.learner.td3.updates:,} updates"
+        print(f"{how} after {made}, {tqdm.format_interval(time.monotonic() - self.began)}; {self.folder}")
+        if self.evaluation.best:
+            print(f"best policy: {describe(self.evaluation.best)}")
         return 130 if self.stopping else 0
 
     def _signal(self, number: int, frame: Any) -> None:
@@ -148,7 +153,7 @@ class TrainingRun:
             if not self._policy or updates >= self._published + interval:
                 self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
             random = transitions < config.learning_starts and not config.init_from
-            episode = Collect(number, config.seed, config.noise(transitions), random, self._published)
+            episode = Collect(number, config.seed, config.noise(transitions), random)
             self._running.add(self.pool.submit(self.preparation.collect, episode, self._policy))
             self._next_episode += 1
 
@@ -233,7 +238,7 @@ class TrainingRun:
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
         """Write the file of a policy in the encoding of the run."""
         config = self.config
-        encoding = ENCODINGS[config.observation](config.robot, config.decision_period, config.start.base)
+        encoding = ENCODINGS[config.observation](config.robot, config.decision_period, self.base)
         actor.save(path, weights, metadata, encoding)
 
     # -- progress ------------------------------------------------------------------------------------------
@@ -247,7 +252,6 @@ class TrainingRun:
             **{name: np.mean([info.get(name, np.nan) for info in infos] or [np.nan]) for name in EPISODE[:-1]},
             "sigma": self.config.noise(learner.transitions),
             "updates": learner.td3.updates,
-            "policy_lag": np.mean(learner.lags or [np.nan]),
             "actors": len(self.pool.workers),
             "replaced": self.pool.replaced,
             **learner.td3.report(),
@@ -260,15 +264,6 @@ class TrainingRun:
         for name, value in values.items():
             if value is not None and np.isfinite(value):
                 self.board.add_scalar(f"{prefix}/{name}", value, self.steps)
-
-    def _print_summary(self) -> None:
-        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
-        seconds = tqdm.format_interval(time.monotonic() - self.began)
-        learner = self.learner
-        made = f"{learner.transitions:,} transitions and {learner.td3.updates:,} updates"
-        print(f"{how} after {made}, {seconds}; {self.folder}")
-        if self.evaluation.best:
-            print(f"best policy: {describe(self.evaluation.best)}")
 
 
 def describe(summary: Dict[str, Any]) -> str:

@@ -50,9 +50,8 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
         folder = out / f"seed_{seed}"
         one = {"seed": seed, "out": str(folder), "minutes": config.minutes / config.seeds}
         run = make_run(config.model_copy(update={**one, "resume": (folder / "config.json").exists()}))
-        status = run.run()
-        if status:
-            return status
+        if status := run.run():
+            return int(status)
         policies.append(folder / ("best.safetensors" if run.evaluation.best else "actor.safetensors"))
     print("\n".join(choose(config, out, policies)))
     return 0

@@ -32,7 +32,6 @@ class Replay:
         self.end = np.full(capacity, NO_ACTION, np.uint8)
         self.written = 0  # number of rows ever written; the next row goes to written % capacity
         self.transitions = 0  # number of transitions ever added
-        self.held = 0  # number of transitions in the ring
 
     def __len__(self) -> int:
         """Return the number of rows in use."""
@@ -42,7 +41,6 @@ class Replay:
         """Add an episode, which must have fewer rows than the ring."""
         t = len(trajectory)
         rows = (self.written + np.arange(t + 1)) % self.capacity
-        self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
         self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest
         self.action[rows[:-1]], self.reward[rows[:-1]] = trajectory.action, trajectory.reward
         self.end[rows] = GOES_ON
@@ -63,13 +61,10 @@ class Replay:
         for name in COLUMNS:
             getattr(self, name)[places] = rows[name]
         self.written += count
-        self.held = int(np.count_nonzero(self.end != NO_ACTION))
 
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw rows (size,) of transitions uniformly from the ring."""
-        if not self.held:
-            raise ApplrError("the replay buffer is empty: there is nothing to learn from")
         rows = rng.integers(0, len(self), size)
         while True:
             bad = np.flatnonzero(self.end[rows] == NO_ACTION)

@@ -37,22 +37,19 @@ def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Traject
     partial = folder / f"{DATA}.partial"
     shutil.rmtree(partial, ignore_errors=True)
     storage = MinariStorage.new(partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,)))
-    storage.update_episodes(_buffer(layout, trajectory, EpisodeBuffer) for trajectory in trajectories)
+    for trajectory in trajectories:
+        last = np.arange(len(trajectory)) == len(trajectory) - 1
+        episode = EpisodeBuffer(
+            observations=layout.restore(trajectory.scan, trajectory.rest),
+            actions=trajectory.action,
+            rewards=trajectory.reward,
+            terminations=last & trajectory.terminated,
+            truncations=last & (not trajectory.terminated),
+        )
+        storage.update_episodes([episode])
     names = {"dataset_id": folder.name, "minari_version": minari.__version__}
-    storage.update_metadata({**names, "layout": layout.to_dict(), **about})
+    storage.update_metadata({**names, "layout": vars(layout), **about})
     partial.rename(folder / DATA)
-
-
-def _buffer(layout: TransitionLayout, trajectory: Trajectory, kind: Any) -> Any:
-    """Return a trajectory as Minari's EpisodeBuffer (`kind`)."""
-    last = np.arange(len(trajectory)) == len(trajectory) - 1
-    return kind(
-        observations=layout.restore(trajectory.scan, trajectory.rest),
-        actions=trajectory.action,
-        rewards=trajectory.reward,
-        terminations=last & trajectory.terminated,
-        truncations=last & (not trajectory.terminated),
-    )
 
 
 class Dataset:
@@ -65,10 +62,10 @@ class Dataset:
         rows: Number of observations, one more than transitions for each episode.
     """
 
-    def __init__(self, folder: os.PathLike | str):
+    def __init__(self, folder: os.PathLike[str] | str):
         self._folder = Path(folder) / DATA
         self.about = read_json(self._folder / METADATA)
-        self.layout = TransitionLayout.from_dict(self.about["layout"])
+        self.layout = TransitionLayout(**self.about["layout"])
         self.transitions = self.about["total_steps"]
         self.rows = self.transitions + self.about["total_episodes"]
 

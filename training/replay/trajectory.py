@@ -6,15 +6,16 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Dict, Optional, Tuple
 
 import numpy as np
+import pydantic.dataclasses
 from numpy.typing import ArrayLike
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.encoding import Encoding, Mirror
 
 
-@dataclass(frozen=True)
+@pydantic.dataclasses.dataclass(frozen=True)
 class TransitionLayout:
-    """Sizes of the parts of an observation and an action.
+    """Sizes of the parts of an observation and an action. Its vars() are stored as JSON.
 
     Attributes:
         scan: Number of beams, in [-1, 1], stored as multiples of `step` (uint8). With the paper's cap of 2 m, a step
@@ -48,9 +49,7 @@ class TransitionLayout:
     @property
     def policy_mirror(self) -> Optional[Mirror]:
         """Effect of exchanging left and right on the policy's part of an observation."""
-        rest = self.rest - self.hidden
-        odd = tuple(place for place in self.odd if place < rest)
-        return Mirror.of(self.scan, rest, self.scans, odd) if self.scan and rest else None
+        return self.mirror and Mirror(*(entries[: self.seen] for entries in self.mirror))
 
     @property
     def seen(self) -> int:
@@ -62,18 +61,10 @@ class TransitionLayout:
         """Number of entries of an observation."""
         return self.scan + self.rest
 
-    def to_dict(self) -> Dict[str, Any]:
-        """Return the fields as JSON values; from_dict() is the inverse."""
-        return dict(vars(self), odd=list(self.odd))
-
-    @classmethod
-    def from_dict(cls, values: Dict[str, Any]) -> TransitionLayout:
-        """Return the layout with the fields of to_dict()."""
-        return cls(**dict(values, odd=tuple(values["odd"])))
-
     def quantise(self, observations: np.ndarray) -> np.ndarray:
         """Return the scans of observations (n, size) as (n, scan) uint8."""
-        return np.rint((np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step).astype(np.uint8)
+        steps: np.ndarray = np.rint((np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step)
+        return steps.astype(np.uint8)
 
     def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return observations (n, size) float32 from quantised scans and the rest."""
@@ -90,7 +81,7 @@ class Trajectory:
         action: (T, m) float32.
         reward: (T,) float32.
         terminated: Whether the last observation is a terminal state; otherwise it is truncated and bootstrapped.
-        info: JSON values; "version" is the number of gradient steps of the policy.
+        info: JSON values about the episode (workers/collect.py).
     """
 
     scan: np.ndarray

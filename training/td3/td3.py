@@ -16,6 +16,7 @@ from typing import Any, Dict, Optional, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import nn
 from torch.nn import functional
 
@@ -56,7 +57,8 @@ class MLP(nn.ModuleList):
         for layer in hidden:
             x = layer(x)
             x = functional.relu(functional.layer_norm(x, x.shape[1:]) if self.layer_norm else x)
-        return last(x)
+        y: torch.Tensor = last(x)
+        return y
 
 
 @dataclass
@@ -84,17 +86,16 @@ class TD3:
     """Networks, target networks and optimisers of TD3.
 
     Args:
-        observations: size of an observation.
-        actions: size of an action.
-        options: hyperparameters.
-        seed: seed of the initial weights.
-        device: torch device, such as "cuda:0".
-        mirror: effect of exchanging left and right on the policy's observation; None if unknown.
-        hidden: number of entries at the end of an observation that only the critics receive.
+        observations: Size of an observation.
+        actions: Size of an action.
+        options: Hyperparameters.
+        seed: Seed of the initial weights.
+        device: Torch device, such as "cuda:0".
+        mirror: Effect of exchanging left and right on the policy's observation; None if unknown.
+        hidden: Number of entries at the end of an observation that only the critics receive.
 
     Raises:
-        ApplrError: options.symmetric is set without a mirror, or the number of smoothness weights is neither 1 nor the
-            size of an action.
+        ApplrError: The number of smoothness weights is neither 1 nor the size of an action.
     """
 
     def __init__(
@@ -107,8 +108,6 @@ class TD3:
         mirror: Optional[Mirror] = None,
         hidden: int = 0,
     ):
-        if options.symmetric and mirror is None:
-            raise ApplrError("--symmetric: the observation has no scan and angle to mirror: leave the option out")
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, torch.device(device)
         if len(options.smoothness) not in (1, actions):
             raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
@@ -134,7 +133,7 @@ class TD3:
         self.losses: Dict[str, torch.Tensor] = {}
 
     @torch.no_grad()
-    def begin_at(self, action: Sequence[float]) -> None:
+    def begin_at(self, action: ArrayLike) -> None:
         """Make a fresh policy return nearly `action` (m,) in [-1, 1] for every observation."""
         nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
         for weight, bias in {tuple(actor[-1].parameters()) for actor in (self.actor, self.actor_target, self.policy)}:
@@ -178,7 +177,7 @@ class TD3:
         first, second = (functional.mse_loss(critic(here), y) for critic in self.critics)
         loss = first + second
         self.critic_optimizer.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         self.critic_optimizer.step()
         self.losses["critic_loss"], self.losses["target_q"] = loss.detach(), y.mean()
 
@@ -248,7 +247,7 @@ def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> No
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
-        raise ApplrError(f"{what}: the layers of its networks differ: give the same --net-arch") from None
+        raise ApplrError(f"{what}: its networks differ: give the same --net-arch and --observation") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:

@@ -73,11 +73,11 @@ class Pool(ThreadPoolExecutor):
         for worker in self.workers:
             self._free.put(worker)
 
-    def submit(self, function: Callable[..., Any], /, *args: Any) -> Future:  # type: ignore[override]
+    def submit(self, function: Callable[..., Any], /, *args: Any) -> Future[Any]:  # type: ignore[override]  # no kwargs
         """Return a future of function(*args). Its exception is CallFailed."""
         if not self.in_process:
             return super().submit(self._call, function, args)
-        future: Future = Future()
+        future: Future[Any] = Future()
         answer = attempt(function, args)
         if isinstance(answer, CallFailed):
             future.set_exception(answer)
@@ -85,10 +85,10 @@ class Pool(ThreadPoolExecutor):
             future.set_result(answer)
         return future
 
-    def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future]]:
+    def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future[Any]]]:
         """Yield (item, finished future of function(item)) in order of completion; at most `slots` calls run at once."""
         waiting = iter(items)
-        running: Dict[Future, T] = {}
+        running: Dict[Future[Any], T] = {}
         while True:
             for item in islice(waiting, self.slots - len(running)):
                 running[self.submit(function, item)] = item

@@ -17,7 +17,6 @@ from rosbags.rosbag1 import Writer
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import Context, Seen
-from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
@@ -407,9 +406,8 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
     ):
         config = config_of(options)
         with pytest.raises(ApplrError, match=line):
-            dataset_of(config, TransitionLayout())
-    layout = TransitionLayout.of(ENCODINGS["dimensionless"](robots.JACKAL, 2.0))
-    assert dataset_of(config_of([*known, "--no-lowest"]), layout).transitions == 5
+            dataset_of(config)
+    assert dataset_of(config_of([*known, "--no-lowest"])).transitions == 5
 
 
 def zeros(ranges, k):
@@ -447,13 +445,13 @@ class Truthful(RecordingEpisode):
         return cycle, self.simulator.state
 
 
-def driven(path, observation, world, limit=None, **settings):
+def driven(path, observation, world, time_limit, **settings):
     """Drive two courses in a world, record them in a bag, and return the environment's transitions."""
     settings.update(observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0})
     env = ApplrEnv(world, **settings)
     with StackWriter(path) as writer:
         same = env.episode.simulator, env.episode.move_base
-        env.episode = Truthful(*same, writer, period=1.0, limit=limit)
+        env.episode = Truthful(*same, writer, period=1.0, time_limit=time_limit)
         env.episode.layout = env.encoding.layout
         rng, trajectories, moving = np.random.default_rng(3), [], 0
         for course in range(2):
@@ -464,7 +462,7 @@ def driven(path, observation, world, limit=None, **settings):
                 observed, reward, terminated, truncated, _ = env.step(wanted)
                 seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
                 actions.append(env.encoding.action(env.episode.outcome.theta))
-                moving += len(env.episode.movers())
+                moving += len(env.episode.seen().movers)
             layout = TransitionLayout.of(env.encoding)
             assert layout == env.layout
             trajectories.append(Trajectory.of(layout, seen, actions, rewards, terminated))
@@ -482,7 +480,7 @@ def assert_same(rebuilt, expected):
 
 
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
-@pytest.mark.parametrize(("world", "limit"), [("generated:2", None), ("dynamic:406", 9)])
+@pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
     """Uses rosbags-convert and the command, with both encodings, moving obstacles, and ends at goal and time limit."""
     expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})

@@ -22,6 +22,7 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import scripted_driver as demonstrator
 from training.baselines.appld import segmentation as contexts
 from training.demonstrate import main as demonstrate
+from worlds.world import clearance
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +69,7 @@ def test_bag_is_read_as_it_was_driven(bag):
 def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     world = worlds.load(spec)
     points = demonstrator.route(world)
-    gaps = [gap for _, gap in demonstrator._offsets(world, points)]
-    assert np.min(gaps) > 0.3
+    assert clearance(world, points).min() > 0.3
     assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
     assert np.allclose(points[0], world.course.start[:2])
 

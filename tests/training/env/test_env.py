@@ -69,9 +69,9 @@ def straight(obstacle=None):
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
-def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", **options):
+def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", limit=50, **options):
     planner = FakeMoveBase((v, 0.0), end=end, result=result, variant=variant)
-    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=2.0, **options)
+    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=2.0, time_limit=2.0 * limit, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
 
@@ -261,7 +261,7 @@ TERMS = ("time", "progress", "clearance", "collision")
 
 
 def earned(reward, outcome, limit=50, period=2.0, scale=1.0, pace=1.0):
-    return reward(outcome, limit, period, scale, pace)
+    return reward(outcome, limit, period, SimpleNamespace(scale=scale, pace=pace))
 
 
 def test_the_reward_has_the_papers_terms():
@@ -303,8 +303,7 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
     assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # limited by the time left
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
-    episode = SimpleNamespace(outcome=replace(STEP, theta=husky.space.theta0), limit=50, period=2.0)
-    judged = Reward(exact_time=True).judge(husky, episode)
+    judged = Reward(exact_time=True)(STEP, 50, 2.0, husky)
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
 
 
@@ -313,7 +312,7 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
 def env():
     import training.env.env
 
-    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
+    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", time_limit=6.0)
     yield made
     made.close()
 
@@ -322,7 +321,7 @@ def test_the_environment_made_by_name_passes_gymnasiums_check():
     from gymnasium.utils.env_checker import check_env
 
     name = "training.env:applr_ros1/Navigation-v0"
-    made = gymnasium.make(name, worlds="generated:7", limit=2)
+    made = gymnasium.make(name, worlds="generated:7", time_limit=4.0)
     check_env(made.unwrapped)
     made.close()
 

@@ -10,10 +10,9 @@ import sim_bridge
 from applr_ros1.robots import JACKAL
 from training.env import privileged
 from training.env.env import ApplrEnv
-from training.env.privileged import JACKAL_WIDTH, ODD, SIZE, STATIONS
+from training.env.privileged import ODD, SIZE, STATIONS, WIDTH
 from worlds import Course, Mover, World
 
-WIDTH = JACKAL_WIDTH
 PLACES = len(ODD)  # index of the first clearance, after the numbers that change sign in a mirror image
 
 
@@ -64,7 +63,7 @@ def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
 
 
 def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
-    common = {"worlds": "generated:7", "period": 1.0, "observation": "dimensionless", "limit": 1}
+    common = {"worlds": "generated:7", "period": 1.0, "observation": "dimensionless", "time_limit": 1.0}
     env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
     layout, plain = env.layout, ApplrEnv(**common).layout
     assert (layout.hidden, layout.seen, layout.size) == (SIZE, plain.size, plain.size + SIZE)

@@ -14,7 +14,6 @@ from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
 from training.evaluation import runner, tables
 from training.evaluation.compare import LEVEL, compare, over_worlds, rate, wilson
-from training.evaluation.figures import region_of
 from training.evaluation.report import summary, write
 from training.evaluation.stored import Results
 from training.evaluation.table import Trials
@@ -200,8 +199,8 @@ def test_the_report_is_complete(folder):
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
-    plan = plan_trials([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
-    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]))
+    plan = plan_trials([("house", "generated:7")], [("mine", "dwa")], 1, seed=0)
+    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
     result = Result(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
     store.add(plan[0], result, runner.pack_trace(Trace))
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
@@ -214,13 +213,11 @@ def test_nothing_to_report_is_one_line(tmp_path):
         write(tmp_path)
 
 
-def test_regions_of_a_drive_follow_its_clearance():
+def test_clearance_of_a_world():
     import worlds
 
     world = worlds.load("generated:7")
     assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
-    post, free = world.cylinders[np.argmin(world.cylinders[:, 1])], np.array([[-2.25, 12.0]])
+    post = world.cylinders[np.argmin(world.cylinders[:, 1])]
     near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
     assert clearance(world, near[None])[0] == pytest.approx(0.35)
-    poses = np.vstack([np.tile(near, (30, 1)), np.tile(free, (19, 1)), np.tile(near, (30, 1)), np.tile(free, (20, 1))])
-    assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # a region of less than a second is merged

@@ -104,7 +104,6 @@ def test_the_planner_reaches_training_and_evaluation():
     held_out.reset(worlds.load("generated:1"), 0)
     assert held_out.move_base.variant == "ours"
     assert TrainConfig(planner="cpp-like").judged["planner"] == "cpp-like"
-    assert config.setting() == "generated:1, kinematic, ours, collision monitor, movers"
     assert env.episode.end_on_collision
     assert not held_out.end_on_collision
     for episode in (env.episode, held_out):

@@ -23,4 +23,4 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     assert all(np.array_equal(before[name], after[name]) for name in before)  # Only the critics have changed.
     other = [*ENCODING, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
     one_line(capsys, other, "the same --net-arch", main)
-    one_line(capsys, ["--init-from", policy, "--out", tmp_path / "d"], "needs --observation dimensionless", main)
+    one_line(capsys, [*other[2:], "--out", tmp_path / "d"], "the same --net-arch and --observation", main)

@@ -18,8 +18,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.episodes import episode
-from tests.support.toy_env import Line
-from tests.support.toy_training import NO_EVALUATION, main, networks_of, one_line, toy, toy_run
+from tests.support.toy_env import Broken, Line
+from tests.support.toy_training import NO_EVALUATION, main, network, networks_of, one_line, toy, toy_run
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.table import read_trials
 from training.evaluation.trial import Result
@@ -27,7 +27,6 @@ from training.learner.config import parse
 from training.learner.learner import Learner, LearnerOptions
 from training.learner.run import TrainingRun
 from training.replay.trajectory import TransitionLayout
-from training.workers.collect import PolicyWeights
 from training.workers.pool import Pool
 
 
@@ -51,7 +50,7 @@ def test_a_run_learns_and_writes_all_its_files(whole):
     assert {p.name for p in whole.iterdir()} >= files
     best = (whole / "best.safetensors").read_bytes()
     assert unpack(best, "best")[1]["period_s"] == "0.5"  # Nodes and evaluations use the same period.
-    policy = PolicyWeights(best)
+    policy = network(best)
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
 
 
@@ -179,7 +178,7 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     assert main([*first, "--utd-ratio", "0"]) == 0
     assert networks_of(out) == networks_of(whole)
     assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
-    policy = PolicyWeights((out / "actor.safetensors").read_bytes())
+    policy = network((out / "actor.safetensors").read_bytes())
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]  # The policy is that of the other run.
     shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
     assert main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
@@ -187,14 +186,15 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     assert networks_of(out) != networks_of(whole)
     one_line(capsys, toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"), "give the same --net-arch")
     one_line(capsys, toy(tmp_path / "c", "--init-from", whole, "--layer-norm"), "its critics have layer_norm False")
-    one_line(capsys, toy(tmp_path / "d", "--init-from", tmp_path), "--init-from is .*: give static, dwa, a JSON")
-    assert not (tmp_path / "d").exists()
+    for name in (tmp_path, "random"):
+        one_line(capsys, toy(tmp_path / "d", "--init-from", name), "--init-from is .*: give static, dwa, a JSON")
 
 
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = networks_of(whole)
     one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
-    one_line(capsys, ["--resume", "--out", whole, "--net-arch", "64"], r"--net-arch: .* cannot be changed")
+    for option in (["--net-arch", "64"], ["--simulator", "pybullet"]):
+        one_line(capsys, ["--resume", "--out", whole, *option], f"{option[0]}: .* cannot be changed")
     run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
     run.lock.close()
@@ -234,16 +234,14 @@ def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, ca
 
 
 def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
-    broken = functools.partial(main, env="tests.support.toy_env:Broken")
+    broken = functools.partial(main, env=Broken)
     words = "20 episodes in a row failed: RuntimeError: the wheels came off"
     one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
 
 
-def test_another_simulator_resets_default_and_best(tmp_path):
-    """Times of different simulators are not comparable."""
-
-    def made(worlds=2, setting="kinematic"):
-        return PeriodicEvaluation(tmp_path, [(f"w{n}", f"w{n}") for n in range(worlds)], 100, 0, setting)
+def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
+    def made():
+        return PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 100, 0)
 
     def drive(rounds, step, seconds):
         def run(trial, weights):
@@ -264,11 +262,8 @@ def test_another_simulator_resets_default_and_best(tmp_path):
     assert again.due(299) is None
     again.every = 150  # A --resume changed the interval, by which earlier rounds were not counted.
     assert [again.due(step) for step in (299, 300)] == [None, 2]
-    summaries = list(drive(made(setting="pybullet"), 310, 100.0))
-    assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
-    assert summaries[1]["time_s"] is None
-    assert summaries[1]["score"] == 102.5
-    assert made(worlds=3).best is None  # Rounds with different numbers of worlds are not comparable either.
+    (summary,) = drive(made(), 310, 100.0)
+    assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (3, False, None, 102.5)
 
 
 def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
@@ -282,8 +277,7 @@ def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
     run.preparation = dataclasses.replace(run.preparation, drive=stop)
     assert run.run() == 130
     assert run.evaluation.history == []
-    (trials,) = tmp_path.glob("run/evaluation-*/trials.csv")
-    assert len(read_trials(trials)) == 1
+    assert len(read_trials(tmp_path / "run/evaluation/trials.csv")) == 1
 
 
 class TwoTerms(Line):
@@ -295,11 +289,10 @@ class TwoTerms(Line):
         return observation, reward, terminated, truncated, dict(info, reward=terms)
 
 
-def test_tensorboard_shows_terms_of_the_reward(tmp_path, monkeypatch):
+def test_tensorboard_shows_terms_of_the_reward(tmp_path):
     out = tmp_path / "run"
-    monkeypatch.syspath_prepend(os.path.dirname(__file__))
-    assert main(toy(out, *NO_EVALUATION, "--total-timesteps", "100"), "test_train:TwoTerms") == 0
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], "test_train:TwoTerms") == 0
+    assert main(toy(out, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], TwoTerms) == 0
     sessions = [EventAccumulator(str(file)).Reload() for file in (out / "tensorboard").iterdir()]
     tags = "reward/near", "reward/far", "episode/return"
     near, far, total = ([event for session in sessions for event in session.Scalars(tag)] for tag in tags)

@@ -1,2 +1,2 @@
 """APPLD: contexts of a demonstration, a parameter set for each context, and a classifier that selects the context."""
-# Imports only bags, env and common.
+# Imports only bags, env, td3 and common.

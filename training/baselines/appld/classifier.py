@@ -10,7 +10,8 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from applr_ros1.policy.actor import forward, layers_of
-from applr_ros1.policy.observation import LAYOUT, Layout
+from applr_ros1.policy.layout import Layout
+from applr_ros1.policy.observation import LAYOUT
 
 HIDDEN = 64  # number of hidden units
 STEPS = 500  # number of gradient steps
@@ -34,9 +35,9 @@ def train(
     Args:
         scans: (n, beams) scans as returned by inputs().
         labels: (n,) context of each scan.
-        contexts: number of contexts.
-        seed: seed of weights, batches and augmentation.
-        layout: beams of the scans.
+        contexts: Number of contexts.
+        seed: Seed of weights, batches and augmentation.
+        layout: Beams of the scans.
 
     Returns:
         The weights, and {"accuracy": over all instants, "held_out": on every fifth block of two seconds, for a network
@@ -48,21 +49,19 @@ def train(
         probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
         held_out = _accuracy(probe, scans[blocks], labels[blocks])
     weights = _fit(scans, labels, contexts, seed, layout)
-    return weights, {
-        "accuracy": _accuracy(weights, scans, labels),
-        "held_out": held_out,
-        "instants": len(labels),
-    }
+    return weights, {"accuracy": _accuracy(weights, scans, labels), "held_out": held_out, "instants": len(labels)}
 
 
 def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout) -> Dict[str, np.ndarray]:
-    import torch
+    import torch  # takes seconds, which --help need not wait for
+
+    from training.td3.td3 import MLP
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # The threads of such a small network only wait for each other.
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    net = torch.nn.Sequential(torch.nn.Linear(layout.beams, HIDDEN), torch.nn.ReLU(), torch.nn.Linear(HIDDEN, contexts))
+    net = MLP(layout.beams, [HIDDEN], contexts)
     counts = np.bincount(labels, minlength=contexts)
     weight = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
     criterion = torch.nn.CrossEntropyLoss(weight=weight, label_smoothing=0.05)
@@ -74,12 +73,7 @@ def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout
         loss.backward()
         optimiser.step()
     torch.set_num_threads(threads)
-    layers = [layer for layer in net if isinstance(layer, torch.nn.Linear)]
-    return {
-        f"{i}.{name}": getattr(layer, name).detach().numpy().astype(np.float32).copy()
-        for i, layer in enumerate(layers)
-        for name in ("weight", "bias")
-    }
+    return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
 
 
 def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.ndarray:
@@ -88,9 +82,10 @@ def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.n
     beams = np.arange(count)[None, :] + rng.integers(-shift, shift + 1, (len(scans), 1))
     beams = np.clip(beams, 0, count - 1)
     beams = np.where(rng.random((len(scans), 1)) < 0.5, count - 1 - beams, beams)
-    varied = np.take_along_axis(scans, beams, axis=1)
+    varied: np.ndarray = np.take_along_axis(scans, beams, axis=1)
     noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(NOISE * 2.0 / layout.range_cap)
-    return np.clip(varied + noise, -1.0, 1.0).astype(np.float32)
+    varied = np.clip(varied + noise, -1.0, 1.0)
+    return varied.astype(np.float32)
 
 
 def _accuracy(weights: Dict[str, np.ndarray], scans: np.ndarray, labels: np.ndarray) -> float:

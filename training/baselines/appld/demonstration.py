@@ -56,11 +56,11 @@ class Demonstration:
     @property
     def driving(self) -> np.ndarray:
         """Mask (n,) of the instants at which the demonstrator drives."""
-        return np.abs(self.command).max(axis=1) > DRIVING_SPEED
+        return np.asarray(np.abs(self.command).max(axis=1) > DRIVING_SPEED)
 
 
 def read_demonstration(
-    path: os.PathLike | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL
+    path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL
 ) -> Demonstration:
     """Read a demonstration from a ROS 1 or ROS 2 bag with scans, odometry and commands.
 

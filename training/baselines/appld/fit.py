@@ -99,7 +99,7 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
     counts = d.driving[stretch.first : stretch.last].copy()
     counts[: min(SETTLE, len(counts) // 2)] = False
-    return (given - d.command[stretch.first : stretch.last])[counts]
+    return np.asarray((given - d.command[stretch.first : stretch.last])[counts])
 
 
 def loss(stretches_: Sequence[Stretch], theta: np.ndarray) -> Tuple[float, List[float]]:

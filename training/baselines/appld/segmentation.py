@@ -58,7 +58,7 @@ def features(demonstration: Demonstration) -> np.ndarray:
         for bearing, width in ((0.0, 45.0), (-1.311, 75.0), (1.311, 75.0))
     )
     raw = np.column_stack([np.abs(demonstration.command), ahead, np.sort(np.column_stack([right, left]), axis=1)])
-    return pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean().to_numpy()
+    return np.asarray(pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean())
 
 
 def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.0) -> Contexts:
