@@ -9,6 +9,7 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
+FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")  # names of parameters with a frame
 
 
 def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
@@ -50,7 +51,5 @@ def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
     for name, value in tree.items():
         if isinstance(value, dict):
             _prefix_frames(value, prefix)
-        elif (
-            name in ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id") and value and value != "map"
-        ):
+        elif name in FRAMES and value and value != "map":
             tree[name] = prefix + str(value).lstrip("/")

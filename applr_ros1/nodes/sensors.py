@@ -87,9 +87,8 @@ class Sensors:
         self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest ones
         self.pose_trouble = ""
         self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
-        self._odometry = rospy.Subscriber(
-            odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
-        )
+        self._odometry = odometry
+        rospy.Subscriber(odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True)
         self.transforms.listen()
 
     @classmethod
@@ -122,10 +121,6 @@ class Sensors:
             topic.forget()
         self.twist = (0.0, 0.0)
 
-    def resolved(self, topic: str) -> str:
-        """Return the full name of a source's topic."""
-        return self._topics[topic].name if topic in self._topics else rospy.resolve_name(topic)
-
     def describe_latest(self, topic: str) -> str:
         """Describe stamp, age and problem of the latest message on a source's topic, for log lines."""
         known = self._topics.get(topic)
@@ -154,7 +149,7 @@ class Sensors:
         if age <= patience:
             return ""
         since = "yet" if self._heard.is_zero() else f"for {age:.2f} s"
-        return f"no usable odometry on {self._odometry.resolved_name} {since}"
+        return f"no usable odometry on {rospy.resolve_name(self._odometry)} {since}"
 
     def pose(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
         """Return the latest pose of the robot in the local frame, or None if none is within `tolerance` [s] of now."""
@@ -230,13 +225,10 @@ class _Topic:
         self.origin = origin.lstrip("/")
         self.trouble = ""
         self.used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
-        self.stamp, self.name = rospy.Time(0), topic  # stamp of the last message that arrived, name of the topic
+        self.name, self.stamp = rospy.resolve_name(topic), rospy.Time(0)  # full name, stamp of the last message
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
-        subscriber = rospy.Subscriber(
-            topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
-        )
-        self.name = subscriber.resolved_name
+        rospy.Subscriber(topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
 
     def _take(self, message: Any) -> None:
         if message.header.stamp.is_zero():  # C++ uses such a message with the latest transform.

@@ -1,7 +1,6 @@
 """Inputs of the applr node: plans of the present goal, recent poses. No ROS master is needed."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,7 +40,6 @@ class Beside:
 
     def _subscriber(self, topic, kind, callback, **_):
         self.callbacks[topic] = callback
-        return SimpleNamespace(resolved_name="/" + topic)
 
     @property
     def time(self):

@@ -17,11 +17,7 @@ def robot(monkeypatch):
     """Provide Sensors, time(t) to set the clock [s], and scan(t), tf(t), odometry(t) to send messages with stamp t."""
     callbacks, clock = {}, [rospy.Time(100)]
 
-    def subscribe(topic, kind, callback, **_):
-        callbacks[topic] = callback
-        return SimpleNamespace(resolved_name="/" + topic)
-
-    monkeypatch.setattr(rospy, "Subscriber", subscribe)
+    monkeypatch.setattr(rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback}))
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")

@@ -111,8 +111,8 @@ class RobotInputs:
         """Return (ranges, first angle, angle increment [rad]) of the latest scan, in the robot's frame."""
         self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
         if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
-            latest, topic = self._sensors.describe_latest(self._scan_topic), self._sensors.resolved(self._scan_topic)
-            raise ObservationError(f"no usable scan on {topic}: {latest}")
+            latest = self._sensors.describe_latest(self._scan_topic)
+            raise ObservationError(f"no usable scan on {rospy.resolve_name(self._scan_topic)}: {latest}")
         trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
         if trouble:
             raise ObservationError(trouble)

@@ -129,7 +129,7 @@ class MoveBaseNode:
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s",
             rospy.resolve_name("move_base/goal"),
-            ", ".join(map(self.sensors.resolved, self.move_base.sources)) or "no topic",
+            ", ".join(map(rospy.resolve_name, self.move_base.sources)) or "no topic",
         )
         with until_shutdown():
             self.loop.run()
@@ -207,7 +207,7 @@ class MoveBaseNode:
             rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
             topic, after = cycle.silent
-            problem = f"no usable scan on {sensors.resolved(topic)} for {after:g} s"
+            problem = f"no usable scan on {rospy.resolve_name(topic)} for {after:g} s"
             rospy.logerr_throttle(1.0, f"standing still: {problem}: {sensors.describe_latest(topic)}")
         else:
             sensors.clear_errors()
