@@ -38,8 +38,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
     """Drive one course and write the bag, with scans at the laser's rate. An unfinished drive leaves no bag.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT.
-        ApplrError: The bag cannot be written.
+        ApplrError: The course takes longer than LIMIT, or the bag cannot be written.
     """
     robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
     world = worlds.scaled(worlds.load(options.world), robot.world_scale)

@@ -40,8 +40,7 @@ def write(folder: os.PathLike[str] | str, above: Sequence[str] = ()) -> str:
         above: Lines at the top of the page, instead of the summary.
 
     Raises:
-        ApplrError: There are no trials.
-        ApplrError: The folder cannot be read or written.
+        ApplrError: There are no trials, or the folder cannot be read or written.
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
