@@ -47,10 +47,8 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
     axes.plot(course.goal[0], course.goal[1], "*", color=GOAL, ms=11, label="goal")
     if course.finish_y is not None:
         axes.axhline(course.finish_y, color=GOAL, lw=0.8, ls=":", label="finish line")
-    axes.set_aspect("equal")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.autoscale_view()
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
 
 
 def main() -> int:

@@ -137,7 +137,7 @@ class Laser(Section):
         return (self.last_angle - self.first_angle) / (self.beams - 1)
 
     def period_in(self, cycle: float) -> float:
-        """Return the time between two scans [s], or 0 if there is a scan in every cycle of `cycle` [s]."""
+        """Return the time between two scans [s], or 0 if every control cycle of `cycle` [s] has a scan."""
         return 1.0 / self.rate if self.rate * cycle < 1.0 else 0.0
 
 

@@ -38,7 +38,7 @@ UNITS = {
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Write the {name: value} of a set as JSON for this package's methods, and as YAML for any move_base."""
+    """Write a parameter set {name: value} as JSON for this package's methods, and as YAML for any move_base."""
     head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})

@@ -38,11 +38,11 @@ GOAL_TOLERANCE = 0.2  # tried tolerance of the goal [m, rad]
 
 
 def courses(robot: Robot) -> List[World]:
-    """Return the four courses. No position ends them: the planner has to report that its goal is reached."""
+    """Return the four courses. Each one ends only when the planner reports its goal as reached."""
     length, width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)
     way, door, ahead = GOAL_DISTANCE_M * robot.world_scale, width + DOOR_MARGIN_M, math.pi / 2
     world = robot.all_parameters()["global_costmap"]
-    if world["rolling_window"]:  # no goal outside of a rolling costmap has a plan
+    if world["rolling_window"]:  # There is no plan to a goal outside a rolling costmap.
         way = min(way, WINDOW_SHARE * min(world["width"], world["height"]))
     box = (0.0, way / 2, 0.0, length / 2, length / 2)
     walls = [(side * (door / 2 + way), way / 2, 0.0, 2 * way, 0.1) for side in (-1, 1)]
