@@ -79,8 +79,8 @@ LEARNED = (  # rows in the order of the parameters in a space
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )
 _rows = sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy)
-# Rows of the outputs of a policy in the dimensionless encoding, in order, by the name of the parameter in the first row
-# of each output; and that name, by each name of the parameters that the output sets
+# Rows of the outputs of a policy in the dimensionless encoding, in order, by the name of the first parameter that an
+# output sets. NAMES gives that name for each name of the parameters that an output sets.
 OUTPUTS = {row.name: row for row in _rows if row is next(first for first in _rows if first.policy == row.policy)}
 NAMES = {
     known: name
