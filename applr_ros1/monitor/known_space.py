@@ -27,8 +27,8 @@ TOUCHED_M = 0.71 * CELL_M  # distance from the body within which the centre of a
 BEHIND_M = 0.1  # depth behind a hit that counts as observed, because only a way through the hit leads there [m]
 SHOWN_M = 2.5  # distance from the scanner up to which a scan observes space; exceeds all stopping distances [m]
 
-# Ranges (n,) float32 [m] of a scan, its angle_min, angle_increment [rad], range_min and range_max [m], and sensor_pose.
-Rays = Tuple[Array32, Tuple[float, float, float, float], Pose]
+Beams = Tuple[float, float, float, float]  # angle_min, angle_increment [rad], range_min and range_max [m] of a scan
+Rays = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams and sensor_pose of a scan
 
 
 def _rays(scan: LaserScan) -> Rays:
@@ -101,12 +101,13 @@ def _update(
 
     limits: largest distance of a point [m], oldest stamp of a point, and stamp of the scan [s].
     """
-    ranges, (angle_min, increment, range_min, range_max), (sx, sy, syaw) = scan
+    ranges, beams, sensor = scan
+    (angle_min, increment, range_min, range_max), (sx, sy, syaw) = beams, sensor
     radius, oldest, now = limits
     kept = lost = 0
     for k in range(count):
         x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
-        if _is_measured(x, y, scan):
+        if _is_measured(x, y, ranges, beams, sensor):
             continue
         if stamp < oldest or (x - sx) ** 2 + (y - sy) ** 2 > radius * radius:
             forgotten[lost] = x, y
@@ -140,12 +141,12 @@ def _update(
 
 
 @kernel
-def _is_measured(x: float, y: float, scan: Rays) -> bool:
+def _is_measured(x: float, y: float, ranges: Array32, beams: Beams, sensor: Pose) -> bool:
     """Return whether the scan replaces a point: a beam ends there, or passes it together with both neighbours.
 
     False if the scanner cannot see the point, because it is out of range or may stand between two beams.
     """
-    ranges, (angle_min, increment, range_min, range_max), sensor = scan
+    angle_min, increment, range_min, range_max = beams
     dx, dy = x - sensor[0], y - sensor[1]
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < range_min:

@@ -243,7 +243,7 @@ class CollisionMonitor:
         self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
             return Verdict((v, w))
-        twists = twists + [(0.0, w0, slip) for v0, w0, slip in twists if v0 * v < 0.0]  # It may reverse at once.
+        twists = twists + [(0.0, w0, slip) for v0, w0, slip in twists if v0 * v < 0.0]  # The base may reverse at once.
         settings = self.settings
         since = max(0.0, self.ages[1])
         lasts = min(settings.reaction_time, max(self._beats, default=0.0) + LATE_S)  # time that a command is in force

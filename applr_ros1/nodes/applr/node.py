@@ -31,7 +31,7 @@ TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
 REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
 LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
 GONE = "move_base has stopped publishing its status: check that it is running"
-COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
+COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")  # counters in /diagnostics
 LOST_PERIODS = 3  # number of periods without a usable decision after which the policy counts as lost
 
 

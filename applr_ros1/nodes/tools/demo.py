@@ -74,7 +74,7 @@ def main() -> int:
 
 
 def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot, worlds.World]:
-    """Return (all values, those for the launch file, Robot, World) of a command line. Raises ApplrError."""
+    """Parse a command line into (all values, values for the launch file, Robot, World). Raises ApplrError."""
     known = launch_arguments()
     given = given_arguments(words, (*known, *EXTRA))
     values = {**known, **EXTRA, **given}

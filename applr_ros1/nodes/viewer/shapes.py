@@ -86,7 +86,7 @@ SHADES[99], SHADES[100] = (230, 80, 60, 190), (120, 20, 90, 220)
 
 
 class Costmap:
-    """Costmap that is updated from whole maps and windows. Only the bounding box of nonfree cells is drawn."""
+    """Costmap updated from whole maps and windows. Draws only the bounding box of the cells that are not free."""
 
     def __init__(self, scene: Any, name: str, z: float):
         self._z = z
