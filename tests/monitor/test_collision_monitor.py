@@ -453,6 +453,13 @@ def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
     assert 0.0 < verdict.command[0] < 0.07
 
 
+def test_the_whole_way_to_the_stop_must_be_observed():
+    monitor = seen_all_around([(9.0, 0.0)])
+    assert monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.8, 0.0)).action == PASS
+    monitor.seen.cells[int(0.5 / CELL_M)] = 0  # a strip of 5 cm, much nearer than the place at which the robot stops
+    assert monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.8, 0.0)).action == SLOW
+
+
 def test_space_behind_an_obstacle_or_the_robot_is_unknown():
     seen = SeenSpace(8.0)
     seen.update(scan_of(wall(1.0), (0.0, 0.0, 0.0)))

@@ -49,6 +49,9 @@ class Beside:
         message = stamped(PoseStamped(), self.time, "odom")
         message.pose.position.x = x
         self.inputs._on_current_goal(message)
+        self.status(name)
+
+    def status(self, name):
         status = GoalStatus(status=GoalStatus.ACTIVE)
         status.goal_id.id = name
         self.inputs._on_status(GoalStatusArray(status_list=[status]))
@@ -71,14 +74,15 @@ class Beside:
             message.poses[-1].pose.position.x = x
         self.inputs._on_plan(message)
 
-    def snapshot(self, scanned=None):
+    def snapshot(self, scanned=None, odometer=True):
         scan = LaserScan(
             angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 500 + [2.0]
         )
         self.callbacks["front/scan"](stamped(scan, self.time if scanned is None else scanned, "front_laser"))
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
-        self.callbacks["odometry/filtered"](odometry)
+        if odometer:
+            self.callbacks["odometry/filtered"](odometry)
         return self.inputs.snapshot(self.time, self.time)
 
 
@@ -92,7 +96,10 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
     assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # This driver sets no stamps.
-    beside.now += 0.4
+    beside.plan(4.8)
+    beside.now += 0.6
+    beside.status("one")  # The goal is still the same.
+    assert beside.snapshot().seen.goal == (5.0, 0.0, 0.0)
     beside.plan(5.0)
     beside.now += 0.02
     beside.goal("two", -3.0)
@@ -102,6 +109,13 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.plan(-2.8)  # It ends at the nearest free cell.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
+    beside.now += 0.6
+    beside.goal("three", -3.0)  # The plan is older than this goal, although it leads there.
+    refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
+    beside.goal("four", 6.0)
+    beside.now += 0.6
+    beside.plan(1.0)  # It is so new that it leads towards this goal, although it ends nearer to the former one.
+    assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
 
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
@@ -133,6 +147,13 @@ def test_a_stale_localisation_prevents_decisions(beside):
     assert beside.snapshot().seen.pose == (0.0, 0.5, 0.0)
     beside.now += 0.2
     refused(lambda: beside.snapshot(), r"map <- base_link is 1.10 s old", kind=ObservationError)
+
+
+def test_a_silent_odometry_prevents_decisions(beside):
+    beside.plan(5.0)
+    beside.snapshot()
+    beside.now += 1.1
+    refused(lambda: beside.snapshot(odometer=False), "odometry", kind=ObservationError)
 
 
 def test_a_static_transform_has_no_age(beside):

@@ -61,6 +61,11 @@ def assert_within(differs, rect):
 
 def test_costs_decay_beyond_the_inscribed_radius():
     assert [cost_at(cells, 0.05, 0.25, 10.0) for cells in (0, 5, 6)] == [254, 253, 152]
+    layer, base = make(20, 20, InflationParameters(0.6, 3.0)), blank(20, 20)
+    layer.configure(InflationParameters(0.6, 10.0))
+    base[10, 10] = 254
+    layer.update(master := blank(20, 20), base, (0, 0, 20, 20))
+    assert (layer.full_pass_due, master[10, 18]) == (True, cost_at(8, 0.05, 0.265, 10.0))
 
 
 def test_short_queues_are_survived():

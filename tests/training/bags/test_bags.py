@@ -199,6 +199,7 @@ class PublishesEnd(Drive):
     ("kind", "status", "seconds", "finish", "count", "terminated", "skipped"),
     [
         (Drive, ABORTED, 9.0, None, 5, True, {}),
+        (Drive, 5, 9.0, None, 5, True, {}),  # The goal was rejected.
         (Drive, PREEMPTED, 9.0, None, 4, False, {}),
         (Drive, PREEMPTED, 9.98, None, 4, False, {}),
         (Drive, None, 9.0, None, 4, False, {}),
@@ -225,6 +226,13 @@ def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier()
     status = [(0, "g"), (10, "")]
     pursued = [goals(SimpleNamespace(status=status, results={"g": (at, SUCCEEDED)})) for at in (8, 12)]
     assert [goal.end for (goal,) in pursued] == [8, 10]
+
+
+def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
+    with StackWriter(tmp_path / "a.bag") as writer:
+        for at, code in ((10.0, 1), (11.0, 6), (12.0, PREEMPTED)):  # active, preempting
+            writer.status(at, "g", running=False, ended=code)
+    assert [goal for _, goal in read(tmp_path / "a.bag").status] == ["g", "g", ""]
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
