@@ -24,20 +24,27 @@ import sys
 import tempfile
 import warnings
 from pathlib import Path
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, List, Tuple, TypeVar, overload
 
 import numba
+from numba.core import serialize
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
-from numba.core.serialize import dumps
 
 KEPT_FILES = 6000  # number of cached files, about twelve versions of all kernels; the least recently used are removed
+dumps: Callable[[Any], bytes] = serialize.dumps  # numba has no types for this function and the next one
+rebuild: Callable[..., CompileResult] = CompileResult._rebuild
 OURS = ("applr_ros1", "sim_bridge", "worlds")  # packages of this repository whose modules are hashed
+Result = TypeVar("Result")
 IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +\(?(.*))?", re.MULTILINE)
 
 
-def kernel(function: Callable | None = None, **options: Any) -> Any:
+@overload
+def kernel(function: Callable[..., Result]) -> Callable[..., Result]: ...
+@overload
+def kernel(**options: Any) -> Callable[[Callable[..., Result]], Callable[..., Result]]: ...
+def kernel(function: Any = None, **options: Any) -> Any:
     """Compile `function` with numba.njit and cache the machine code.
 
     Args:
@@ -45,7 +52,8 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
         options: Options of numba.njit except `cache`, for example `error_model="numpy"`.
 
     Returns:
-        The dispatcher of numba, or a decorator if only options are given.
+        The dispatcher of numba, or a decorator if only options are given. Its arguments may also be numpy's numbers, so
+        its type names only the result.
     """
     if function is None:
         return functools.partial(kernel, **options)
@@ -77,7 +85,7 @@ class KernelCache(NullCache):
             os.utime(path)  # _remove_unused sorts by the time of the last use.
         except Exception:  # Unpickling a damaged file may raise any exception.
             return None
-        return CompileResult._rebuild(target_context, *parts)
+        return rebuild(target_context, *parts)
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Write a compilation to the cache. Other processes see the file only when it is complete."""

@@ -17,7 +17,7 @@ from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import namespace
-from applr_ros1.planner.parameters.layers import INFLATION_LAYER, STATIC_LAYER, layers, sources
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, STATIC_LAYER, Layer, layers, sources
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
 LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
@@ -67,7 +67,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _describe(layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
+def _describe(layer: Layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
     """Return the description of a layer, from its branch of the complete tree and its values in force."""
     if layer.kind == INFLATION_LAYER:
         return LayerDescription(layer.name, InflationParameters(**now))

@@ -10,6 +10,7 @@ from typing import Any, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
@@ -60,12 +61,15 @@ def _on_map(centre: float, offsets: np.ndarray, origin: float, length: float) ->
     return value[on], index[on], sign[on]
 
 
-def _cells(values, costmap, axis):
-    return np.minimum(((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64), costmap.size[axis] - 1)
+def _cells(values: np.ndarray, costmap: Any, axis: int) -> np.ndarray:
+    cells: np.ndarray = np.minimum(
+        ((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64), costmap.size[axis] - 1
+    )
+    return cells
 
 
 @kernel
-def _reachable(cells, sx, sy, allow_unknown):
+def _reachable(cells: Data, sx: int, sy: int, allow_unknown: bool) -> Data:
     """Return (ny, nx) bool: cells that a 4-connected flood from (sx, sy) reaches. The map's border is closed."""
     ny, nx = cells.shape
     reached = np.zeros((ny, nx), np.bool_)

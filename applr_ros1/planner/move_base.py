@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterable, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.angles import Pose, compose, inverse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
@@ -26,7 +26,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.state_machine import NO_PLAN, Components, Cycle, CycleInput, Pose, StateMachine, Timer, Twist
+from applr_ros1.planner.state_machine import NO_PLAN, Components, Cycle, CycleInput, StateMachine, Timer, Twist
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
@@ -97,10 +97,8 @@ class MoveBase:
     def frequency(self) -> float:
         """Rate at which step() must be called [Hz]: the highest rate of its components."""
         settings = self._config[""]
-        return max(
-            [settings["controller_frequency"], settings["planner_frequency"]]
-            + [self._config[name]["update_frequency"] for name in COSTMAPS]
-        )
+        updates = [self._config[name]["update_frequency"] for name in COSTMAPS]
+        return float(max(settings["controller_frequency"], settings["planner_frequency"], *updates))
 
     @property
     def local_planner(self) -> LocalPlanner:
@@ -115,7 +113,7 @@ class MoveBase:
     def goal_tolerance(self) -> float:
         """Distance to the goal within which the local planner takes the position as reached [m]."""
         name = self.local_planner_name
-        return {**self.parameters[name], **self._config[name]}["xy_goal_tolerance"]
+        return float({**self.parameters[name], **self._config[name]}["xy_goal_tolerance"])
 
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:

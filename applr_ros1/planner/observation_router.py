@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.common.scan import LaserScan, Observation, ObservationBuffer, moved, observe
+from applr_ros1.common.scan import LaserScan, Observation, ObservationBuffer, PointCloud, moved, observe
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.layers import PREDICTED
 
@@ -74,15 +74,18 @@ class ObservationRouter:
             for listener in self._listeners[PREDICTED]:
                 listener.buffer.forget()
 
-    def _hand_on(self, topic, observation, now, local_origin, placed):
-        clouds: dict = {}  # projections, shared by sources with the same frame and treatment of +inf
+    def _hand_on(
+        self, topic: str, observation: Observation, now: float, local_origin: Optional[Pose], placed: bool
+    ) -> None:
+        clouds: Dict[Any, PointCloud] = {}  # projections, shared by sources with the same frame and treatment of +inf
         for buffer, is_global in self._listeners.get(topic, ()):
             if is_global and not placed:
                 continue
             valid = buffer.source.inf_is_valid and isinstance(observation, LaserScan)
-            key = is_global and local_origin is not None, valid
+            frame = local_origin if is_global else None
+            key = frame is not None, valid
             if key not in clouds:
-                clouds[key] = observe(moved(observation, local_origin) if key[0] else observation, valid)
+                clouds[key] = observe(observation if frame is None else moved(observation, frame), valid)
             buffer.take(clouds[key], now)
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:

@@ -11,6 +11,7 @@ from typing import Any, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 
 NEAR = 1.0  # distance from which on leading points of the plan are pruned [m]
@@ -19,7 +20,7 @@ NEAR = 1.0  # distance from which on leading points of the plan are pruned [m]
 def half_size(costmap: Any) -> float:
     """Return half of the longer side of the map [m]."""
     ny, nx = costmap.cells.shape
-    return max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0)
+    return float(max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0))
 
 
 def cut_plan(
@@ -49,7 +50,7 @@ def cut_plan(
 
 
 @kernel
-def within(plan, x, y, limit):
+def within(plan: Data, x: float, y: float, limit: float) -> Tuple[int, int]:
     """Return (first, last), so that plan[first:last] is the part to keep."""
     n = plan.shape[0]
     first = 0
@@ -64,7 +65,7 @@ def within(plan, x, y, limit):
 
 
 @kernel
-def leading_far(plan, x, y):
+def leading_far(plan: Data, x: float, y: float) -> int:
     """Count the leading points that are NEAR or farther away."""
     far = 0
     while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
@@ -73,9 +74,9 @@ def leading_far(plan, x, y):
 
 
 @kernel
-def _squared_distance(plan, i, x, y):
-    dx = x - plan[i, 0]
-    dy = y - plan[i, 1]
+def _squared_distance(plan: Data, i: int, x: float, y: float) -> float:
+    dx: float = x - plan[i, 0]
+    dy: float = y - plan[i, 1]
     return dx * dx + dy * dy
 
 
@@ -89,7 +90,7 @@ def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
 
 
 @kernel
-def _through_matrix(yaws, turn):
+def _through_matrix(yaws: Data, turn: float) -> None:
     """Rotate the angles (n,) in place as tf does: quaternion, matrix, quaternion."""
     for i in range(yaws.shape[0]):
         z = math.sin(yaws[i] / 2)

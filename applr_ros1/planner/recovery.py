@@ -7,9 +7,10 @@ can be cancelled between two cycles.
 from __future__ import annotations
 
 import math
-from typing import Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
 from applr_ros1.planner.sampling_planner import angle_difference
 
@@ -35,7 +36,12 @@ class ClearCostmapRecovery:
         pass
 
     def step(
-        self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
+        self,
+        now: float,
+        pose: Pose,
+        local_costmap: Costmap,
+        global_costmap: Costmap,
+        global_pose: Optional[Pose] = None,
     ) -> Optional[Tuple[float, float]]:
         """Clear the costmaps and return None: the behaviour ends within its first cycle.
 
@@ -54,7 +60,7 @@ class RotateRecovery:
     rate steps over them. With like_cpp, a rotation that does not complete goes on forever.
     """
 
-    def __init__(self, name: str, planner: dict, sim_granularity: float = 0.017, like_cpp: bool = False):
+    def __init__(self, name: str, planner: Dict[str, Any], sim_granularity: float = 0.017, like_cpp: bool = False):
         self.name = name
         self.acc = planner["acc_lim_theta"]
         self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
@@ -71,7 +77,12 @@ class RotateRecovery:
         self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
 
     def step(
-        self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
+        self,
+        now: float,
+        pose: Pose,
+        local_costmap: Costmap,
+        global_costmap: Costmap,
+        global_pose: Optional[Pose] = None,
     ) -> Optional[Tuple[float, float]]:
         """Return the next command (0, w), or None when the rotation is complete, blocked or takes too long."""
         x, y, yaw = pose
@@ -95,7 +106,10 @@ class RotateRecovery:
         return 0.0, min(max(w, self.slowest), self.fastest)
 
 
-def build(parameters: dict, like_cpp: bool = False) -> list:
+Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
+
+
+def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]:
     """Return the behaviours in order, from a complete parameter tree. They are read only at start-up, as in C++.
 
     The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used unchanged
@@ -103,7 +117,7 @@ def build(parameters: dict, like_cpp: bool = False) -> list:
     """
     listed = parameters["recovery_behaviors"]
     usual = listed == DEFAULT_RECOVERIES
-    made = {}
+    made: Dict[str, Behaviour] = {}
     behaviours = []
     for entry in listed:
         name, clears = entry["name"], entry["type"] == RECOVERY_TYPES[0]

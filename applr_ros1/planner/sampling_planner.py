@@ -8,18 +8,30 @@ and equal ones by sampling order.
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
 
+Triple = Tuple[float, float, float]  # pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s]
+RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an array (count, 3)
 LARGEST_TURN = 0.5  # largest turn per step for closed forms [rad], because the chord formula fails near a full turn
 
 
+class Record:
+    """Type of one record of PARAMETERS or STATE in a kernel, where its fields are attributes."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> float: ...
+        def __setattr__(self, name: str, value: float) -> None: ...
+
+
 @kernel
-def through_quaternion(yaw):
+def through_quaternion(yaw: float) -> float:
     """Return an angle after conversion to a quaternion and back: in (-pi, pi], last bits may differ."""
     z = math.sin(yaw / 2)
     w = math.cos(yaw / 2)
@@ -27,14 +39,25 @@ def through_quaternion(yaw):
 
 
 @kernel
-def angle_difference(a, b):
+def take_start(start: Data, pose: Triple, velocity: Triple) -> None:
+    """Store pose and velocity in `start` (6,) as C++ does: angles pass through a quaternion, all become float32."""
+    start[0] = np.float32(pose[0])
+    start[1] = np.float32(pose[1])
+    start[2] = np.float32(through_quaternion(pose[2]))
+    start[3] = np.float32(velocity[0])
+    start[4] = np.float32(velocity[1])
+    start[5] = np.float32(through_quaternion(velocity[2]))
+
+
+@kernel
+def angle_difference(a: float, b: float) -> float:
     """Return the angle from a to b, in (-pi, pi]."""
-    r = np.fmod(b - a + math.pi, 2.0 * math.pi)
+    r: float = np.fmod(b - a + math.pi, 2.0 * math.pi)
     return r + math.pi if r <= 0.0 else r - math.pi
 
 
 @kernel
-def small_turn(a):
+def small_turn(a: float) -> Tuple[float, float]:
     """Return (cos a, sin a) from their series, accurate to about 1e-15 for |a| <= .25."""
     t = a * a
     return (
@@ -44,7 +67,7 @@ def small_turn(a):
 
 
 @kernel
-def sift_down(heap, keys, count, i):
+def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
     """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
     sample = heap[i]
     while 2 * i + 1 < count:
@@ -59,7 +82,7 @@ def sift_down(heap, keys, count, i):
 
 
 @kernel
-def _before(keys, a, b):
+def _before(keys: Data, a: int, b: int) -> bool:
     return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)
 
 
@@ -67,6 +90,12 @@ def record(reals: str, integers: str, after: str = "") -> np.dtype:
     """Return the dtype of a record of float64, int64 and again float64 fields. Names are separated by blanks."""
     fields = [(name, np.float64) for name in reals.split()] + [(name, np.int64) for name in integers.split()]
     return np.dtype(fields + [(name, np.float64) for name in after.split()])
+
+
+def floats(values: Iterable[float]) -> Triple:
+    """Return three numbers as floats, because the kernels are compiled for these types only."""
+    a, b, c = (float(value) for value in values)
+    return a, b, c
 
 
 class Choice:
@@ -82,7 +111,7 @@ class Choice:
 
     __slots__ = ("cost", "vx", "vy", "w", "drive", "count", "sample", "_roll_out", "_points")
 
-    def __init__(self, cost, velocity, drive, count, roll_out: Callable[[np.ndarray], None], sample=-1):
+    def __init__(self, cost: float, velocity: Triple, drive: Triple, count: int, roll_out: RollOut, sample: int = -1):
         self.cost, self.drive, self.count, self.sample = cost, drive, count, sample
         self.vx, self.vy, self.w = velocity
         self._roll_out = roll_out
@@ -164,7 +193,7 @@ class SamplingPlanner:
     @property
     def start(self) -> np.ndarray:
         """Pose and velocity (6,) used in the last cycle: wrapped and rounded to float32."""
-        return self._scratch.start.copy()
+        return np.array(self._scratch.start)
 
     def reset(self) -> None:
         """Clear the memory between cycles, as in a new object (for training episodes)."""

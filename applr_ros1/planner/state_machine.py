@@ -15,14 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
-from applr_ros1.planner.recovery import ClearCostmapRecovery, RotateRecovery
+from applr_ros1.planner.recovery import Behaviour
 
 EARLY = 0.2  # share of a period by which a step may come early and still count, so that jitter skips no turn
 
@@ -58,9 +59,7 @@ class Timer:
         self._next = now + self._period
 
 
-Pose = Tuple[float, float, float]
 Twist = Tuple[float, float]
-Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
 STOP = (0.0, 0.0)
 PLANNING, CONTROLLING, CLEARING, IDLE = "planning", "controlling", "clearing", "idle"
 NO_PLAN = np.zeros((0, 3))
@@ -349,7 +348,7 @@ class StateMachine:
         self._last_oscillation = self._last_plan = now
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
 
-    def _rounds_are_over(self, global_pose) -> bool:
+    def _rounds_are_over(self, global_pose: Any) -> bool:
         """Return whether the recoveries began recovery_rounds times without bringing the robot nearer to its goal.
 
         In C++, each valid command restarts the sequence, without a limit. At an enclosed goal, each conservative reset
@@ -371,5 +370,5 @@ class StateMachine:
         self.state, self._trigger, self._index = PLANNING, PLANNING, 0
 
 
-def _distance(a, b) -> float:
+def _distance(a: Any, b: Any) -> float:
     return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -19,13 +19,17 @@ from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.grid import Window
 
 WALL = 0  # level of the padding
 SEED = 1  # level of a lethal cell, the source of a spread
 NONE = 255  # level of a cell that no obstacle reaches
 MAX_REACH = 25  # maximum reach with levels in uint8 [cells]; beyond it InflationLayer recomputes the spread
 CODE = 4095  # mask of the offset code in a link
+Steps = Tuple[int, int, int, int]  # flat offsets of the four directions
+Spread = Tuple[Data, Data, Data, Data, Data, int]  # level, link, cost, step_level, cost by level, reach [cells]
 
 
 @lru_cache(maxsize=64)
@@ -49,12 +53,13 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
 
 
 @kernel
-def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
+def seed_changes(base: Data, level: Data, rect: Window, around: Window, changed: Data) -> int:
     """Write the padded cells that become or cease to be seeds into `changed`; return their number.
 
-    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. [ax0, axn) x [ay0, ayn)
-    must contain this rectangle and all earlier seeds. Returns -1 if `changed` is too short.
+    Seeds are the cells of value 254 of base (ny, nx) within `rect`, in row order. `around` must contain `rect` and all
+    earlier seeds. Returns -1 if `changed` is too short.
     """
+    (x0, y0, xn, yn), (ax0, ay0, axn, ayn) = rect, around
     count = 0
     for y in range(ay0, ayn):
         inside = y0 <= y < yn
@@ -79,7 +84,7 @@ def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
 
 
 @kernel
-def _any_seed(levels):
+def _any_seed(levels: Data) -> np.uint8:
     any_seed = np.uint8(0)
     for i in range(levels.shape[0]):
         any_seed |= np.uint8(levels[i] == SEED)
@@ -87,7 +92,7 @@ def _any_seed(levels):
 
 
 @kernel
-def _enqueue(queue, used, entry, level):
+def _enqueue(queue: Data, used: int, entry: int, level: int) -> int:
     """Append an entry (4 cell + direction) to the queue of a level; return the number of entries used.
 
     The rows of queue (4, m) int32 are the entries, the next entry of the same level, and the first and last entry of
@@ -104,8 +109,9 @@ def _enqueue(queue, used, entry, level):
 
 
 @kernel
-def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, queue):
+def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
     """Spread the `count` cells in `seeds`, in row order, over empty arrays; return False if `queue` is too short."""
+    level2, link, cost, step_level, level_cost, reach = spread
     width = level2.shape[1]
     level = level2.reshape(-1)
     side = 2 * reach + 1
@@ -151,13 +157,13 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, que
 
 
 @kernel
-def _earlier(level, link, steps, n1, k1, n2, k2):
+def _earlier(level: Data, link: Data, steps: Steps, n1: int, k1: int, n2: int, k2: int) -> bool:
     """Return True if C++ enqueued the step k1 from n1 before the step k2 from n2, both of the same level."""
     while True:
         if n1 == n2:
             return k1 < k2
         if level[n1] != level[n2]:
-            return level[n1] < level[n2]
+            return bool(level[n1] < level[n2])
         if level[n1] == SEED:
             return n1 < n2
         k1 = link[n1] >> 12
@@ -167,7 +173,7 @@ def _earlier(level, link, steps, n1, k1, n2, k2):
 
 
 @kernel
-def _remove_subtree(level, link, cost, steps, root, lost, count):
+def _remove_subtree(level: Data, link: Data, cost: Data, steps: Steps, root: int, lost: Data, count: int) -> int:
     """Reset `root` and all cells reached through it to NONE and append them to `lost`; return the new count."""
     lost[count] = root
     level[root] = NONE
@@ -188,11 +194,12 @@ def _remove_subtree(level, link, cost, steps, root, lost, count):
 
 
 @kernel
-def repair(changed, count, level2, link, cost, step_level, level_cost, reach, queue, lost):
+def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -> bool:
     """Add or remove the padded cells in `changed` as seeds and evaluate all cells that depend on them again.
 
     Returns False if `queue` or `lost` (m,) int64 is too short. The arrays then have to be rebuilt.
     """
+    level2, link, cost, step_level, level_cost, reach = spread
     width = level2.shape[1]
     level = level2.reshape(-1)
     side = 2 * reach + 1

@@ -13,18 +13,11 @@ from typing import Any, Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import PointCloud, Source
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import (
-    FREE,
-    UNKNOWN,
-    begin,
-    roll,
-    size_in_meters,
-    world_to_map,
-    world_to_map_enforce_bounds,
-)
+from applr_ros1.planner.costmap.grid import FREE, UNKNOWN, Bounds, Window, clipped_cell, roll, world_to_map
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
@@ -85,9 +78,9 @@ class Costmap:
         self.rolling = bool(rolling)
         self.default = UNKNOWN if track_unknown else FREE
         self.version = 0
-        self.window: Optional[Tuple[int, int, int, int]] = None
+        self.window: Optional[Window] = None
         self.size_is_locked = False  # True once the map of a static layer has set the size
-        self._changes: Deque[Tuple[int, int, int, int]] = deque(maxlen=64)
+        self._changes: Deque[Window] = deque(maxlen=64)
         self._allocate(size_x_m, size_y_m, resolution, origin)
         if layers is None:
             layers = (
@@ -193,22 +186,14 @@ class Costmap:
         if not math.isfinite(x + y + yaw):
             raise ApplrError("robot pose of a costmap update is (%g, %g, %g): give finite numbers" % (x, y, yaw))
         pose = (x, y, yaw)
-        nx, ny = self.size
         if scan is not None:
             self.obstacles.cloud = scan
         if self.rolling:
-            moved = roll(
-                self.cells,
-                self.origin,
-                self.resolution,
-                x - size_in_meters(nx, self.resolution) / 2,
-                y - size_in_meters(ny, self.resolution) / 2,
-                self.default,
-            )
+            moved = roll(self.cells, self.origin, self.resolution, x, y, self.default)
             if moved != (0, 0):
                 for inflation in self.inflation_layers:
                     inflation.roll(*moved)
-                self._changed((0, 0, nx, ny))
+                self._changed((0, 0) + self.size)
         bounds = NOTHING
         for layer in self.layers:
             if layer.parameters.enabled:
@@ -217,34 +202,28 @@ class Costmap:
         if self.window is not None:
             self._refresh(pose, self.window)
 
-    def _to_window(self, bounds: Tuple[float, float, float, float]) -> Optional[Tuple[int, int, int, int]]:
+    def _to_window(self, bounds: Bounds) -> Optional[Window]:
         """Return the window (x0, y0, xn, yn) of bounds (min x, min y, max x, max y) [m]; None if they are inverted."""
         nx, ny = self.size
         ox, oy = self.origin.tolist()
-        x0 = world_to_map_enforce_bounds(bounds[0], ox, self.resolution, nx)
-        y0 = world_to_map_enforce_bounds(bounds[1], oy, self.resolution, ny)
-        xn = world_to_map_enforce_bounds(bounds[2], ox, self.resolution, nx) + 1
-        yn = world_to_map_enforce_bounds(bounds[3], oy, self.resolution, ny) + 1
+        x0 = clipped_cell(bounds[0], ox, self.resolution, nx)
+        y0 = clipped_cell(bounds[1], oy, self.resolution, ny)
+        xn = clipped_cell(bounds[2], ox, self.resolution, nx) + 1
+        yn = clipped_cell(bounds[3], oy, self.resolution, ny) + 1
         return None if xn < x0 or yn < y0 else (x0, y0, xn, yn)
 
-    def _refresh(self, pose: Sequence[float], window: Tuple[int, int, int, int]) -> None:
+    def _refresh(self, pose: Pose, window: Window) -> None:
         """Write all layers into the master within the window."""
-        nx, ny = self.size
+        (nx, ny), (x0, y0, xn, yn) = self.size, window
         r = 2 * sum(layer.reach for layer in self.inflation_layers)
-        around = (max(0, window[0] - r), max(0, window[1] - r), min(nx, window[2] + r), min(ny, window[3] + r))
+        rect = max(0, x0 - r), max(0, y0 - r), min(nx, xn + r), min(ny, yn + r)
+        around = slice(rect[1], rect[3]), slice(rect[0], rect[2])
         grid = self._base
-        lowest: Any = self.layers[0] if self.layers else None
-        if isinstance(lowest, ObstacleLayer) and lowest.parameters.enabled:
-            lowest.clear_footprint(pose, self.footprint)
-            begin(self.cells, grid, self.default, lowest.cells, lowest.is_merging, *window, *around)
-        else:
-            lowest = None
-            begin(self.cells, grid, self.default, grid, False, *window, *around)
+        grid[around] = self.cells[around]
+        grid[y0:yn, x0:xn] = self.default
         top = self.layers[-1] if self.layers else None
         changed = None
         for layer in self.layers:
-            if layer is lowest:
-                continue
             if not isinstance(layer, InflationLayer):
                 if layer.parameters.enabled:
                     layer.write(grid, window, pose, self.footprint)
@@ -254,18 +233,11 @@ class Costmap:
                 inflated = grid.copy()
                 layer.update(inflated, grid, window)
                 grid = inflated
-        if not isinstance(top, InflationLayer):
-            changed = self._copy_in(grid, around)
+        if not isinstance(top, InflationLayer) and not np.array_equal(self.cells[around], grid[around]):
+            self.cells[around] = grid[around]
+            changed = rect
         if changed is not None:
             self._changed(changed)
-
-    def _copy_in(self, grid: np.ndarray, rect: Tuple[int, int, int, int]) -> Optional[Tuple[int, int, int, int]]:
-        """Copy the rectangle of `grid` into the master; return the rectangle, or None if nothing changed."""
-        x0, y0, xn, yn = rect
-        if np.array_equal(self.cells[y0:yn, x0:xn], grid[y0:yn, x0:xn]):
-            return None
-        self.cells[y0:yn, x0:xn] = grid[y0:yn, x0:xn]
-        return rect
 
     def clear(self) -> None:
         """Reset master and layers, as clear_costmaps does. The next update marks the latest scan again."""
@@ -274,7 +246,7 @@ class Costmap:
             layer.reset()
         self._changed((0, 0) + self.size)
 
-    def clear_outside(self, pose: Sequence[float], side: float) -> None:
+    def clear_outside(self, pose: Pose, side: float) -> None:
         """Reset the obstacle layers outside the square of `side` [m] around the pose, as the clearing recovery does.
 
         The master follows at the next update.
@@ -291,15 +263,16 @@ class Costmap:
 
     def footprint_cost(self, x: float, y: float, yaw: float) -> float:
         """Return the largest cost under the footprint's outline at a pose; -1 lethal, -2 unknown, -3 off the map."""
-        return footprints.footprint_cost(
-            self.cells, self.origin[0], self.origin[1], self.resolution, self.footprint, float(x), float(y), float(yaw)
-        )
+        pose = float(x), float(y), float(yaw)
+        (ox, oy), vertices = self.origin.tolist(), self.footprint
+        return footprints.footprint_cost(self.cells, ox, oy, self.resolution, vertices, pose)
 
     def world_to_map(self, x: float, y: float) -> Tuple[int, int]:
         """Return the cell (mx, my) of a point [m], or (-1, -1) if the point is off the map."""
-        return world_to_map(float(x), float(y), self.origin[0], self.origin[1], self.resolution, *self.size)
+        (ox, oy), (nx, ny) = self.origin.tolist(), self.size
+        return world_to_map(float(x), float(y), ox, oy, self.resolution, nx, ny)
 
-    def changed_since(self, version: int) -> Optional[Tuple[int, int, int, int]]:
+    def changed_since(self, version: int) -> Optional[Window]:
         """Return a rectangle (x0, y0, xn, yn) around every cell changed after `version`; None if nothing changed."""
         if version == self.version:
             return None
@@ -308,6 +281,6 @@ class Costmap:
         rects = list(self._changes)[version - self.version :]
         return (min(r[0] for r in rects), min(r[1] for r in rects), max(r[2] for r in rects), max(r[3] for r in rects))
 
-    def _changed(self, rect: Tuple[int, int, int, int]) -> None:
+    def _changed(self, rect: Window) -> None:
         self.version += 1
         self._changes.append(rect)

@@ -11,9 +11,11 @@ from typing import Any, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, walk_line, world_to_map
+from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, UNKNOWN, walk_line, world_to_map
 
 OFF_MAP = -3.0  # cost of an outline that leaves the map
 ON_UNKNOWN = -2.0  # cost of an outline on an unknown cell
@@ -103,56 +105,47 @@ def radii(vertices: np.ndarray) -> Tuple[float, float]:
         x0, y0 = (float(v) for v in vertices[i])
         x1, y1 = (float(v) for v in vertices[(i + 1) % len(vertices)])
         for distance in (float(np.hypot(x0, y0)), _distance_to_edge(x0, y0, x1, y1)):
-            if distance < inscribed:
-                inscribed = distance
-            if distance > circumscribed:
-                circumscribed = distance
+            inscribed, circumscribed = min(inscribed, distance), max(circumscribed, distance)
     return inscribed, circumscribed
 
 
 @kernel(error_model="numpy")
-def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
+def footprint_cost(cells: Data, ox: float, oy: float, resolution: float, vertices: Data, pose: Pose) -> float:
     """Return the largest cost on `cells` (ny, nx) under the outline of `vertices` (n, 2) [m] at a pose (x, y, yaw).
 
     If an edge is illegal, return OFF_MAP, ON_UNKNOWN or ON_LETHAL of the first such edge. costmap_model.cpp:47.
     """
+    x, y, yaw = pose
     ny, nx = cells.shape
     cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
     if cx < 0:
         return OFF_MAP
     n = vertices.shape[0]
     if n < 3:
-        cost = cells[cy, cx]
+        cost = int(cells[cy, cx])
         if cost == UNKNOWN:
             return ON_UNKNOWN
-        if cost >= 253:
-            return ON_LETHAL
-        return float(cost)
+        return ON_LETHAL if cost >= INSCRIBED else float(cost)
     c = math.cos(yaw)
     s = math.sin(yaw)
-    worst = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        fx = vertices[i, 0]
-        fy = vertices[i, 1]
-        x0, y0 = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
-        if x0 < 0:
-            return OFF_MAP
-        fx = vertices[j, 0]
-        fy = vertices[j, 1]
+    x0 = y0 = worst = 0
+    for i in range(n + 1):
+        fx = vertices[i % n, 0]
+        fy = vertices[i % n, 1]
         x1, y1 = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
         if x1 < 0:
             return OFF_MAP
-        cost = line_cost(cells, x0, y0, x1, y1)
-        if cost < 0:
-            return float(cost)
-        if cost > worst:
-            worst = cost
+        if i > 0:
+            cost = line_cost(cells, x0, y0, x1, y1)
+            if cost < 0:
+                return float(cost)
+            worst = max(worst, cost)
+        x0, y0 = x1, y1
     return float(worst)
 
 
 @kernel
-def line_cost(cells, x0, y0, x1, y1):
+def line_cost(cells: Data, x0: int, y0: int, x1: int, y1: int) -> int:
     """Return the largest cost on the line of cells from (x0, y0) to (x1, y1).
 
     If the line has illegal cells, return -1 if the first is lethal and -2 if it is unknown.
@@ -172,31 +165,26 @@ def line_cost(cells, x0, y0, x1, y1):
         cost = int(cells[y, x])
         if cost >= LETHAL:
             return -2 if cost == UNKNOWN else -1
-        if cost > worst:
-            worst = cost
+        worst = max(worst, cost)
         counter += minor
-        step = counter >= major
-        if step:
-            counter -= major
-        if x_major:
-            x += sx
-            if step:
-                y += sy
-        else:
-            y += sy
-            if step:
-                x += sx
+        both = counter >= major
+        counter -= major if both else 0
+        x += sx if both or x_major else 0
+        y += sy if both or not x_major else 0
     return worst
 
 
 @kernel(error_model="numpy")
-def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
+def fill_footprint(
+    grid: Data, value: int, ox: float, oy: float, resolution: float, vertices: Data, pose: Pose, whole: bool
+) -> bool:
     """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; return success.
 
     If `whole`, nothing is written if a vertex is off the map or there are fewer than three vertices, as in
     Costmap2D::setConvexPolygonCost. Otherwise, as in FootprintHelper::getFootprintCells, only the edges before the
     first vertex off the map are drawn, and a footprint of at most one point covers the centre's cell.
     """
+    x, y, yaw = pose
     ny, nx = grid.shape
     n = vertices.shape[0]
     if n < 3 and whole:
@@ -210,21 +198,22 @@ def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
     s = math.sin(yaw)
     px = np.empty(n, np.int64)
     py = np.empty(n, np.int64)
+    xs = np.empty(nx + ny, np.int64)
+    ys = np.empty(nx + ny, np.int64)
     count = n  # number of vertices before the first one off the map
     for i in range(n):
         fx = vertices[i, 0]
         fy = vertices[i, 1]
-        mx, my = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
-        px[i] = mx
-        py[i] = my
-        if mx < 0:
+        px[i], py[i] = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
+        if px[i] < 0:
             count = i
             break
     if count < n:
         if whole:
             return False
         for i in range(count - 1):
-            _draw_line(grid, value, px[i], py[i], px[i + 1], py[i + 1])
+            for k in range(walk_line(px[i], py[i], px[i + 1], py[i + 1], xs, ys)):
+                grid[ys[k], xs[k]] = value
         return False
     left = nx
     right = -1
@@ -233,13 +222,9 @@ def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
         right = max(right, px[i])
     low = np.full(right - left + 1, ny, np.int64)
     high = np.full(right - left + 1, -1, np.int64)
-    longest = nx + ny
-    xs = np.empty(longest, np.int64)
-    ys = np.empty(longest, np.int64)
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
-        end = walk_line(px[i], py[i], px[j], py[j], xs, ys, 0)
-        for k in range(end):
+        for k in range(walk_line(px[i], py[i], px[j], py[j], xs, ys)):
             column = xs[k] - left
             low[column] = min(low[column], ys[k])
             high[column] = max(high[column], ys[k])
@@ -247,12 +232,3 @@ def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
         for row in range(low[column], high[column] + 1):
             grid[row, left + column] = value
     return True
-
-
-@kernel
-def _draw_line(grid, value, x0, y0, x1, y1):
-    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
-    xs = np.empty(n, np.int64)
-    ys = np.empty(n, np.int64)
-    for k in range(walk_line(x0, y0, x1, y1, xs, ys, 0)):
-        grid[ys[k], xs[k]] = value

@@ -6,14 +6,17 @@ Called by the local planners. Costs are equal to those of costmap/footprint.foot
 from __future__ import annotations
 
 import math
+from typing import Any, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
 UNSURE = 300  # cost of an outline so close to a cell border that rounding decides its cells
+Outline = Tuple[Data, Data, float, float, float, Data, Data]  # see outline_of
 LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges are walked cell by cell
 
 
@@ -32,29 +35,37 @@ def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarra
 
 
 @kernel
-def _fill_offsets(table, r, nx):
+def _fill_offsets(table: Data, r: int, nx: int) -> None:
     xs = np.zeros(r + 1, np.int64)
     ys = np.zeros(r + 1, np.int64)
     for dy in range(-r, r + 1):
         for dx in range(-r, r + 1):
-            for i in range(walk_line(0, 0, dx, dy, xs, ys, 0)):
+            for i in range(walk_line(0, 0, dx, dy, xs, ys)):
                 table[dy + r, dx + r, i] = ys[i] * nx + xs[i]
 
 
 @kernel
-def on_border(f, margin):
+def on_border(f: float, margin: float) -> bool:
     """Return True if the cell coordinate f lies within `margin` cells of a border between two cells."""
     return abs(f - math.floor(f + 0.5)) < margin
 
 
 @kernel
-def outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, margin):
+def outline_of(scene: Any, footprint: Data) -> Outline:
+    """Return a footprint (n, 2) [m] and the scene's map for outline_cost. Built once, it saves time for each pose."""
+    cells = scene.cells
+    flat = cells.reshape(cells.shape[0] * cells.shape[1])
+    return cells, flat, scene.ox, scene.oy, scene.resolution, footprint, scene.lines
+
+
+@kernel
+def outline_cost(outline: Outline, x: float, y: float, c: float, s: float, cx: int, cy: int, margin: float) -> int:
     """Return the largest cost under the footprint's outline at x, y and heading (cosine c, sine s); -1 if illegal.
 
     Returns UNSURE if a vertex is within `margin` cells of a cell border. Costs of legal poses equal those of
-    footprint.footprint_cost. `flat` is `cells` as (ny * nx,). The centre's cell (cx, cy) alone decides if there are
-    fewer than three vertices.
+    footprint.footprint_cost. The centre's cell (cx, cy) alone decides if there are fewer than three vertices.
     """
+    cells, flat, ox, oy, resolution, footprint, lines = outline
     ny, nx = cells.shape
     n = footprint.shape[0]
     if n < 3:

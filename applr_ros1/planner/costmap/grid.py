@@ -1,27 +1,33 @@
 """Cell grid: conversions between world and cells, lines of cells, and the ways in which layers write into a grid.
 
 Called by every kernel of the planner. Cells are computed as in costmap_2d, by a division and truncation. Multiplying by
-1 / resolution instead would move points on cell borders to another cell. Grids are (ny, nx) uint8; a window is
-(x0, y0, xn, yn) in cells.
+1 / resolution instead would move points on cell borders to another cell. Grids are (ny, nx) uint8.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Tuple
+from typing import Tuple, TypeVar
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 
 FREE = 0
 INSCRIBED = 253  # cost of a cell within the inscribed radius of an obstacle
 LETHAL = 254
 UNKNOWN = 255
+OVERWRITE = 0  # combination_method: known cells of the layer replace those of the costmap
+MAXIMUM = 1  # combination_method: the larger value counts
+
+Window = Tuple[int, int, int, int]  # cells [x0, xn) x [y0, yn) as (x0, y0, xn, yn)
+Bounds = Tuple[float, float, float, float]  # (min x, min y, max x, max y) [m]
+Rectangle = TypeVar("Rectangle", Window, Bounds)
 
 
 @kernel
-def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
+def world_to_map(wx: float, wy: float, ox: float, oy: float, resolution: float, nx: int, ny: int) -> Tuple[int, int]:
     """Return the cell (mx, my) of the point (wx, wy) [m]; (-1, -1) if the point is off the map. costmap_2d.cpp:208."""
     if wx < ox or wy < oy:
         return -1, -1
@@ -33,17 +39,17 @@ def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
 
 
 @kernel
-def map_to_world(mx, my, ox, oy, resolution):
+def map_to_world(mx: int, my: int, ox: float, oy: float, resolution: float) -> Tuple[float, float]:
     """Return the centre (x, y) [m] of the cell (mx, my)."""
     return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
 
 
-def world_to_map_no_bounds(w: float, o: float, resolution: float) -> int:
+def truncated_cell(w: float, o: float, resolution: float) -> int:
     """Return the cell index of the coordinate w [m] along one axis, truncated towards zero and not clipped."""
     return int((w - o) / resolution)
 
 
-def world_to_map_enforce_bounds(w: float, o: float, resolution: float, n: int) -> int:
+def clipped_cell(w: float, o: float, resolution: float, n: int) -> int:
     """Return the cell index of the coordinate w [m] along one axis, clipped to 0 .. n - 1. costmap_2d.cpp:233."""
     if w < o:
         return 0
@@ -63,8 +69,8 @@ def size_in_meters(n: int, resolution: float) -> float:
 
 
 @kernel
-def walk_line(x0, y0, x1, y1, xs, ys, start):
-    """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys from index `start`; return the end index.
+def walk_line(x0: int, y0: int, x1: int, y1: int, xs: Data, ys: Data) -> int:
+    """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys, and return their number.
 
     The line in the opposite direction may visit other cells. base_local_planner/line_iterator.h.
     """
@@ -78,41 +84,31 @@ def walk_line(x0, y0, x1, y1, xs, ys, start):
     counter = major // 2
     x = x0
     y = y0
-    n = start
-    for _ in range(major + 1):
+    for n in range(major + 1):
         xs[n] = x
         ys[n] = y
-        n += 1
         counter += minor
-        step = counter >= major
-        if step:
-            counter -= major
-        if x_major:
-            x += sx
-            if step:
-                y += sy
-        else:
-            y += sy
-            if step:
-                x += sx
-    return n
+        both = counter >= major
+        counter -= major if both else 0
+        x += sx if both or x_major else 0
+        y += sy if both or not x_major else 0
+    return major + 1
 
 
-def union(a: Tuple, b: Tuple) -> Tuple:
+def union(a: Rectangle, b: Rectangle) -> Rectangle:
     """Return the smallest rectangle (x0, y0, x1, y1) around two rectangles."""
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
-def roll(
-    cells: np.ndarray, origin: np.ndarray, resolution: float, new_ox: float, new_oy: float, default: int
-) -> Tuple[int, int]:
-    """Move `cells` (ny, nx) and `origin` (2,) towards (new_ox, new_oy) [m] by whole cells, and return those (cx, cy).
+def roll(cells: Data, origin: Data, resolution: float, x: float, y: float, default: int) -> Tuple[int, int]:
+    """Move `cells` (ny, nx) and `origin` (2,) to centre (x, y) [m], and return the shift (cx, cy) [cells].
 
     Cells in the overlap keep their values, the others get `default`. costmap_2d.cpp:260.
     """
+    ny, nx = cells.shape
     ox, oy = origin.tolist()
-    cx = int((new_ox - ox) / resolution)
-    cy = int((new_oy - oy) / resolution)
+    cx = int((x - size_in_meters(nx, resolution) / 2 - ox) / resolution)
+    cy = int((y - size_in_meters(ny, resolution) / 2 - oy) / resolution)
     if cx != 0 or cy != 0:
         origin[0] = ox + cx * resolution
         origin[1] = oy + cy * resolution
@@ -142,37 +138,8 @@ def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
         cells[:, :-cx] = default
 
 
-OVERWRITE = 0  # combination_method: known cells of the layer replace those of the costmap
-MAXIMUM = 1  # combination_method: the larger value counts
-
-
 @kernel
-def begin(master, base, default, layer, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
-    """Fill `base` with the default value inside the window, and copy the master in the rest of the outer rectangle.
-
-    If `merging`, also write the known cells of the lowest layer into the window. Its combination_method has no effect
-    on default values.
-    """
-    empty = np.uint8(default)
-    unknown = np.uint8(UNKNOWN)
-    for y in range(ay0, ayn):
-        if not y0 <= y < yn:
-            _copy(master[y, ax0:axn], base[y, ax0:axn])
-            continue
-        _copy(master[y, ax0:x0], base[y, ax0:x0])
-        _copy(master[y, xn:axn], base[y, xn:axn])
-        target = base[y, x0:xn]
-        if merging:
-            values = layer[y, x0:xn]
-            for i in range(values.shape[0]):
-                target[i] = values[i] if values[i] != unknown else empty
-        else:
-            for i in range(target.shape[0]):
-                target[i] = empty
-
-
-@kernel
-def merge(layer, base, maximum, x0, y0, xn, yn):
+def merge(layer: Data, base: Data, maximum: bool, x0: int, y0: int, xn: int, yn: int) -> None:
     """Replace cells of `base` in the window by known ones of the layer; if `maximum`, only lower or unknown cells."""
     unknown = np.uint8(UNKNOWN)
     for y in range(y0, yn):
@@ -187,16 +154,3 @@ def merge(layer, base, maximum, x0, y0, xn, yn):
         else:
             for i in range(values.shape[0]):
                 target[i] = values[i] if values[i] != unknown else target[i]
-
-
-@kernel
-def replace(layer, base, x0, y0, xn, yn):
-    """Replace all cells of `base` in the window by those of the layer, including unknown ones."""
-    for y in range(y0, yn):
-        _copy(layer[y, x0:xn], base[y, x0:xn])
-
-
-@kernel
-def _copy(source, target):
-    for i in range(source.shape[0]):
-        target[i] = source[i]

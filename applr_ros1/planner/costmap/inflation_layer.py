@@ -7,18 +7,19 @@ distance, first in first out. A distance transform would give slightly other cos
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Optional, Sequence, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap import brushfire
-from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance, union
+from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, UNKNOWN, Bounds, Window, cell_distance, union
 
-Window = Tuple[int, int, int, int]
 LARGEST_F32 = float(np.finfo(np.float32).max)
+EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
 FEW = 4096  # largest number of changed obstacle cells that are repaired; above it all costs are computed anew
 
 
@@ -31,18 +32,13 @@ class InflationParameters:
     enabled: bool = True
     inflate_unknown: bool = False
 
-    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
-        for field in fields(self):
-            kind: Any = type(field.default)
-            setattr(self, field.name, kind(getattr(self, field.name)))
-
 
 def cost_at(distance: float, resolution: float, inscribed_radius: float, weight: float) -> int:
     """Return the cost (0 .. 254) at a distance [cells]; `weight` is cost_scaling_factor. inflation_layer.h:109."""
     if distance == 0:
         return LETHAL
     if distance * resolution <= inscribed_radius:
-        return 253
+        return INSCRIBED
     return int(252 * math.exp(-1.0 * weight * (distance * resolution - inscribed_radius)))
 
 
@@ -63,7 +59,7 @@ class InflationLayer:
         self.parameters = parameters
         self.inscribed_radius = 0.0
         self.full_pass_due = False
-        self._last = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+        self._last = EVERYWHERE
         self._allocate(nx, ny, resolution)
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
@@ -102,16 +98,9 @@ class InflationLayer:
 
     def configure(self, parameters: InflationParameters) -> None:
         """Take new parameters and schedule a full pass if the C++ layer does."""
-        old = self.parameters
-        self.parameters = parameters
-        if (
-            parameters.inflation_radius != old.inflation_radius
-            or parameters.cost_scaling_factor != old.cost_scaling_factor
-        ):
+        if parameters != self.parameters:
+            self.parameters, self.full_pass_due = parameters, True
             self._make_tables()
-            self.full_pass_due = True
-        if parameters.enabled != old.enabled or parameters.inflate_unknown != old.inflate_unknown:
-            self.full_pass_due = True
 
     def set_inscribed_radius(self, radius: float) -> None:
         """Set the inscribed radius [m] of a new footprint and schedule a full pass."""
@@ -119,24 +108,15 @@ class InflationLayer:
         self._make_tables()
         self.full_pass_due = True
 
-    def update_bounds(
-        self,
-        bounds: Tuple[float, float, float, float],
-        pose: Optional[Sequence[float]] = None,
-        footprint: Optional[np.ndarray] = None,
-    ) -> Tuple[float, float, float, float]:
+    def update_bounds(self, bounds: Bounds, pose: Any = None, footprint: Any = None) -> Bounds:
         """Return the bounds (min x, min y, max x, max y) [m], widened for any pose. inflation_layer.cpp:129."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False
-            return -LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32
+            return EVERYWHERE
+        x0, y0, xn, yn = union(last, bounds)
         radius = self.parameters.inflation_radius
-        return (
-            min(last[0], bounds[0]) - radius,
-            min(last[1], bounds[1]) - radius,
-            max(last[2], bounds[2]) + radius,
-            max(last[3], bounds[3]) + radius,
-        )
+        return x0 - radius, y0 - radius, xn + radius, yn + radius
 
     def reset(self) -> None:
         """Cancel a scheduled full pass after the maps have been cleared."""
@@ -182,12 +162,8 @@ class InflationLayer:
             self._spread = None
 
     def _around(self, rect: Window, cells: int) -> Window:
-        return (
-            max(0, rect[0] - cells),
-            max(0, rect[1] - cells),
-            min(self._nx, rect[2] + cells),
-            min(self._ny, rect[3] + cells),
-        )
+        x0, y0, xn, yn = rect
+        return max(0, x0 - cells), max(0, y0 - cells), min(self._nx, xn + cells), min(self._ny, yn + cells)
 
     def update(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
         """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
@@ -197,35 +173,29 @@ class InflationLayer:
         """
         if not self.parameters.enabled or self.reach == 0:
             self._forget()
-            return _apply(master, base, self._cost, self._columns, False, *window)
+            return _apply(master, base, self._cost, self._columns, False, window)
         if not self._incremental:
             return self._update_anew(master, base, window)
         seeds_in = self._around(window, self.reach)
         self._spread_obstacles(base, seeds_in)
-        return _apply(
-            master,
-            base,
-            self._cost,
-            self._columns,
-            self.parameters.inflate_unknown,
-            *self._around(seeds_in, self.reach),
-        )
+        around = self._around(seeds_in, self.reach)
+        return _apply(master, base, self._cost, self._columns, self.parameters.inflate_unknown, around)
 
     def _spread_obstacles(self, base: np.ndarray, rect: Window) -> None:
         """Spread the obstacles of `base` within the rectangle, by repairing the last spread if possible."""
         before, self._spread = self._spread, rect
         self._spread_reach = self.reach
-        grids = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
+        spread = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
         if before is not None:
             both = union(before, rect)
-            count = brushfire.seed_changes(base, self._level, *rect, *both, self._changed)
-            if count >= 0 and brushfire.repair(self._changed, count, *grids, self._queue, self._lost):
+            count = brushfire.seed_changes(base, self._level, rect, both, self._changed)
+            if count >= 0 and brushfire.repair(self._changed, count, spread, self._queue, self._lost):
                 return
             _wipe(self._level, self._cost, *self._around(both, self.reach))
         seeds = self._changed
         while True:
-            count = brushfire.seed_changes(base, self._level, *rect, *rect, seeds)
-            if count >= 0 and brushfire.rebuild(seeds, count, *grids, self._queue):
+            count = brushfire.seed_changes(base, self._level, rect, rect, seeds)
+            if count >= 0 and brushfire.rebuild(seeds, count, spread, self._queue):
                 return
             if count < 0:
                 seeds = np.empty(2 * len(seeds), np.int64)
@@ -242,20 +212,14 @@ class InflationLayer:
         if self._entries is None:
             self._seen = np.zeros(master.shape, np.uint8)
             self._entries = np.empty((5 * master.size, 4), np.int32)
-        _inflate(
-            master,
-            self._seen,
-            self._entries,
-            self._bin,
-            self._level_cost,
-            self.parameters.inflate_unknown,
-            *self._around(window, self.reach),
-        )
+        tables = self._bin, self._level_cost
+        seeds_in = self._around(window, self.reach)
+        _inflate(master, self._seen, self._entries, *tables, self.parameters.inflate_unknown, seeds_in)
         return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
 
 
 @kernel
-def _wipe(level, cost, x0, y0, xn, yn):
+def _wipe(level: Data, cost: Data, x0: int, y0: int, xn: int, yn: int) -> None:
     """Remove the spread from the cells [x0, xn) x [y0, yn)."""
     for y in range(y0 + 1, yn + 1):
         level[y, x0 + 1 : xn + 1] = brushfire.NONE
@@ -263,11 +227,14 @@ def _wipe(level, cost, x0, y0, xn, yn):
 
 
 @kernel
-def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
-    """Write the inflated cells [x0, xn) x [y0, yn) into the master; return the rectangle of changes or None.
+def _apply(
+    master: Data, base: Data, cost: Data, columns: Data, inflate_unknown: bool, window: Window
+) -> Optional[Window]:
+    """Write the inflated cells of the window into the master; return the rectangle of changes or None.
 
     columns (nx,) is scratch. Rows are sliced so that the inner loop compiles to vector instructions.
     """
+    x0, y0, xn, yn = window
     lowest = np.uint8(0 if inflate_unknown else 252)  # An unknown cell takes only costs above this.
     unknown = np.uint8(UNKNOWN)
     touched = columns[x0:xn]
@@ -304,12 +271,14 @@ def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
 
 
 @kernel
-def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
+def _inflate(
+    master: Data, seen: Data, entries: Data, bin_of: Data, level_cost: Data, inflate_unknown: bool, window: Window
+) -> None:
     """Spread costs as C++ does, with one queue per distance.
 
     Rows of entries (m, 4): x, y, source (as x + nx y), next entry of the same level.
     """
-    ny, nx = master.shape
+    (ny, nx), (x0, y0, xn, yn) = master.shape, window
     bins = level_cost.shape[0] - 1
     head = np.full(bins, -1, np.int64)
     tail = np.full(bins, -1, np.int64)
@@ -345,8 +314,8 @@ def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0,
                 elif new > old:
                     master[y, x] = new
                 for k in range(4):
-                    px = x - 1 if k == 0 else (x + 1 if k == 2 else x)
-                    py = y - 1 if k == 1 else (y + 1 if k == 3 else y)
+                    px = x - (k == 0) + (k == 2)
+                    py = y - (k == 1) + (k == 3)
                     if px < 0 or py < 0 or px >= nx or py >= ny or seen[py, px] != 0:
                         continue
                     nb = bin_of[abs(py - sy), abs(px - sx)]

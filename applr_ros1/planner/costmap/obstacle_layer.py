@@ -6,13 +6,16 @@ Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step. T
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import ObservationBuffer, PointCloud, Source
+from applr_ros1.planner.costmap import grid
 from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.grid import (
     FREE,
@@ -20,16 +23,13 @@ from applr_ros1.planner.costmap.grid import (
     MAXIMUM,
     OVERWRITE,
     UNKNOWN,
-    cell_distance,
-    merge,
-    roll,
-    size_in_meters,
+    Bounds,
+    Window,
     union,
     world_to_map,
-    world_to_map_no_bounds,
 )
 
-Bounds = Tuple[float, float, float, float]
+Rays = Tuple[Any, ...]  # rays of one cloud and how they clear and mark, see _observe
 
 
 @dataclass
@@ -40,11 +40,6 @@ class ObstacleParameters:
     footprint_clearing_enabled: bool = True
     max_obstacle_height: float = 2.0  # height above which points do not mark [m]
     combination_method: int = MAXIMUM
-
-    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
-        for field in fields(self):
-            kind: Any = type(field.default)
-            setattr(self, field.name, kind(getattr(self, field.name)))
 
 
 class ObstacleLayer:
@@ -101,18 +96,10 @@ class ObstacleLayer:
     def cloud(self, cloud: PointCloud) -> None:
         self.buffers[0].take(cloud, cloud.stamp)
 
-    def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
+    def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
         """Roll, clear and mark; return the bounds (min x, min y, max x, max y) [m], widened by possible changes."""
-        ny, nx = self.cells.shape
         if self.rolling:
-            roll(
-                self.cells,
-                self.origin,
-                self.resolution,
-                pose[0] - size_in_meters(nx, self.resolution) / 2,
-                pose[1] - size_in_meters(ny, self.resolution) / 2,
-                self.default,
-            )
+            grid.roll(self.cells, self.origin, self.resolution, pose[0], pose[1], self.default)
         touched = self._bounds
         touched[:] = bounds if self._extra is None else union(bounds, self._extra)
         self._extra = None
@@ -128,48 +115,29 @@ class ObstacleLayer:
                 if source.marking:
                     self._observe(source, cloud, False, True, touched)
         if self.parameters.footprint_clearing_enabled:
-            _touch_footprint(footprint, pose[0], pose[1], pose[2], touched)
+            _touch_footprint(footprint, pose, touched)
         low_x, low_y, high_x, high_y = touched.tolist()
         return low_x, low_y, high_x, high_y
 
     def _observe(self, source: Source, cloud: PointCloud, clearing: bool, marking: bool, touched: np.ndarray) -> None:
-        points = cloud.points
-        sx, sy, sz = cloud.origin
-        if len(points) > len(self._hits):
-            self._hits = np.empty(len(points), np.int64)
-        _observe(
-            self.cells,
-            self.origin,
-            self.resolution,
-            points,
-            sx,
-            sy,
-            sz,
-            source.raytrace_range,
-            cell_distance(source.raytrace_range, self.resolution),
-            source.obstacle_range,
-            self.parameters.max_obstacle_height,
-            source.min_obstacle_height,
-            source.max_obstacle_height,
-            clearing,
-            marking,
-            self._hits,
-            touched,
-        )
+        if len(cloud.points) > len(self._hits):
+            self._hits = np.empty(len(cloud.points), np.int64)
+        ranges = source.raytrace_range, source.obstacle_range
+        heights = source.min_obstacle_height, source.max_obstacle_height, self.parameters.max_obstacle_height
+        rays = cloud.points, cloud.origin, self._hits, ranges, grid.cell_distance(ranges[0], self.resolution), heights
+        _observe(self.cells, self.origin, self.resolution, rays, clearing, marking, touched)
 
-    def write(
-        self, base: np.ndarray, window: Tuple[int, int, int, int], pose: Sequence[float], footprint: np.ndarray
-    ) -> None:
+    def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
         """Clear under the robot, then write the layer into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
         self.clear_footprint(pose, footprint)
         if self.is_merging:
-            merge(self.cells, base, self.parameters.combination_method == MAXIMUM, *window)
+            grid.merge(self.cells, base, self.parameters.combination_method == MAXIMUM, *window)
 
-    def clear_footprint(self, pose: Sequence[float], footprint: np.ndarray) -> None:
+    def clear_footprint(self, pose: Pose, footprint: np.ndarray) -> None:
         """Free the cells under the robot if footprint_clearing_enabled is set."""
         if self.parameters.footprint_clearing_enabled:
             ox, oy = self.origin.tolist()
-            fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
+            fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose, True)
 
     @property
     def is_merging(self) -> bool:
@@ -180,7 +148,7 @@ class ObstacleLayer:
         """Reset all cells to the default value. The latest scan is kept and marks again."""
         self.cells[:] = self.default
 
-    def clear_outside(self, pose: Sequence[float], side: float) -> None:
+    def clear_outside(self, pose: Pose, side: float) -> None:
         """Set the cells outside the square of `side` [m] around the pose to 255, as the clearing recovery does.
 
         Rows and columns on the square's border count as outside. clear_costmap_recovery.cpp:351, costmap_layer.cpp:21.
@@ -189,20 +157,23 @@ class ObstacleLayer:
         ends = []
         for axis in (0, 1):
             start = pose[axis] - side / 2
-            ends += [
-                world_to_map_no_bounds(start, self.origin[axis], self.resolution),
-                world_to_map_no_bounds(start + side, self.origin[axis], self.resolution),
-            ]
+            ends += [grid.truncated_cell(w, self.origin[axis], self.resolution) for w in (start, start + side)]
         xs, ys = np.arange(nx), np.arange(ny)
         inside = ((ys > ends[2]) & (ys < ends[3]))[:, None] & ((xs > ends[0]) & (xs < ends[1]))[None, :]
         self.cells[~inside] = UNKNOWN
         ox, oy = self.origin.tolist()
-        whole = ox, oy, ox + size_in_meters(nx, self.resolution), oy + size_in_meters(ny, self.resolution)
+        whole: Bounds = (
+            ox,
+            oy,
+            ox + grid.size_in_meters(nx, self.resolution),
+            oy + grid.size_in_meters(ny, self.resolution),
+        )
         self._extra = whole if self._extra is None else union(self._extra, whole)
 
 
 @kernel
-def _touch_footprint(footprint, x, y, yaw, bounds):
+def _touch_footprint(footprint: Data, pose: Pose, bounds: Data) -> None:
+    x, y, yaw = pose
     c = math.cos(yaw)
     s = math.sin(yaw)
     for i in range(footprint.shape[0]):
@@ -217,78 +188,41 @@ def _touch_footprint(footprint, x, y, yaw, bounds):
 
 
 @kernel(error_model="numpy")
-def _observe(
-    cells,
-    origin,
-    res,
-    points,
-    sx,
-    sy,
-    sz,
-    raytrace_range,
-    reach,
-    obstacle_range,
-    max_height,
-    source_min,
-    source_max,
-    clearing,
-    marking,
-    hits,
-    bounds,
-):
-    """Clear along all rays, then mark all points (n, 3), and widen bounds (4,) by both.
+def _observe(cells: Data, origin: Data, res: float, rays: Rays, clearing: bool, marking: bool, bounds: Data) -> None:
+    """Clear along all rays, then mark all points, and widen bounds (4,) by both.
 
-    hits (n,) is scratch for the flat cell index of each point, or -1 if the point is off the map.
+    rays: points (n, 3), sensor position (x, y, z), scratch (n,) for the flat cell index of each point (-1 off the map),
+    ranges (clearing, marking) [m], clearing range [cells], heights (lowest, highest, highest to mark) [m].
     """
+    points, (sx, sy, sz), hits, (_, obstacle_range), _, (lowest, highest, highest_mark) = rays
     ny, nx = cells.shape
     ox = origin[0]
     oy = origin[1]
-    n = points.shape[0]
-    for i in range(n):
+    for i in range(points.shape[0]):
         px = np.float64(points[i, 0])
         py = np.float64(points[i, 1])
         fx = (px - ox) / res
         fy = (py - oy) / res
         on_map = px >= ox and py >= oy and fx < nx and fy < ny
         hits[i] = int(fy) * nx + int(fx) if on_map else -1
-    flat = cells.reshape(-1)
     if clearing:
-        x0, y0 = world_to_map(sx, sy, ox, oy, res, nx, ny)
-        if x0 >= 0:
-            _clear_rays(
-                flat,
-                nx,
-                ny,
-                ox,
-                oy,
-                res,
-                points,
-                hits,
-                sx,
-                sy,
-                x0,
-                y0,
-                raytrace_range,
-                reach,
-                source_min,
-                source_max,
-                bounds,
-            )
+        _clear_rays(cells, ox, oy, res, rays, bounds)
     if not marking:
         return
-    highest = min(source_max, max_height)
+    flat = cells.reshape(-1)
+    highest = min(highest, highest_mark)
     limit = obstacle_range * obstacle_range
     min_x = bounds[0]
     min_y = bounds[1]
     max_x = bounds[2]
     max_y = bounds[3]
-    for i in range(n):
+    for i in range(points.shape[0]):
         if hits[i] < 0:
             continue
         px = np.float64(points[i, 0])
         py = np.float64(points[i, 1])
         pz = np.float64(points[i, 2])
-        if pz < source_min or pz > highest:
+        if pz < lowest or pz > highest:
             continue
         if (px - sx) * (px - sx) + (py - sy) * (py - sy) + (pz - sz) * (pz - sz) >= limit:
             continue
@@ -304,9 +238,13 @@ def _observe(
 
 
 @kernel(error_model="numpy")
-def _clear_rays(
-    flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrace_range, reach, source_min, source_max, bounds
-):
+def _clear_rays(cells: Data, ox: float, oy: float, res: float, rays: Rays, bounds: Data) -> None:
+    points, (sx, sy, _), hits, (raytrace_range, _), reach, (lowest, highest, _) = rays
+    ny, nx = cells.shape
+    flat = cells.reshape(-1)
+    x0, y0 = world_to_map(sx, sy, ox, oy, res, nx, ny)
+    if x0 < 0:
+        return
     right = ox + nx * res
     top = oy + ny * res
     near = reach * reach
@@ -319,10 +257,10 @@ def _clear_rays(
     max_y = max(bounds[3], sy)
     for i in range(points.shape[0]):
         pz = np.float64(points[i, 2])
-        if pz < source_min or pz > source_max:
+        if pz < lowest or pz > highest:
             continue
-        wx = np.float64(points[i, 0])
-        wy = np.float64(points[i, 1])
+        wx = float(points[i, 0])
+        wy = float(points[i, 1])
         end = hits[i]
         if wx < ox or wy < oy or wx > right or wy > top:
             a = wx - sx

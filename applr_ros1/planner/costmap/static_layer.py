@@ -7,17 +7,16 @@ the map; a rolling costmap shows the part of the map that it covers.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN, merge, replace
-
-Bounds = Tuple[float, float, float, float]
+from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN, Bounds, Window, merge, union
 
 
 @dataclass(frozen=True)
@@ -63,11 +62,6 @@ class StaticParameters:
     unknown_cost_value: int = -1  # occupancy of an unknown cell
     trinary_costmap: bool = True  # whether all other cells are free instead of at a cost in proportion to occupancy
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            kind: Any = type(field.default)
-            setattr(self, field.name, kind(getattr(self, field.name)))
-
 
 def interpretation(p: StaticParameters) -> np.ndarray:
     """Return the cost (256,) uint8 of each occupancy, read as an unsigned byte. static_layer.cpp, interpretValue."""
@@ -106,7 +100,7 @@ class StaticLayer:
         self.map_frame = ""
         self.placement: Optional[Pose] = None
         self._costs = interpretation(parameters)
-        self._due: Optional[Tuple[int, int, int, int]] = None  # rectangle of cells that are not written yet
+        self._due: Optional[Window] = None  # rectangle of cells that are not written yet
 
     @property
     def is_waiting(self) -> bool:
@@ -140,19 +134,19 @@ class StaticLayer:
         if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
             raise ApplrError("map update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
         self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
-        due = self._due or (x, y, x + w, y + h)
-        self._due = min(due[0], x), min(due[1], y), max(due[2], x + w), max(due[3], y + h)
+        part = (x, y, x + w, y + h)
+        self._due = part if self._due is None else union(self._due, part)
 
     def reset(self) -> None:
         """Write the whole map again after the costmap has been cleared."""
         if self.cells is not None:
             self._due = self._all()
 
-    def _all(self) -> Tuple[int, int, int, int]:
+    def _all(self) -> Window:
         assert self.cells is not None
         return 0, 0, self.cells.shape[1], self.cells.shape[0]
 
-    def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
+    def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
         """Return the bounds (min x, min y, max x, max y) [m], widened by the cells to write.
 
         A rolling costmap is written as a whole. C++ widens its bounds by the corners of the map instead, which miss the
@@ -167,46 +161,36 @@ class StaticLayer:
             (ox, oy), res = self._master_origin.tolist(), self._master_resolution
         if due is None:
             return bounds
-        return (
-            min(bounds[0], ox + (due[0] + 0.5) * res),
-            min(bounds[1], oy + (due[1] + 0.5) * res),
-            max(bounds[2], ox + (due[2] + 0.5) * res),
-            max(bounds[3], oy + (due[3] + 0.5) * res),
-        )
+        x0, y0, xn, yn = ((cell + 0.5) * res for cell in due)
+        return union(bounds, (ox + x0, oy + y0, ox + xn, oy + yn))
 
-    def write(
-        self, base: np.ndarray, window: Tuple[int, int, int, int], pose: Sequence[float], footprint: np.ndarray
-    ) -> None:
+    def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
         """Write the map into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
         if self.cells is None:
             return
         if self.rolling or self.cells.shape != base.shape:  # Another layer's map may have set the costmap's size.
-            x, y, yaw = self.placement or (0.0, 0.0, 0.0)
-            ox, oy = self._master_origin.tolist()
-            _write_part(
-                self.cells,
-                *self.origin,
-                self.resolution,
-                base,
-                ox,
-                oy,
-                self._master_resolution,
-                self.parameters.use_maximum,
-                x,
-                y,
-                math.cos(yaw),
-                math.sin(yaw),
-                *window,
-            )
+            place = *self.origin, self.resolution
+            master_place = *self._master_origin.tolist(), self._master_resolution
+            placement = self.placement or (0.0, 0.0, 0.0)
+            _write_part(self.cells, place, base, master_place, placement, self.parameters.use_maximum, window)
         elif self.parameters.use_maximum:
             merge(self.cells, base, True, *window)
         else:
-            replace(self.cells, base, *window)
+            x0, y0, xn, yn = window
+            base[y0:yn, x0:xn] = self.cells[y0:yn, x0:xn]
 
 
 @kernel
-def _write_part(cells, ox, oy, res, base, bx, by, base_res, use_maximum, tx, ty, c, s, x0, y0, xn, yn):
-    """Write the map's cost into every cell of the window whose centre lies on the map."""
+def _write_part(
+    cells: Data, place: Pose, base: Data, base_place: Pose, placement: Pose, use_maximum: bool, window: Window
+) -> None:
+    """Write the map's cost into every cell of the window whose centre lies on the map.
+
+    place, base_place: origin (x, y) and resolution [m] of the map and of `base`. placement: see StaticLayer.
+    """
+    (ox, oy, res), (bx, by, base_res), (tx, ty, yaw), (x0, y0, xn, yn) = place, base_place, placement, window
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     ny, nx = cells.shape
     for j in range(y0, yn):
         for i in range(x0, xn):

@@ -8,21 +8,25 @@ and to report why none is legal.
 
 import math
 from collections import namedtuple
+from typing import Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner import distance_grid
-from applr_ros1.planner.costmap.footprint_cost import outline_cost
+from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
-from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, step_count
+from applr_ros1.planner.distance_grid import final_distance, place
+from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
+from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, sample_of, step_count
+from applr_ros1.planner.sampling_planner import Record, Triple
 
 
 @kernel
-def is_barred(state, vx, vy, w):
+def is_barred(state: Record, velocity: Triple) -> bool:
     """Return True if the flags bar this velocity. Zero is never barred."""
-    return (
+    vx, vy, w = velocity
+    return bool(
         (state.forward_pos_only and vx < 0)
         or (state.forward_neg_only and vx > 0)
         or (state.strafe_pos_only and vy < 0)
@@ -33,11 +37,13 @@ def is_barred(state, vx, vy, w):
 
 
 @kernel
-def remember(p, state, x, y, theta, vx, vy, w):
+def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
     """Update the flags with the chosen velocity, and clear them once the robot has moved on from the last change.
 
-    x, y, theta: pose of this cycle, float32 values.
+    start (6,): pose and velocity of this cycle, float32 values.
     """
+    x, y, theta = start[0], start[1], start[2]
+    vx, vy, w = velocity
     state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg, changed = _turned(
         vx, state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg
     )
@@ -70,7 +76,9 @@ def remember(p, state, x, y, theta, vx, vy, w):
 
 
 @kernel
-def _turned(v, pos_only, neg_only, pos, neg):
+def _turned(
+    v: float, pos_only: float, neg_only: float, pos: float, neg: float
+) -> Tuple[float, float, float, float, bool]:
     """Return the four flags of one axis after its chosen velocity v, and whether v reverses the last direction."""
     if v < 0:
         return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
@@ -80,7 +88,7 @@ def _turned(v, pos_only, neg_only, pos, neg):
 
 
 @kernel
-def clear(state):
+def clear(state: Record) -> None:
     """Clear the flags of all directions. The pose of the last change stays."""
     state.forward_pos_only = state.forward_neg_only = 0
     state.strafe_pos_only = state.strafe_neg_only = 0
@@ -100,13 +108,13 @@ HUGE = float(np.finfo(np.float64).max)
 
 
 @kernel
-def weights(p):
+def weights(p: Record) -> Tuple[float, ...]:
     """Return the critics' weights in the order of CRITICS. A critic of weight 0 is not evaluated."""
     return 1.0, p.occdist_scale, p.goal_scale, p.alignment_scale, p.path_scale, p.goal_scale, p.twirling_scale
 
 
 @kernel(error_model="numpy")
-def footprint_scale(p, speed):
+def footprint_scale(p: Record, speed: float) -> float:
     """Return the factor by which the footprint is enlarged at this speed [m/s]."""
     if speed <= p.scaling_speed:
         return 1.0
@@ -114,7 +122,7 @@ def footprint_scale(p, speed):
 
 
 @kernel
-def scale_footprint(footprint, scale, scaled):
+def scale_footprint(footprint: Data, scale: float, scaled: Data) -> None:
     """Write the vertices (n, 2), multiplied by `scale`, to `scaled`."""
     for i in range(footprint.shape[0]):
         scaled[i, 0] = footprint[i, 0] * scale
@@ -122,18 +130,14 @@ def scale_footprint(footprint, scale, scaled):
 
 
 @kernel
-def final_distance(grids, row, k, stride, n):
-    """Return the C++ value of cell k in one grid: a distance, n for a wall, n + 1 if no flood reaches it."""
-    return distance_grid.final_distance(grids.distances[row], grids.queues[row], grids.ends[row], stride, n, k)
-
-
-@kernel
-def critique(p, state, scene, grids, points, vx, vy, w, critic):
+def critique(
+    p: Record, state: Record, scene: Scene, grids: Grids, points: Data, velocity: Triple, critic: int
+) -> float:
     """Return the value of one critic for a trajectory with points (k, 3) and a velocity, or 0 if it has no points."""
     if critic == 0:
-        return OSCILLATES if is_barred(state, vx, vy, w) else 0.0
+        return OSCILLATES if is_barred(state, velocity) else 0.0
     if critic == 1:
-        return _obstacle(p, scene, points, ground_speed(vx, vy))
+        return _obstacle(p, scene, points, ground_speed(velocity[0], velocity[1]))
     if critic == 2:
         return _on_grid(scene, grids, FRONT, points, p.forward_point_distance, False)
     if critic == 3:
@@ -143,11 +147,13 @@ def critique(p, state, scene, grids, points, vx, vy, w, critic):
         return _on_grid(scene, grids, PATH, points, 0.0, True)
     if critic == 5:
         return _on_grid(scene, grids, GOAL, points, 0.0, True)
-    return abs(w)
+    return abs(velocity[2])
 
 
 @kernel
-def total_cost(p, state, scene, grids, points, vx, vy, w, best):
+def total_cost(
+    p: Record, state: Record, scene: Scene, grids: Grids, points: Data, velocity: Triple, best: float
+) -> Tuple[float, int]:
     """Return (cost, critic): the weighted sum of the critics and the one that ended the summation, ALL if none did.
 
     If a critic rejects the trajectory, its value is the cost. A sum above a positive `best` also ends the summation,
@@ -159,7 +165,7 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
         factor = factors[critic]
         if factor == 0:
             continue
-        cost = critique(p, state, scene, grids, points, vx, vy, w, critic)
+        cost = critique(p, state, scene, grids, points, velocity, critic)
         if cost < 0:
             return cost, critic
         if cost != 0:
@@ -171,42 +177,32 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
 
 
 @kernel
-def weighted_sum(p, occupied, front, alignment, path, goal, w):
-    """Return the cost of a trajectory that no critic rejects, summed from the critics' values in their order."""
+def weighted_sum(p: Record, occupied: float, distances: Sequence[int], w: float) -> float:
+    """Return the cost of a trajectory that no critic rejects, summed from the critics' values in their order.
+
+    distances (4,): values of the critics front, alignment, path and goal.
+    """
+    front, alignment, path, goal = distances[0], distances[1], distances[2], distances[3]
     _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
     cost = occupied * by_obstacle + front * by_front + alignment * by_alignment + path * by_path + goal * by_goal
     return cost + abs(w) * by_turn
 
 
 @kernel
-def _obstacle(p, scene, points, speed):
+def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
     """Return the largest cost under the scaled outline and the centre, or the sum over the points."""
-    cells, ox, oy, resolution, footprint, lines, _, _ = scene
+    cells = scene.cells
     ny, nx = cells.shape
-    scaled = np.empty_like(footprint)
-    scale_footprint(footprint, footprint_scale(p, speed), scaled)
+    scaled = np.empty_like(scene.footprint)
+    scale_footprint(scene.footprint, footprint_scale(p, speed), scaled)
+    outline = outline_of(scene, scaled)
     worst = total = 0
     for i in range(points.shape[0]):
         x, y, theta = points[i, 0], points[i, 1], points[i, 2]
-        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
         if cx < 0:
             return COLLIDES
-        cost = outline_cost(
-            cells,
-            cells.reshape(-1),
-            ox,
-            oy,
-            resolution,
-            scaled,
-            lines,
-            x,
-            y,
-            math.cos(theta),
-            math.sin(theta),
-            cx,
-            cy,
-            0.0,
-        )
+        cost = outline_cost(outline, x, y, math.cos(theta), math.sin(theta), cx, cy, 0.0)
         if cost < 0:
             return COLLIDES
         cost = max(cost, int(cells[cy, cx]))
@@ -216,23 +212,23 @@ def _obstacle(p, scene, points, speed):
 
 
 @kernel
-def _on_grid(scene, grids, row, points, ahead, stops):
+def _on_grid(scene: Scene, grids: Grids, row: int, points: Data, ahead: float, stops: bool) -> float:
     """Return the grid's value `ahead` [m] of the last point. All points must be on the map, with `stops` reachable."""
-    cells, ox, oy, resolution, _, _, _, _ = scene
-    ny, nx = cells.shape
+    ny, nx = scene.cells.shape
+    grid = grid_of(grids, row)
     value = 0.0
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         if ahead != 0.0:
             x = x + ahead * math.cos(points[i, 2])
             y = y + ahead * math.sin(points[i, 2])
-        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
         if cx < 0:
             return OFF_MAP
         if not grids.facts[0]:
             value = HUGE  # The grid was never flooded.
         elif stops or i == points.shape[0] - 1:
-            distance = final_distance(grids, row, (cy + 1) * (nx + 2) + cx + 1, nx + 2, nx * ny)
+            distance = final_distance(grid, place(grid, cx, cy))
             if stops and distance >= nx * ny:
                 return IN_OBSTACLE if distance == nx * ny else UNREACHED
             value = float(distance)
@@ -248,30 +244,30 @@ Samples = namedtuple("Samples", "velocities stored counts ends critics costs sho
 
 
 @kernel
-def score_all_samples(params, flags, grids, scratch, scene):
+def score_all_samples(params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene) -> Samples:
     """Score all samples of the last cycle. flags: record of the flags before that search."""
     p, state, start = params[0], flags[0], scratch.start
-    nx, ny, nw = sample_axes(p, scratch, scene.plan)
-    m = nx * ny * nw
+    axes = sample_axes(p, scratch, scene.plan)
+    m = axes[0] * axes[1] * axes[2]
     velocities, stored, ends = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 3))
     counts, ended = np.zeros(m, np.int64), np.full(m, ALL, np.int64)
     critics, costs, shown = np.zeros((m, ALL)), np.full(m, REFUSED), np.full(m, REFUSED)
     best = -1.0
     for i in range(m):
-        vx, vy, w = scratch.xs[i // (nw * ny)], scratch.ys[i // nw % ny], scratch.ws[i % nw]
-        velocities[i] = vx, vy, w
-        steps = counts[i] = step_count(p, vx, vy, w)
+        sample = sample_of(scratch, axes, i)
+        velocities[i] = sample
+        steps = counts[i] = step_count(p, sample)
         if steps == 0:
             continue
-        stored[i] = commanded(p, start, vx, vy, w, steps)
+        velocity = commanded(p, start, sample, steps)
+        stored[i] = velocity
         points = np.empty((steps, 3))
-        roll_out(p, start, vx, vy, w, points)
+        roll_out(p, start, sample, points)
         ends[i] = points[steps - 1]
-        vx, vy, w = stored[i]
         for critic in range(ALL):
-            critics[i, critic] = critique(p, state, scene, grids, points, vx, vy, w, critic)
-        costs[i], _ = total_cost(p, state, scene, grids, points, vx, vy, w, -1.0)
-        shown[i], ended[i] = total_cost(p, state, scene, grids, points, vx, vy, w, best)
+            critics[i, critic] = critique(p, state, scene, grids, points, velocity, critic)
+        costs[i], _ = total_cost(p, state, scene, grids, points, velocity, -1.0)
+        shown[i], ended[i] = total_cost(p, state, scene, grids, points, velocity, best)
         if shown[i] >= 0 and (best < 0 or shown[i] < best):
             best = shown[i]
     cloud = np.empty((counts[shown >= 0].sum(), 4))
@@ -279,7 +275,7 @@ def score_all_samples(params, flags, grids, scratch, scene):
     for i in range(m):
         if shown[i] >= 0:
             points = np.empty((counts[i], 3))
-            roll_out(p, start, velocities[i, 0], velocities[i, 1], velocities[i, 2], points)
+            roll_out(p, start, (velocities[i, 0], velocities[i, 1], velocities[i, 2]), points)
             cloud[n : n + counts[i], :3] = points
             cloud[n : n + counts[i], 3] = shown[i]
             n += counts[i]

@@ -6,7 +6,7 @@ which all angles pass through a quaternion.
 """
 
 import math
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from applr_ros1.common.angles import Pose, inverse
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
-from applr_ros1.planner.sampling_planner import Choice, angle_difference, through_quaternion
+from applr_ros1.planner.sampling_planner import Choice, Triple, angle_difference, floats, through_quaternion
 
 EMPTY = np.zeros((0, 3))
 
@@ -49,7 +49,6 @@ class LocalPlan:
 
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
-Triple = Tuple[float, float, float]
 STANDING = (0.0, 0.0, 0.0)
 LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
 
@@ -96,13 +95,13 @@ class StopRotate:
         return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
 
     def _is_turned(self, pose: Triple, goal: Triple) -> bool:
-        return abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"]
+        return bool(abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"])
 
     def is_stopped(self, velocity: Triple) -> bool:
         """Return whether the measured velocity counts as standing."""
         vx, vy, w = velocity
         slow = self._params["trans_stopped_vel"]
-        return abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
+        return bool(abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow)
 
     def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
         """Return (phase, (vx, vy, w)) at the goal's position: STOPPING, then TURNING, then TURNED with zero velocity.
@@ -118,12 +117,10 @@ class StopRotate:
         self.rotating = True
         return TURNING, (0.0, 0.0, self._turn(angle_difference(pose[2], goal[2]), w))
 
-    def _slower(self, velocity):
+    def _slower(self, velocity: Triple) -> Triple:
         """Return the velocity after one period of braking at the acceleration limits."""
-        return tuple(
-            (-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period)
-            for v, limit in zip(velocity, self._acceleration)
-        )
+        pairs = zip(velocity, self._acceleration)
+        return floats((-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period) for v, limit in pairs)
 
     def _turn(self, error: float, w: float) -> float:
         """Return a turn rate [rad/s] that reduces `error` [rad] and from which the robot can still stop there."""
@@ -134,7 +131,7 @@ class StopRotate:
         return -speed if error < 0 else speed
 
     def _clamped(self, w: float) -> float:
-        return min(self._params["max_vel_theta"], max(self._params["min_vel_theta"], w))
+        return float(min(self._params["max_vel_theta"], max(self._params["min_vel_theta"], w)))
 
 
 NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
@@ -214,18 +211,18 @@ class DWALocalPlanner(LocalPlanner):
         return self.planner.refusals() if self._searched and self._choice is None else {}
 
     def compute_velocity(
-        self, pose, twist, costmap: Any, local_origin: Optional[Triple] = None
+        self, pose: Sequence[float], twist: Sequence[float], costmap: Any, local_origin: Optional[Pose] = None
     ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner. As in C++, the goal is tested before any command."""
         self._forget_cycle()
-        pose = tuple(float(v) for v in pose)
+        place = floats(pose)
         v, w = (float(v) for v in twist)
-        if not all(math.isfinite(v) for v in pose + (v, w)):
+        if not all(map(math.isfinite, (*place, v, w))):
             return False, STANDING[:2]
-        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w), local_origin)
+        self.goal_reached = self.is_goal_reached(place, (v, 0.0, w), local_origin)
         if self.goal_reached:
             return True, STANDING[:2]
-        step = self.command(pose, (v, 0.0, w), costmap, local_origin)
+        step = self.command(place, (v, 0.0, w), costmap, local_origin)
         return step.ok, (step.command[0], step.command[2])
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None) -> bool:

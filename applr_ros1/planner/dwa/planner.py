@@ -11,17 +11,11 @@ import numpy as np
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, score_all_samples, total_cost, weights
-from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
+from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch, grid_of
 from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
-from applr_ros1.planner.sampling_planner import (
-    Choice,
-    SamplingPlanner,
-    cost_cloud,
-    through_quaternion,
-    trajectory_cloud,
-)
+from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, floats, trajectory_cloud
 
 NO_PLAN = np.zeros((0, 2))
 
@@ -69,7 +63,7 @@ class DWAPlanner(SamplingPlanner):
     @property
     def scales(self) -> List[float]:
         """Weights of the seven critics in their order."""
-        return [float(weight) for weight in weights.py_func(self._params.view(np.recarray)[0])]
+        return [float(weight) for weight in weights(self._params[0])]
 
     def reset(self) -> None:
         """Clear flags, grids and plans, as in a new object (for training episodes)."""
@@ -85,10 +79,7 @@ class DWAPlanner(SamplingPlanner):
     def prepare(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> None:
         """Begin a cycle that only stops or turns: store pose, velocity and weights as find_best_path does."""
         self._update_scene(costmap, plan)
-        (x, y, yaw), (vx, vy, w) = pose, velocity
-        if prepare(
-            self._params, self._scratch, self._scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w)
-        ):
+        if prepare(self._params, self._scratch, self._scene.plan, floats(pose), floats(velocity)):
             self._aligned_plan = self._scene.plan
 
     def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
@@ -102,14 +93,12 @@ class DWAPlanner(SamplingPlanner):
         """
         self._update_scene(costmap, plan)
         self._flags_before[:] = self._state
-        given = [float(value) for value in (*pose, *velocity)]
-        cost, sample, count, sampled, moving, turn, aligned = find_best(
-            self._params, self._state, self._grids, self._scratch, self._scene, *given
-        )
+        given = self._params, self._state, self._grids, self._scratch, self._scene, floats(pose), floats(velocity)
+        cost, number, count, sample, moving, turn, aligned = find_best(*given)
         if aligned:
             self._aligned_plan = self._scene.plan
-        follow = partial(roll_out, self._params[0], self.start, *sampled)
-        return Choice(cost, moving, (moving[0], moving[1], turn), count, follow, sample)
+        follow = partial(roll_out, self._params[0], self.start, sample)
+        return Choice(cost, moving, (moving[0], moving[1], turn), count, follow, number)
 
     def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
         """Return (cost, number of points) of the trajectory towards a velocity (vx, vy, w) in the prepared cycle.
@@ -119,15 +108,14 @@ class DWAPlanner(SamplingPlanner):
         """
         clear(self._state[0])
         p, start = self._params[0], self._scratch.start
-        vx, vy, w = (float(np.float32(v)) for v in velocity)
-        steps = step_count(p, vx, vy, w)
+        sample = floats(float(np.float32(v)) for v in velocity)
+        steps = step_count(p, sample)
         points = np.empty((steps, 3))
+        moving = (0.0, 0.0, 0.0)
         if steps:
-            roll_out(p, start, vx, vy, w, points)
-            vx, vy, w = commanded(p, start, vx, vy, w, steps)
-        else:
-            vx = vy = w = 0.0
-        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, vx, vy, w, -1.0)
+            roll_out(p, start, sample, points)
+            moving = commanded(p, start, sample, steps)
+        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, moving, -1.0)
         return cost, steps
 
     def score_all_samples(self) -> Samples:
@@ -146,12 +134,7 @@ class DWAPlanner(SamplingPlanner):
 
         With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
         """
-        ny, nx = self._shape
-        rows = (0, 1, 2, int(self._grids.facts[1]))
-        made = [np.empty((ny, nx), np.int32) for _ in rows]
-        for row, grid in zip(rows, made):
-            complete(self._grids.distances[row], self._grids.queues[row], self._grids.ends[row], nx, ny, grid)
-        return made
+        return [complete(grid_of(self._grids, row)) for row in (0, 1, 2, int(self._grids.facts[1]))]
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre.

@@ -4,7 +4,9 @@ from collections import namedtuple
 
 import numpy as np
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
+from applr_ros1.planner.distance_grid import Grid
 from applr_ros1.planner.sampling_planner import record
 
 # Parameters of the planner in one record [m, rad, s]. acc_lim_* are float32 values. path_scale and goal_scale are the
@@ -34,10 +36,10 @@ Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan aligned
 
 PATH, GOAL, FRONT, ALIGNMENT = range(4)
 
-# Four distance grids (distance_grid.py), one per row: distances (4, size), queues (4, size), ends (4, 2).
+# Four distance grids (distance_grid.Grid), one per row of distances (4, size), queues (4, size) and ends (4, 2).
 # facts: [whether a search has taken place, row that the nose-on-path critic reads]. The row is PATH while the critic is
 # on, because both grids are then the same.
-Grids = namedtuple("Grids", "distances queues ends facts")
+Grids = namedtuple("Grids", "distances queues ends nx ny facts")
 
 # Scratch memory of one cycle. xs, ys, ws: values of each axis. keys, bounds, occupied: lower bounds of each sample's
 # cost, of its four grid values and of its obstacle cost. heap: samples by key. probed: whether a sample was probed.
@@ -47,22 +49,20 @@ Scratch = namedtuple("Scratch", "xs ys ws keys bounds occupied heap probed start
 
 def allocate_grids(nx: int, ny: int) -> Grids:
     """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
-    distance, queue, _ = distance_grid.allocate(nx, ny)
-    return Grids(np.tile(distance, (4, 1)), np.tile(queue, (4, 1)), np.zeros((4, 2), np.int64), np.zeros(2, np.int64))
+    distance, queue, ends, _, _ = distance_grid.allocate(nx, ny)
+    distances, queues, ends = (np.tile(array, (4, 1)) for array in (distance, queue, ends))
+    return Grids(distances, queues, ends, nx, ny, np.zeros(2, np.int64))
+
+
+@kernel
+def grid_of(grids: Grids, row: int) -> Grid:
+    """Return one of the four grids."""
+    return Grid(grids.distances[row], grids.queues[row], grids.ends[row], grids.nx, grids.ny)
 
 
 def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scratch:
     """Return scratch memory for these sample numbers. Each axis has at least two values and may need one extra."""
-    axes = [max(n, 2) + 1 for n in (vx_samples, vy_samples, vth_samples)]
-    n = axes[0] * axes[1] * axes[2]
-    return Scratch(
-        np.zeros(axes[0]),
-        np.zeros(axes[1]),
-        np.zeros(axes[2]),
-        np.zeros(n),
-        np.zeros((n, 4), np.int32),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.uint8),
-        np.zeros(6),
-    )
+    xs, ys, ws = (np.zeros(max(n, 2) + 1) for n in (vx_samples, vy_samples, vth_samples))
+    n = len(xs) * len(ys) * len(ws)
+    integers = np.zeros((n, 4), np.int32), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.uint8)
+    return Scratch(xs, ys, ws, np.zeros(n), *integers, np.zeros(6))

@@ -5,21 +5,25 @@ trajectory of a sample. Stored poses and velocities are rounded to float32, inte
 """
 
 import math
+from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.dwa.records import Scratch
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
+from applr_ros1.planner.sampling_planner import Record, Triple
 
 
 @kernel
-def single(value):
+def single(value: float) -> float:
     """Return `value` rounded to float32, as a double."""
     return np.float64(np.float32(value))
 
 
 @kernel(error_model="numpy")
-def sample_axes(p, scratch, plan):
+def sample_axes(p: Record, scratch: Scratch, plan: Data) -> Tuple[int, int, int]:
     """Fill the values of the axes and return their numbers for vx, vy and w. w varies fastest over the samples.
 
     plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits the speed.
@@ -41,13 +45,20 @@ def sample_axes(p, scratch, plan):
 
 
 @kernel
-def _window(least, most, velocity, change, n, values):
+def sample_of(scratch: Scratch, axes: Tuple[int, int, int], number: int) -> Triple:
+    """Return the sample (vx, vy, w) of this number."""
+    _, ny, nw = axes
+    return scratch.xs[number // (nw * ny)], scratch.ys[number // nw % ny], scratch.ws[number % nw]
+
+
+@kernel
+def _window(least: float, most: float, velocity: float, change: float, n: float, values: Data) -> int:
     """Fill the values of one axis between its limits and the velocities reachable from `velocity`."""
     return spread(single(max(least, velocity - change)), single(min(most, velocity + change)), n, values)
 
 
 @kernel
-def spread(bottom, top, n, values):
+def spread(bottom: float, top: float, n: float, values: Data) -> int:
     """Fill `values` from bottom to top in equal steps, including any zero between them, and return their number.
 
     The values come from repeated addition, each rounded to float32 (velocity_iterator.h). There is one value if both
@@ -56,7 +67,7 @@ def spread(bottom, top, n, values):
     if bottom == top:
         values[0] = bottom
         return 1
-    n = max(n, 2)
+    n = max(int(n), 2)
     step = (top - bottom) / (n - 1)
     following = bottom
     count = 0
@@ -73,19 +84,19 @@ def spread(bottom, top, n, values):
 
 
 @kernel
-def ground_speed(vx, vy):
+def ground_speed(vx: float, vy: float) -> float:
     """Return the speed over ground [m/s]."""
     return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
 
 
 @kernel
-def is_too_fast(p, speed):
+def is_too_fast(p: Record, speed: float) -> bool:
     """Return whether samples of this speed over ground are rejected."""
     return p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans
 
 
 @kernel
-def least_turn(p, speed):
+def least_turn(p: Record, speed: float) -> float:
     """Return the minimum turn rate [rad/s] of samples of this speed over ground, or -1 if there is none."""
     if p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans and p.min_vel_theta >= 0:
         return p.min_vel_theta
@@ -93,20 +104,21 @@ def least_turn(p, speed):
 
 
 @kernel(error_model="numpy")
-def linear_steps(p, speed):
+def linear_steps(p: Record, speed: float) -> float:
     """Return the number of steps that a speed over ground requires, not yet rounded."""
     return speed * p.sim_time / p.sim_granularity
 
 
 @kernel(error_model="numpy")
-def angular_steps(p, w):
+def angular_steps(p: Record, w: float) -> float:
     """Return the number of steps that a turn rate requires, not yet rounded."""
     return abs(w) * p.sim_time / p.angular_sim_granularity
 
 
 @kernel
-def step_count(p, vx, vy, w):
+def step_count(p: Record, sample: Triple) -> int:
     """Return the number of steps of the sample (vx, vy, w), or 0 to reject it."""
+    vx, vy, w = sample
     speed = ground_speed(vx, vy)
     if is_too_fast(p, speed) or abs(w) + SLACK < least_turn(p, speed):
         return 0
@@ -114,7 +126,7 @@ def step_count(p, vx, vy, w):
 
 
 @kernel
-def ramp(target, velocity, change):
+def ramp(target: float, velocity: float, change: float) -> float:
     """Return the velocity moved towards `target` by at most `change`."""
     if velocity < target:
         return single(min(target, velocity + change))
@@ -122,26 +134,25 @@ def ramp(target, velocity, change):
 
 
 @kernel
-def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
-    """Return all three velocities after dt of acceleration from the current ones towards the sample."""
-    return (
-        ramp(vx, vx_now, p.acc_lim_x * dt),
-        ramp(vy, vy_now, p.acc_lim_y * dt),
-        ramp(w, w_now, p.acc_lim_theta * dt),
-    )
+def ramped(p: Record, sample: Triple, now: Triple, dt: float) -> Triple:
+    """Return the velocity (vx, vy, w) after dt of acceleration from `now` towards the sample."""
+    vx = ramp(sample[0], now[0], p.acc_lim_x * dt)
+    vy = ramp(sample[1], now[1], p.acc_lim_y * dt)
+    return vx, vy, ramp(sample[2], now[2], p.acc_lim_theta * dt)
 
 
 @kernel
-def commanded(p, start, vx, vy, w, steps):
+def commanded(p: Record, start: Data, sample: Triple, steps: int) -> Triple:
     """Return the velocity of a sample's trajectory: the sample, or without use_dwa one step of the ramp towards it."""
-    if p.use_dwa:
-        return vx, vy, w
-    return ramped(p, vx, vy, w, start[3], start[4], start[5], p.sim_time / steps)
+    return sample if p.use_dwa else ramped(p, sample, (start[3], start[4], start[5]), p.sim_time / steps)
 
 
 @kernel
-def move(x, y, theta, c, s, vx, vy, w, dt):
-    """Return the pose after dt. c and s are cosine and sine of theta."""
+def move(x: float, y: float, theta: float, velocity: Triple, dt: float) -> Triple:
+    """Return the pose after dt."""
+    vx, vy, w = velocity
+    c = math.cos(theta)
+    s = math.sin(theta)
     if vy == 0.0:
         return single(x + vx * c * dt), single(y + vx * s * dt), single(theta + w * dt)
     return (
@@ -152,27 +163,16 @@ def move(x, y, theta, c, s, vx, vy, w, dt):
 
 
 @kernel
-def roll_out(p, start, vx, vy, w, points):
+def roll_out(p: Record, start: Data, sample: Triple, points: Data) -> None:
     """Write the poses x, y, theta before each step to `points` (steps, 3). The first is the robot's current pose."""
     steps = points.shape[0]
     dt = p.sim_time / steps if steps > 0 else 0.0
     x, y, theta = start[0], start[1], start[2]
-    vx_now, vy_now, w_now = commanded(p, start, vx, vy, w, steps) if steps > 0 else (vx, vy, w)
+    now = commanded(p, start, sample, steps) if steps > 0 else sample
     for i in range(steps):
         points[i, 0] = x
         points[i, 1] = y
         points[i, 2] = theta
         if not p.use_dwa:
-            vx_now, vy_now, w_now = ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt)
-        x, y, theta = move(x, y, theta, math.cos(theta), math.sin(theta), vx_now, vy_now, w_now, dt)
-
-
-@kernel
-def take_start(start, x, y, yaw, vx, vy, w):
-    """Store pose and velocity (6,) as float32. Yaw and turn rate have already passed through a quaternion."""
-    start[0] = np.float32(x)
-    start[1] = np.float32(y)
-    start[2] = np.float32(yaw)
-    start[3] = np.float32(vx)
-    start[4] = np.float32(vy)
-    start[5] = np.float32(w)
+            now = ramped(p, sample, now, dt)
+        x, y, theta = move(x, y, theta, now, dt)

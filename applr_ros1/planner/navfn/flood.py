@@ -17,6 +17,7 @@ from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 
 OBSTACLE = 254  # cost of a cell that no plan enters
@@ -26,14 +27,12 @@ LISTED = np.float32(2.0**64)  # factor of a listed cell's weight, which raises i
 UNLISTED = np.float32(2.0**-64)  # exact inverse of LISTED
 COST = np.float32(1.4142135 * 2.0**-64)  # factor from a listed cell's weight to its cost 1..253, after rounding
 
+# Increase of the potential by a push to a cell, by the cell's cost (256,). It is infinite if the cell takes no push.
+PUSH_WEIGHTS = np.full(256, np.inf, np.float32)
+PUSH_WEIGHTS[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
+Work = Tuple[Data, Data, Data, Data]  # field, lines, lists and before of flood()
+Starts = Tuple[np.uint64, np.uint64, np.uint64]  # first places of the lists: current, following, over
 _int = np.uint64
-
-
-def push_weights() -> np.ndarray:
-    """Return by cost (256,) float32 what a push to a cell adds to a potential; infinite if the cell takes no push."""
-    weights = np.full(256, np.inf, np.float32)
-    weights[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
-    return weights
 
 
 def make_field(cells: int) -> np.ndarray:
@@ -51,7 +50,7 @@ def scratch(list_size: int = LIST_SIZE) -> Tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def reset(field, lines):
+def reset(field: Data, lines: Data) -> None:
     """Reset the potentials of all noted lines to 1e10 and clear the notes."""
     far = np.float32(1e10)
     groups = lines.view(np.uint64)
@@ -65,7 +64,7 @@ def reset(field, lines):
 
 
 @kernel
-def _push(field, lists, end, k, old, new):
+def _push(field: Data, lists: Data, end: _int, k: _int, old: np.float32, new: np.float32) -> _int:
     """List the cell at place k if the `new` potential of its neighbour may lower its `old` one; return the new end."""
     weight = field[k + _int(1)]
     push = old > new + weight
@@ -75,7 +74,7 @@ def _push(field, lists, end, k, old, new):
 
 
 @kernel(error_model="numpy")
-def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
+def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: int, robot_: int, goal_: int) -> None:
     """Grow the potential from the cell `robot_` until `goal_` is reached.
 
     field is the float32 array of make_field(), with all potentials at 1e10 and infinite weights on the border. lines
@@ -139,9 +138,8 @@ def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
             lists[current + improved] = n
             improved += _int(new < old)
         if four * n_current + n_over > room:
-            n_following, n_over = _push_carefully(
-                field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room
-            )
+            work, starts = (field, lines, lists, before), (current, following, over)
+            n_following, n_over = _push_carefully(work, starts, improved, threshold, row, n_over, room)
         else:
             end_following = following
             end_over = over + n_over
@@ -176,22 +174,18 @@ def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
 
 
 @kernel
-def _push_carefully(field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room):
+def _push_carefully(
+    work: Work, starts: Starts, improved: _int, threshold: np.float32, row: _int, n_over: _int, room: _int
+) -> Tuple[_int, _int]:
     """Push the cells of one cycle when a list may become full; pushes to a full list are lost."""
+    (field, lines, lists, before), (current, following, over) = work, starts
     n_following = _int(0)
     for i in range(improved):
         n = _int(lists[current + i])
         lines[n >> _int(5)] = 1
         b = _int(8) * _int(i)
         new = before[b + _int(4)]
-        for j in range(4):
-            k = n - _int(2)
-            if j == 1:
-                k = n + _int(2)
-            elif j == 2:
-                k = n - row
-            elif j == 3:
-                k = n + row
+        for j, k in enumerate((n - _int(2), n + _int(2), n - row, n + row)):
             if before[b + _int(j)] > new + field[k + _int(1)]:
                 if new < threshold:
                     if n_following < room:

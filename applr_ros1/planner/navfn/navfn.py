@@ -6,18 +6,18 @@ plans equal those of C++ byte for byte.
 
 from __future__ import annotations
 
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.grid import world_to_map
+from applr_ros1.planner.costmap.grid import Window, world_to_map
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
+from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, PUSH_WEIGHTS, flood, make_field, reset, scratch
 from applr_ros1.planner.navfn.path import trace
 
-PUSH_WEIGHTS = push_weights()
 FREE_COST = 50  # cost of a cell that is 0 in the costmap
 
 
@@ -54,10 +54,6 @@ class Navfn:
     @property
     def _potential(self) -> np.ndarray:
         return self._field[::2]  # A stored view would become a separate array in a deep copy.
-
-    @property
-    def _weights(self) -> np.ndarray:
-        return self._field[1::2]
 
     @property
     def potential(self) -> np.ndarray:
@@ -118,16 +114,7 @@ class Navfn:
         nx, ny = costmap.size
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
         self._version = costmap.version
-        stale = changed is not None and _convert(
-            costmap.cells,
-            self._costs,
-            self._potential,
-            self._weights,
-            PUSH_WEIGHTS,
-            allow_unknown,
-            self._extent,
-            *changed,
-        )
+        stale = changed and _convert(costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed)
         # A tolerance searches around the goal, and short lists lose cells by their number: neither can be fenced.
         whole = tolerance > 0 or self._list_size < LIST_SIZE
         if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
@@ -136,16 +123,16 @@ class Navfn:
         self._asked = None
         self._flood_within(None if whole else window.around(self._extent, robot, goal, nx, ny))
 
-    def _flood_within(self, fence: Optional[window.Rectangle] = None) -> None:
+    def _flood_within(self, fence: Optional[Window] = None) -> None:
         """Repeat the last flood inside a fence, or over the whole map if there is none."""
         nx, ny = self._costmap.size
         self._fence = fence
         reset(self._field, self._lines)
         if fence is not None:
-            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
+            window.set_fence(self._field, self._costs, nx, fence, True)
         flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
         if fence is not None:
-            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
+            window.set_fence(self._field, self._costs, nx, fence, False)
 
     def _trace(self, costmap: Costmap, ox: float, oy: float, goal: Sequence[float], tolerance: float) -> np.ndarray:
         nx, ny = costmap.size
@@ -154,7 +141,7 @@ class Navfn:
         target, tx, ty = _target(self._potential, ox, oy, res, nx, ny, float(goal[0]), float(goal[1]), float(tolerance))
         n = trace(self._potential, nx, ny, target, robot, self._path) if target >= 0 else 0
         fence = self._fence
-        if fence and target >= 0 and not (n and window.keeps_inside(self._path, n, nx, ny, *fence)):
+        if fence and target >= 0 and not (n and window.keeps_inside(self._path, n, nx, ny, fence)):
             self._flood_within()
             return self._trace(costmap, ox, oy, goal, tolerance)
         if n == 0:
@@ -166,7 +153,7 @@ class Navfn:
 
 
 @kernel
-def _to_world(path, n, ox, oy, res, plan):
+def _to_world(path: Data, n: int, ox: float, oy: float, res: float, plan: Data) -> None:
     """Convert n traced points [cells], goal first, to the points [m] of a plan, robot first, without the half cell."""
     for i in range(n):
         plan[i, 0] = ox + np.float64(path[n - 1 - i, 0]) * res
@@ -174,13 +161,13 @@ def _to_world(path, n, ox, oy, res, plan):
 
 
 @kernel
-def _convert(cells, costs, potential, weights, push_weights, allow_unknown, extent, x0, y0, xn, yn):
-    """Update navfn's costs and weights of the cells [x0, xn) x [y0, yn); the map's border stays an obstacle.
+def _convert(cells: Data, costs: Data, field: Data, allow_unknown: bool, extent: Data, window: Window) -> bool:
+    """Update navfn's costs and weights of the cells in the window; the map's border stays an obstacle.
 
     The cost is int(50 + 0.8 v) for v < 253, in integers (navfn.cpp:228). Widens the extent (4,) of window.around().
     Returns whether the last flood may have read a changed cell, because the cell or a neighbour has a potential.
     """
-    ny, nx = cells.shape
+    (ny, nx), (x0, y0, xn, yn) = cells.shape, window
     far = np.float32(1e10)
     unknown = np.uint16(253 if allow_unknown else OBSTACLE)
     obstacle = np.uint16(OBSTACLE)
@@ -204,24 +191,21 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, exte
             if new_cost != olds[i]:
                 olds[i] = new_cost
                 k = y * nx + left + i
-                weights[k] = push_weights[new_cost]
+                field[2 * k + 1] = PUSH_WEIGHTS[new_cost]
                 if new_cost != FREE_COST:
                     extent[0] = min(extent[0], left + i)
                     extent[1] = min(extent[1], y)
                     extent[2] = max(extent[2], left + i)
                     extent[3] = max(extent[3], y)
-                stale = stale or (
-                    potential[k] < far
-                    or potential[k - 1] < far
-                    or potential[k + 1] < far
-                    or potential[k - nx] < far
-                    or potential[k + nx] < far
-                )
+                for near in (k, k - 1, k + 1, k - nx, k + nx):
+                    stale = stale or field[2 * near] < far
     return stale
 
 
 @kernel
-def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
+def _target(
+    potential: Data, ox: float, oy: float, res: float, nx: int, ny: int, gx: float, gy: float, tolerance: float
+) -> Tuple[int, float, float]:
     """Return cell, x, y of the reached point nearest to the goal within a square of `tolerance` [m] around it.
 
     The cell is -1 if no point is reached. navfn_ros.cpp:262.

@@ -11,20 +11,21 @@ tests/planner/navfn/test_navfn.py compares both on many maps.
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import Optional
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.grid import Window
+from applr_ros1.planner.navfn.flood import PUSH_WEIGHTS
 
 MARGIN = 7  # distance from the fence to the cells that it encloses [cells]
 INNER = 4  # least distance from a fenced plan to the fence [cells]; tracing reads two cells around the plan
 LARGEST = 0.7  # share of the map above which a fence does not pay off
 
-Rectangle = Tuple[int, int, int, int]
 
-
-def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Rectangle]:
+def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Window]:
     """Return the fence (x0, y0, x1, y1) as first and last column and row, or None if it does not pay off.
 
     Args:
@@ -44,18 +45,20 @@ def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optio
 
 
 @kernel
-def set_fence(weights, costs, push_weights, nx, x0, y0, x1, y1, closed):
+def set_fence(field: Data, costs: Data, nx: int, fence: Window, closed: bool) -> None:
     """Turn the cells of the fence into obstacles if `closed`, or reset them to the cost array."""
+    x0, y0, x1, y1 = fence
     for y in range(y0, y1 + 1):
         step = 1 if y in (y0, y1) else x1 - x0
         for x in range(x0, x1 + 1, step):
             k = y * nx + x
-            weights[k] = np.float32(np.inf) if closed else push_weights[costs[k]]
+            field[2 * k + 1] = np.float32(np.inf) if closed else PUSH_WEIGHTS[costs[k]]
 
 
 @kernel
-def keeps_inside(path, count, nx, ny, x0, y0, x1, y1):
+def keeps_inside(path: Data, count: int, nx: int, ny: int, fence: Window) -> bool:
     """Return True if `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, except at the border."""
+    x0, y0, x1, y1 = fence
     left = x0 + INNER if x0 > 0 else -1
     right = x1 - INNER if x1 < nx - 1 else nx
     low = y0 + INNER if y0 > 0 else -1

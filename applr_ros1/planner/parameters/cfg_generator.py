@@ -6,12 +6,13 @@ Called by the files in applr_ros1/cfg while catkin builds the package, under ROS
 from __future__ import annotations
 
 import math
+from typing import Optional
 
 from applr_ros1.planner.parameters.declarations import SERVERS
 from applr_ros1.planner.parameters.layers import TYPES
 
 
-def generate(server: str, node: str, name: str) -> int:
+def generate(server: str, node: str, name: str) -> Optional[int]:
     """Write the type `name`Config with the parameters of `server`, a server or layer type; return the exit status."""
     from dynamic_reconfigure import parameter_generator_catkin as catkin
 
@@ -25,4 +26,5 @@ def generate(server: str, node: str, name: str) -> int:
         for key in p.names:
             text = doc if key == p.name else f"Older name of {p.name}; both always have the same value."
             generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)
-    return generator.generate("applr_ros1", node, name)
+    status: Optional[int] = generator.generate("applr_ros1", node, name)
+    return status

@@ -78,7 +78,9 @@ def _inspect(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
     return errors, lines
 
 
-def _walk(here, path, known, behaviours, errors, lines, unread) -> None:
+def _walk(
+    here: Any, path: str, known: Any, behaviours: Any, errors: List[str], lines: List[str], unread: List[str]
+) -> None:
     """Append errors, warnings and unknown names of a section and of all sections below it."""
     mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
     if path in COSTMAPS:

@@ -8,16 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator
 
-from applr_ros1.planner.parameters.parameter import (
-    INF,
-    INT_MAX,
-    RESTORE,
-    flag,
-    real,
-    text,
-    too_many_points,
-    whole,
-)
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, too_many_points, whole
 
 # Columns: name, default, minimum, maximum, unit, description.
 # Flags and texts have no bounds and no unit.

@@ -9,27 +9,26 @@ closed forms.
 """
 
 import math
+from typing import Tuple
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import UNSURE, on_border, outline_cost
+from applr_ros1.planner.costmap.footprint_cost import UNSURE, on_border, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.distance_grid import at_least
-from applr_ros1.planner.sampling_planner import LARGEST_TURN, sift_down, small_turn
-from applr_ros1.planner.trajectory.scoring import (
-    HUGE,
-    NO_CEILING,
-    advance,
-    new_velocity,
-    score_below,
-    step_count,
-    terms,
-)
+from applr_ros1.planner.distance_grid import at_least, place
+from applr_ros1.planner.sampling_planner import LARGEST_TURN, Record, sift_down, small_turn
+from applr_ros1.planner.trajectory import scoring
+from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
+from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, new_velocity, step_count
 
+Ground = Tuple[float, float, float, int, int]  # the map's origin (x, y) [m], resolution [m] and size [cells]
 MARGIN = 1e-6  # distance to a border from which on a cell is certain, with closed forms accurate to 1e-10 [cells]
 
 
 @kernel
-def ramp(p, start, c, s, vx, w, dt, moves):
+def ramp(
+    p: Record, start: Data, c: float, s: float, vx: float, w: float, dt: float, moves: int
+) -> Tuple[int, float, float, float, float]:
     """Return (moves, x, y, c, s) when the sample (vx, w) first reaches its velocities, or after `moves` moves.
 
     c, s: cosine and sine of the heading, at the start and at the end.
@@ -53,7 +52,7 @@ def ramp(p, start, c, s, vx, w, dt, moves):
 
 
 @kernel
-def along_arc(x, y, c, s, length, turn, n):
+def along_arc(x: float, y: float, c: float, s: float, length: float, turn: float, n: int) -> Tuple[float, float]:
     """Return (x, y) after n moves of `length` [m] and `turn` [rad] each, as the chord of the resulting polygon.
 
     c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
@@ -67,7 +66,7 @@ def along_arc(x, y, c, s, length, turn, n):
 
 
 @kernel
-def exact_end(p, start, vx, w, steps):
+def exact_end(p: Record, start: Data, vx: float, w: float, steps: int) -> Tuple[float, float]:
     """Return (x, y) of the last scored point, computed step by step like scoring.score_below."""
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
@@ -75,14 +74,15 @@ def exact_end(p, start, vx, w, steps):
         vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
         vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
         w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        x, y = advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
+        x, y = scoring.advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
         theta = theta + w_i * dt
     return x, y
 
 
 @kernel(error_model="numpy")
-def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
+def end_cell(p: Record, ground: Ground, start: Data, c: float, s: float, vx: float, w: float) -> Tuple[int, int]:
     """Return the cell (x, y) of the sample's last point, (-1, -1) off the map. c, s: cosine and sine at the start."""
+    ox, oy, resolution, nx, ny = ground
     steps = step_count(p, vx, 0.0, w)
     dt = p.sim_time / steps
     turn = w * dt
@@ -97,21 +97,21 @@ def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
 
 
 @kernel(error_model="numpy")
-def probe(p, scene, start, c, s, vx, w, occupied, allowed):
+def probe(
+    p: Record, scene: Scene, start: Data, c: float, s: float, vx: float, w: float, occupied: int, allowed: int
+) -> int:
     """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
     The bound starts from `occupied`, and a cost above `allowed` ends the probe. The last pose is tested first, followed
     by halves, quarters and eighths.
     """
-    cells, ox, oy, resolution, footprint, lines, _ = scene
-    ny, nx = cells.shape
-    flat = cells.reshape(nx * ny)
     steps = step_count(p, vx, 0.0, w)
     dt = p.sim_time / steps
     turn = w * dt
-    if abs(turn) > LARGEST_TURN or footprint.shape[0] < 3:
+    if abs(turn) > LARGEST_TURN or scene.footprint.shape[0] < 3:
         return occupied
     moves, x0, y0, c, s = ramp(p, start, c, s, vx, w, dt, steps - 1)
+    outline = outline_of(scene, scene.footprint)
     left = steps - 1 - moves
     parts = 1
     while parts <= 8 and left // parts >= 8:
@@ -120,9 +120,7 @@ def probe(p, scene, start, c, s, vx, w, occupied, allowed):
             x, y = along_arc(x0, y0, c, s, vx * dt, turn, n)
             dc = math.cos(n * turn)
             ds = math.sin(n * turn)
-            cost = outline_cost(
-                cells, flat, ox, oy, resolution, footprint, lines, x, y, c * dc - s * ds, s * dc + c * ds, 0, 0, MARGIN
-            )
+            cost = outline_cost(outline, x, y, c * dc - s * ds, s * dc + c * ds, 0, 0, MARGIN)
             if cost == UNSURE:
                 continue
             if cost < 0:
@@ -135,7 +133,9 @@ def probe(p, scene, start, c, s, vx, w, occupied, allowed):
 
 
 @kernel(error_model="numpy")
-def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
+def best_forward(
+    p: Record, scene: Scene, grids: Grids, scratch: Scratch, start: Data, vs: Data, ws: Data, occupied: int
+) -> Tuple[float, float, float, int]:
     """Return (cost, vx, w, number of points) of the best forward sample, or HUGE and no points if none is legal.
 
     For each speed in `vs`, the samples are first w = 0, then all but the last of `ws`. The first of equal costs wins.
@@ -166,7 +166,9 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
                 sift_down(heap, keys, count, 0)
                 continue
         if not hopeless:
-            cost, n, _, _, _ = score_below(p, scene, grids, start, vx, 0.0, w, NO_CEILING, bases[sample], best)
+            cost, n, _, _, _ = scoring.score_below(
+                p, scene, grids, start, (vx, 0.0, w), NO_CEILING, bases[sample], best
+            )
             if cost >= 0 and (cost < best or (cost == best and sample < best_sample)):
                 best, best_sample, best_points, best_vx, best_w = cost, sample, n, vx, w
         count -= 1
@@ -176,7 +178,9 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
 
 
 @kernel(error_model="numpy")
-def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
+def _bound(
+    p: Record, scene: Scene, grids: Grids, scratch: Scratch, start: Data, vs: Data, ws: Data, occupied: int
+) -> int:
     """Fill bases (lower bounds of path and goal terms), keys (of costs) and heap. Return how many samples may win.
 
     The floods continue until they reach the samples' last cells, but not much beyond the robot's range, because cells
@@ -184,34 +188,37 @@ def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
     """
     _, _, bases, keys, heap, probed, _ = scratch
     cells, ox, oy, resolution, _, _, _ = scene
-    path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
+    path, goal, _ = grids
+    path_distances, goal_distances = path.distance, goal.distance
     ny, nx = cells.shape
+    n = nx * ny
+    ground = ox, oy, resolution, nx, ny
     exact = not p.simple_attractor and not p.heading_scoring  # Otherwise only the obstacle term is known here.
     c = math.cos(start[2])
     s = math.sin(start[2])
     travel = (max(abs(start[3]), abs(vs[0]), abs(vs[-1])) + abs(start[4])) * p.sim_time / resolution
-    reach = int(min(3.0 * travel, float(nx * ny))) + 8
-    k = (int((start[1] - oy) / resolution) + 1) * (nx + 2) + int((start[0] - ox) / resolution) + 1
-    path_limit = min(int(path[k]), nx * ny) + reach
-    goal_limit = min(int(goal[k]), nx * ny) + reach
+    reach = int(min(3.0 * travel, float(n))) + 8
+    k = place(path, int((start[0] - ox) / resolution), int((start[1] - oy) / resolution))
+    path_limit = min(int(path_distances[k]), n) + reach
+    goal_limit = min(int(goal_distances[k]), n) + reach
     count = 0
     for i in range(vs.shape[0]):
         for j in range(ws.shape[0]):
             base = 0.0
             if exact:
-                cx, cy = end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vs[i], ws[j - 1] if j > 0 else 0.0)
+                cx, cy = end_cell(p, ground, start, c, s, vs[i], ws[j - 1] if j > 0 else 0.0)
                 if cx < 0:
                     continue
-                k = (cy + 1) * (nx + 2) + cx + 1
-                path_distance = int(path[k])
-                goal_distance = int(goal[k])
-                if path_distance > nx * ny:
-                    path_distance = at_least(path, path_queue, path_ends, nx, ny, k, path_limit)
-                if goal_distance > nx * ny:
-                    goal_distance = at_least(goal, goal_queue, goal_ends, nx, ny, k, goal_limit)
-                if path_distance >= nx * ny or goal_distance >= nx * ny:
+                k = place(path, cx, cy)
+                path_distance = int(path_distances[k])
+                goal_distance = int(goal_distances[k])
+                if path_distance > n:
+                    path_distance = at_least(path, k, path_limit)
+                if goal_distance > n:
+                    goal_distance = at_least(goal, k, goal_limit)
+                if path_distance >= n or goal_distance >= n:
                     continue
-                base = terms(p, float(path_distance), float(goal_distance))
+                base = scoring.terms(p, float(path_distance), float(goal_distance))
             sample = i * ws.shape[0] + j
             bases[sample] = base
             keys[sample] = base + p.occdist_scale * occupied

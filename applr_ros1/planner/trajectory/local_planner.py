@@ -14,11 +14,10 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
-from applr_ros1.planner.sampling_planner import Choice, angle_difference, through_quaternion
+from applr_ros1.planner.sampling_planner import Choice, Triple, angle_difference, through_quaternion
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
 STOPPED = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
-Triple = Tuple[float, float, float]
 STANDING = (0.0, 0.0)
 EMPTY = np.zeros((0, 3))
 NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
@@ -45,8 +44,8 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._latches = params["latch_xy_goal_tolerance"]
         self._prunes = bool(params["prune_plan"])
         self._acceleration = params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"]
-        self._slowest_turn = params["min_in_place_rotational_vel"]
-        self._fastest_turn = params["max_rotational_vel"]
+        self._slowest_turn: float = params["min_in_place_rotational_vel"]
+        self._fastest_turn: float = params["max_rotational_vel"]
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
         self.reset()
 

@@ -5,7 +5,6 @@ local_planner.py builds a controller on it. The arithmetic is in sampling.py and
 
 from __future__ import annotations
 
-from collections import namedtuple
 from functools import partial
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
@@ -14,18 +13,12 @@ import numpy as np
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, trajectory_cloud
-from applr_ros1.planner.trajectory.sampling import (
-    STATE,
-    allocate_grids,
-    find_best_path,
-)
-from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
+from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, floats, trajectory_cloud
+from applr_ros1.planner.trajectory.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
+from applr_ros1.planner.trajectory.sampling import find_best_path
+from applr_ros1.planner.trajectory.scoring import roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled velocities. start (6,): start of samples.
-# Per forward sample: bases, keys (lower bounds of path and goal terms, of the cost), heap, probed (whether probed).
-Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -60,10 +53,7 @@ class TrajectoryPlanner(SamplingPlanner):
             made["goal_distance_bias"] *= resolution
 
     def _allocate_scratch(self, *samples: int) -> Any:
-        vx_samples, vtheta_samples = samples
-        n = vx_samples * vtheta_samples
-        per_sample = np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.uint8)
-        return Scratch(np.zeros(vx_samples), np.zeros(vtheta_samples), *per_sample, np.zeros(6))
+        return allocate_scratch(*samples)
 
     def end_escape(self) -> None:
         """Sample forward velocities again, although the robot has not backed out far enough."""
@@ -88,10 +78,8 @@ class TrajectoryPlanner(SamplingPlanner):
             velocity: vx, vy [m/s], w [rad/s].
         """
         scene = self._scene_of(costmap)
-        given = [float(value) for value in (*pose, *velocity)]
-        cost, v, w, count, drive_v, drive_w = find_best_path(
-            self._params, self._state, self._grids, self._scratch, scene, *given
-        )
+        given = self._params, self._state, self._grids, self._scratch, scene, floats(pose), floats(velocity)
+        cost, v, w, count, drive_v, drive_w = find_best_path(*given)
         follow = partial(roll_out, self._params, self.start, v, w)
         return Choice(cost, (v, 0.0, w), (drive_v, 0.0, drive_w), count, follow)
 
@@ -103,20 +91,14 @@ class TrajectoryPlanner(SamplingPlanner):
         Pose and velocity are used in double precision. The cost is negative if the sample is illegal.
         """
         start = np.array(tuple(pose) + tuple(velocity), dtype=np.float64)
-        vx, vy, w = (float(v) for v in sample)
-        return score(self._params, self._scene_of(costmap), self._grids, start, vx, vy, w)
+        return score(self._params, self._scene_of(costmap), self._grids, start, floats(sample))
 
     def grids(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return path_dist, goal_dist (ny, nx) int32 and within_robot (ny, nx) uint8 of the last cycle, as in C++.
 
         With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
         """
-        ny, nx = self._shape
-        grids = self._grids
-        path, goal = np.empty((ny, nx), np.int32), np.empty((ny, nx), np.int32)
-        complete(grids.path, grids.path_queue, grids.path_ends, nx, ny, path)
-        complete(grids.goal, grids.goal_queue, grids.goal_ends, nx, ny, goal)
-        return path, goal, grids.within.copy()
+        return complete(self._grids.path), complete(self._grids.goal), self._grids.within.copy()
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre."""

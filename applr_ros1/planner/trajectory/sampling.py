@@ -10,81 +10,71 @@ and most turns are never rolled out.
 from __future__ import annotations
 
 import math
-from collections import namedtuple
+from typing import Any, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner import distance_grid
 from applr_ros1.planner.costmap.footprint import fill_footprint
-from applr_ros1.planner.costmap.footprint_cost import outline_cost
+from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
-from applr_ros1.planner.distance_grid import final_distance, reset, settle, start_at, start_at_plan
-from applr_ros1.planner.sampling_planner import angle_difference, record, through_quaternion
+from applr_ros1.planner.distance_grid import final_distance, place, reset, settle, start_at, start_at_plan
+from applr_ros1.planner.sampling_planner import Record, Triple, angle_difference, take_start, through_quaternion
+from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.forward import best_forward
-from applr_ros1.planner.trajectory.scoring import (
-    COLLISION,
-    HUGE,
-    NO_CEILING,
-    NO_PATH,
-    advance,
-    new_velocity,
-    score_below,
-    step_count,
-    terms,
-)
-
-# Distance grids of one cycle. path, goal: flat grids with their *_queue and *_ends, see distance_grid.py.
-# within: (ny, nx) uint8, 1 under the robot's filled footprint.
-Grids = namedtuple("Grids", "path goal path_queue goal_queue path_ends goal_ends within")
-
-
-def allocate_grids(nx: int, ny: int) -> Grids:
-    """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
-    path, path_queue, path_ends = distance_grid.allocate(nx, ny)
-    goal, goal_queue, goal_ends = distance_grid.allocate(nx, ny)
-    return Grids(path, goal, path_queue, goal_queue, path_ends, goal_ends, np.zeros((ny, nx), np.uint8))
+from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
+from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, new_velocity, score_below
 
 
 @kernel
-def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
-    """Reset both grids for the costmap `cells` (ny, nx), start their floods and return the local goal's cell (x, y).
+def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple[int, int]:
+    """Reset both grids, start their floods for a robot at a pose, and return the local goal's cell (x, y).
 
-    plan: points (n, 2) [m]. x, y, yaw: the robot's pose. Walls under the robot's footprint (m, 2) [m] are passable in
-    the path grid but not in the goal grid. The local goal is (-1, -1) if the plan is off the map.
+    Walls under the robot's footprint are passable in the path grid but not in the goal grid. The local goal is (-1, -1)
+    if the plan is off the map.
     """
-    reset(grids.path, grids.path_ends, cells)
-    reset(grids.goal, grids.goal_ends, cells)
-    _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw)
-    goal_x, goal_y = start_at_plan(grids.path, grids.path_queue, grids.path_ends, cells, ox, oy, resolution, plan, True)
+    reset(grids.path, scene.cells)
+    reset(grids.goal, scene.cells)
+    _open_under_robot(grids, scene, x, y, yaw)
+    goal_x, goal_y = start_at_plan(grids.path, scene, scene.plan, True)
     if goal_x >= 0:
-        start_at(grids.goal, grids.goal_queue, grids.goal_ends, (goal_y + 1) * (cells.shape[1] + 2) + goal_x + 1)
+        start_at(grids.goal, place(grids.goal, goal_x, goal_y))
     return goal_x, goal_y
 
 
 @kernel
-def _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw):
+def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
     """Mark the cells within the robot and make them passable in the path grid."""
+    _, ox, oy, resolution, footprint, _, _ = scene
     ny, nx = grids.within.shape
     grids.within[:] = 0
-    fill_footprint(grids.within, 1, ox, oy, resolution, footprint, x, y, yaw, False)
-    reach = 0.0
-    for i in range(footprint.shape[0]):
-        reach = max(reach, math.hypot(footprint[i, 0], footprint[i, 1]))
-    side = int(min(reach / resolution, float(nx + ny))) + 2
+    fill_footprint(grids.within, 1, ox, oy, resolution, footprint, (x, y, yaw), False)
+    side = int(min(_farthest(footprint) / resolution, float(nx + ny))) + 2
     cx = int(min(max((x - ox) / resolution, 0.0), nx - 1.0))
     cy = int(min(max((y - oy) / resolution, 0.0), ny - 1.0))
     for row in range(max(0, cy - side), min(ny, cy + side + 1)):
         for column in range(max(0, cx - side), min(nx, cx + side + 1)):
             if grids.within[row, column]:
-                grids.path[(row + 1) * (nx + 2) + column + 1] = nx * ny + 1
+                grids.path.distance[place(grids.path, column, row)] = nx * ny + 1
+
+
+@kernel
+def _farthest(footprint: Data) -> float:
+    """Return the largest distance [m] of the vertices (n, 2) from the robot's centre."""
+    farthest = 0.0
+    for i in range(footprint.shape[0]):
+        farthest = max(farthest, math.hypot(footprint[i, 0], footprint[i, 1]))
+    return farthest
 
 
 WIDEST = 40  # largest radius around the robot that is searched for costs [cells]
 
 
 @kernel(error_model="numpy")
-def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
+def best_in_place(
+    p: Record, state: Record, scene: Scene, grids: Grids, start: Data, ws: Data, dw: float, occupied: int, best: float
+) -> Tuple[float, float, int]:
     """Return (cost, w, number of points) of the turn that replaces a sample of cost `best`, or no points if none does.
 
     A turn must not cost more than the best sample so far, must be faster than the step `dw` of `ws`, and must not be
@@ -92,7 +82,7 @@ def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
     occupied: cost at the first pose, which all turns share.
     """
     ny, nx = scene.cells.shape
-    unseen = nx * ny + 1
+    n = nx * ny
     heading_distance = HUGE
     chosen = 0.0
     points = 0
@@ -110,12 +100,12 @@ def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
             cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
             if cx < 0:
                 continue
-            k = (cy + 1) * (nx + 2) + cx + 1
-            path_distance = settle(grids.path, grids.path_queue, grids.path_ends, nx + 2, unseen, k, unseen)
-            goal_distance = settle(grids.goal, grids.goal_queue, grids.goal_ends, nx + 2, unseen, k, unseen)
-            if path_distance >= nx * ny or goal_distance >= nx * ny:
+            k = place(grids.path, cx, cy)
+            path_distance = settle(grids.path, k, n + 1)
+            goal_distance = settle(grids.goal, k, n + 1)
+            if path_distance >= n or goal_distance >= n:
                 continue
-            base = terms(p, float(path_distance), float(goal_distance))
+            base = scoring.terms(p, float(path_distance), float(goal_distance))
         if base + p.occdist_scale * occupied > best:
             continue
         ahead = _distance_ahead(p, scene, grids, x, y, theta, heading_distance)
@@ -123,16 +113,16 @@ def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
             continue
         if ceiling < 0:
             ceiling = _surroundings(p, scene, start)
-        cost, n, _, _, _ = score_below(p, scene, grids, start, 0.0, 0.0, w, ceiling, base, best)
+        cost, count, _, _, _ = score_below(p, scene, grids, start, (0.0, 0.0, w), ceiling, base, best)
         if 0 <= cost <= best:
-            best, chosen, points, heading_distance = cost, w, n, float(ahead)
+            best, chosen, points, heading_distance = cost, w, count, float(ahead)
     return best, chosen, points
 
 
 @kernel(error_model="numpy")
-def _end(p, start, w):
+def _end(p: Record, start: Data, w: float) -> Triple:
     """Return the exact (x, y, theta) of the last scored point of a turn in place. The position soon comes to rest."""
-    steps = step_count(p, 0.0, 0.0, w)
+    steps = scoring.step_count(p, 0.0, 0.0, w)
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
     for _ in range(steps - 1):
@@ -140,46 +130,35 @@ def _end(p, start, w):
         if vx_i != 0.0 or vy_i != 0.0:
             vx_i = new_velocity(0.0, vx_i, p.acc_lim_x, dt)
             vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
-            x, y = advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
+            x, y = scoring.advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
         theta = theta + w_i * dt
     return x, y, theta
 
 
 @kernel
-def _distance_ahead(p, scene, grids, x, y, theta, limit):
+def _distance_ahead(p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float) -> int:
     """Return the goal distance `heading_lookahead` ahead of a pose, -1 if off the map or not below `limit`."""
     ny, nx = scene.cells.shape
     n = nx * ny
-    cx, cy = world_to_map(
-        x + p.heading_lookahead * math.cos(theta),
-        y + p.heading_lookahead * math.sin(theta),
-        scene.ox,
-        scene.oy,
-        scene.resolution,
-        nx,
-        ny,
-    )
+    ahead_x = x + p.heading_lookahead * math.cos(theta)
+    ahead_y = y + p.heading_lookahead * math.sin(theta)
+    cx, cy = world_to_map(ahead_x, ahead_y, scene.ox, scene.oy, scene.resolution, nx, ny)
     if cx < 0:
         return -1
-    goal, queue, ends = grids.goal, grids.goal_queue, grids.goal_ends
-    k = (cy + 1) * (nx + 2) + cx + 1
-    value = settle(goal, queue, ends, nx + 2, n + 1, k, int(min(limit, n + 1.0)))
-    if value > n and ends[0] < ends[1]:
+    goal = grids.goal
+    k = place(goal, cx, cy)
+    value = settle(goal, k, int(min(limit, n + 1.0)))
+    if value > n and goal.ends[0] < goal.ends[1]:
         return -1
-    if value == n and limit > n:
-        return final_distance(goal, queue, ends, nx + 2, n, k)
-    return value
+    return final_distance(goal, k) if value == n and limit > n else value
 
 
 @kernel(error_model="numpy")
-def _surroundings(p, scene, start):
+def _surroundings(p: Record, scene: Scene, start: Data) -> int:
     """Return the largest cost that a turn in place from `start` can meet, NO_CEILING if unknown or illegal."""
     ny, nx = scene.cells.shape
     reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # braking distance
-    farthest = 0.0
-    for i in range(scene.footprint.shape[0]):
-        farthest = max(farthest, math.hypot(scene.footprint[i, 0], scene.footprint[i, 1]))
-    reach = (reach + farthest) / scene.resolution
+    reach = (reach + _farthest(scene.footprint)) / scene.resolution
     if not reach < WIDEST:
         return NO_CEILING
     side = int(reach) + 2
@@ -193,16 +172,10 @@ def _surroundings(p, scene, start):
     return int(worst) if worst < LETHAL else NO_CEILING
 
 
-# Memory of the planner between cycles, in the order of TrajectoryPlanner.state.
-STATE = record(
-    "",
-    "stuck_left stuck_right rotating_left rotating_right escaping",
-    "prev_x prev_y escape_x escape_y escape_theta",
-)
-
-
 @kernel(error_model="numpy")
-def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
+def find_best_path(
+    params: Data, state: Data, grids: Grids, scratch: Scratch, scene: Scene, pose: Triple, velocity: Triple
+) -> Tuple[Any, ...]:
     """Run one cycle: floods, samples, winner, flags. params, state: one record each.
 
     Returns (cost, vx, w, number of points, commanded vx, commanded w). A negative cost means no valid command.
@@ -210,25 +183,8 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     """
     p = params[0]
     start = scratch.start
-    start[0] = np.float32(x)
-    start[1] = np.float32(y)
-    start[2] = np.float32(through_quaternion(yaw))
-    start[3] = np.float32(vx)
-    start[4] = np.float32(vy)
-    start[5] = np.float32(through_quaternion(w))
-    prepare(
-        grids,
-        scene.cells,
-        scene.ox,
-        scene.oy,
-        scene.resolution,
-        scene.footprint,
-        start[0],
-        start[1],
-        start[2],
-        scene.plan,
-    )
-
+    take_start(start, pose, velocity)
+    prepare(grids, scene, start[0], start[1], start[2])
     least_vx, most_vx, least_w, most_w = velocity_window(p, scene.plan, start)
     vs = scratch.vs[: p.vx_samples]
     ws = scratch.ws[: p.vtheta_samples]
@@ -248,7 +204,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     legal = points > 0
     if not legal:
         best_vx = p.escape_vel
-        cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, NO_CEILING, 0.0, np.inf)
+        cost, points, _, _, _ = score_below(p, scene, grids, start, (best_vx, 0.0, 0.0), NO_CEILING, 0.0, np.inf)
     remember(p, state[0], start, cost, best_vx, best_w, legal)
     if cost == COLLISION:
         cost = 1.0  # The robot backs out even into an obstacle.
@@ -258,7 +214,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
 
 
 @kernel(error_model="numpy")
-def velocity_window(p, plan, start):
+def velocity_window(p: Record, plan: Data, start: Data) -> Tuple[float, float, float, float]:
     """Return (least vx, most vx, least w, most w) of this cycle's samples. docs/explanation/planner.md, section 6.3."""
     most_vx = p.max_vel_x
     if plan.shape[0] > 0:
@@ -274,7 +230,7 @@ def velocity_window(p, plan, start):
 
 
 @kernel
-def fill_evenly(least, most, values):
+def fill_evenly(least: float, most: float, values: Data) -> float:
     """Fill `values` (n,) from `least` on in equal steps by repeated addition, and return the step (0 for one value)."""
     n = values.shape[0]
     step = (most - least) / (n - 1) if n > 1 else 0.0
@@ -286,44 +242,26 @@ def fill_evenly(least, most, values):
 
 
 @kernel
-def first_pose(p, scene, grids, start):
+def first_pose(p: Record, scene: Scene, grids: Grids, start: Data) -> int:
     """Return the cost under the robot at its current pose, the first point of every sample, or COLLISION or NO_PATH."""
-    cells, ox, oy, resolution, footprint, lines, _ = scene
-    ny, nx = cells.shape
-    cx, cy = world_to_map(start[0], start[1], ox, oy, resolution, nx, ny)
+    ny, nx = scene.cells.shape
+    cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
     if cx < 0:
         return int(COLLISION)
-    cost = outline_cost(
-        cells,
-        cells.reshape(nx * ny),
-        ox,
-        oy,
-        resolution,
-        footprint,
-        lines,
-        start[0],
-        start[1],
-        math.cos(start[2]),
-        math.sin(start[2]),
-        cx,
-        cy,
-        0.0,
-    )
+    outline = outline_of(scene, scene.footprint)
+    cost = outline_cost(outline, start[0], start[1], math.cos(start[2]), math.sin(start[2]), cx, cy, 0.0)
     if cost < 0:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
-        k = (cy + 1) * (nx + 2) + cx + 1
-        unseen = nx * ny + 1
-        if (
-            settle(grids.goal, grids.goal_queue, grids.goal_ends, nx + 2, unseen, k, unseen) >= nx * ny
-            or settle(grids.path, grids.path_queue, grids.path_ends, nx + 2, unseen, k, unseen) >= nx * ny
-        ):
+        n = nx * ny
+        k = place(grids.goal, cx, cy)
+        if settle(grids.goal, k, n + 1) >= n or settle(grids.path, k, n + 1) >= n:
             return int(NO_PATH)
-    return max(cost, int(cells[cy, cx]))
+    return max(cost, int(scene.cells[cy, cx]))
 
 
 @kernel
-def remember(p, state, start, cost, vx, w, legal):
+def remember(p: Record, state: Record, start: Data, cost: float, vx: float, w: float, legal: bool) -> None:
     """Update the flags with the choice of the cycle. docs/explanation/planner.md, section 6.6.
 
     legal: whether the choice is a forward sample or a turn. Otherwise the robot backs out, at `cost`.

@@ -5,39 +5,29 @@ order of the C++ code, so that results are equal to the last bit.
 """
 
 import math
-from collections import namedtuple
+from typing import Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
-from applr_ros1.planner.costmap.footprint_cost import outline_cost
+from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
-from applr_ros1.planner.distance_grid import settle
-from applr_ros1.planner.sampling_planner import angle_difference, record
+from applr_ros1.planner.distance_grid import place, settle
+from applr_ros1.planner.sampling_planner import Record, Triple, angle_difference
+from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
 PRUNED = -3.0  # cost of a sample whose scoring was stopped, because it cannot beat the best one so far
 NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 HUGE = float(np.finfo(np.float64).max)
-
-# Parameters of the planner in one record [m, rad, s]. The two biases are already per cell (meter_scoring).
-PARAMETERS = record(
-    "acc_lim_x acc_lim_y acc_lim_theta max_vel_x min_vel_x max_vel_theta min_vel_theta min_in_place_vel_theta "
-    "escape_vel sim_time sim_granularity angular_sim_granularity path_distance_bias goal_distance_bias "
-    "occdist_scale heading_lookahead heading_scoring_timestep oscillation_reset_dist escape_reset_dist "
-    "escape_reset_theta sim_period",
-    "vx_samples vtheta_samples dwa heading_scoring simple_attractor",
-)
-
-# Surroundings of the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
-# resolution [m], the padded footprint (n, 2) [m] and its line_offsets, and the plan (k, 2) [m].
-Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan")
+Score = Tuple[float, int, float, float, float]  # cost, number of points, and x, y, theta of the last point
 
 
 @kernel
-def new_velocity(target, velocity, acceleration, dt):
+def new_velocity(target: float, velocity: float, acceleration: float, dt: float) -> float:
     """Return the velocity after dt of acceleration towards `target`."""
     if target - velocity >= 0:
         return min(target, velocity + acceleration * dt)
@@ -45,7 +35,9 @@ def new_velocity(target, velocity, acceleration, dt):
 
 
 @kernel
-def advance(x, y, theta, vx, vy, c, s, dt):
+def advance(
+    x: float, y: float, theta: float, vx: float, vy: float, c: float, s: float, dt: float
+) -> Tuple[float, float]:
     """Return the position (x, y) after dt. c and s are cosine and sine of theta."""
     if vy == 0.0:
         return x + vx * c * dt, y + vx * s * dt
@@ -56,7 +48,7 @@ def advance(x, y, theta, vx, vy, c, s, dt):
 
 
 @kernel(error_model="numpy")
-def step_count(p, vx, vy, w):
+def step_count(p: Record, vx: float, vy: float, w: float) -> int:
     """Return the number of steps, at least 1, of the sample (vx, vy, w). The term of the turn ignores sim_time."""
     if p.heading_scoring:
         return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
@@ -65,29 +57,33 @@ def step_count(p, vx, vy, w):
 
 
 @kernel
-def terms(p, path_distance, goal_distance):
+def terms(p: Record, path_distance: float, goal_distance: float) -> float:
     """Return the path and goal terms of a cost."""
     return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
 
 
 @kernel
-def score(params, scene, grids, start, vx, vy, w):
+def score(params: Data, scene: Scene, grids: Grids, start: Data, sample: Triple) -> Score:
     """Return (cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
-    return score_below(params[0], scene, grids, start, vx, vy, w, NO_CEILING, 0.0, np.inf)
+    return score_below(params[0], scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
 
 
 @kernel(error_model="numpy")
-def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
+def score_below(
+    p: Record, scene: Scene, grids: Grids, start: Data, sample: Triple, ceiling: int, base: float, bound: float
+) -> Score:
     """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
 
     Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, COLLISION, NO_PATH, or PRUNED as
     soon as `base` (a lower bound of the path and goal terms) plus the obstacle term exceeds `bound`.
     ceiling: upper bound of the cost that the footprint can meet on its way, NO_CEILING if unknown.
     """
-    cells, ox, oy, resolution, footprint, lines, plan = scene
-    path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
+    vx, vy, w = sample
+    cells, ox, oy, resolution, footprint, _, plan = scene
+    outline = outline_of(scene, footprint)
+    path, goal, _ = grids
+    path_distances, goal_distances = path.distance, goal.distance  # Access within the loop would count references.
     ny, nx = cells.shape
-    flat = cells.reshape(nx * ny)
     impossible = nx * ny
     unseen = impossible + 1
     steps = step_count(p, vx, vy, w)
@@ -103,10 +99,10 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
         c = math.cos(theta)
         s = math.sin(theta)
         if occupied < ceiling:
-            cost = outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, 0.0)
-            if cost < 0:
+            met = outline_cost(outline, x, y, c, s, cx, cy, 0.0)
+            if met < 0:
                 return COLLISION, i, end_x, end_y, end_theta
-            occupied = max(occupied, cost, int(cells[cy, cx]))
+            occupied = max(occupied, met, int(cells[cy, cx]))
             if base + p.occdist_scale * occupied > bound:
                 return PRUNED, i, end_x, end_y, end_theta
         if p.simple_attractor:
@@ -115,19 +111,19 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
                 dy = y - plan[plan.shape[0] - 1, 1]
                 goal_distance = dx * dx + dy * dy
         elif not p.heading_scoring or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt:
-            k = (cy + 1) * (nx + 2) + cx + 1
-            goal_steps = int(goal[k])
-            path_steps = int(path[k])
+            k = place(path, cx, cy)
+            goal_steps = int(goal_distances[k])
+            path_steps = int(path_distances[k])
             if goal_steps == unseen:
-                goal_steps = settle(goal, goal_queue, goal_ends, nx + 2, unseen, k, unseen)
+                goal_steps = settle(goal, k, unseen)
             if path_steps == unseen:
-                path_steps = settle(path, path_queue, path_ends, nx + 2, unseen, k, unseen)
+                path_steps = settle(path, k, unseen)
             if goal_steps >= impossible or path_steps >= impossible:
                 return NO_PATH, i, end_x, end_y, end_theta
             path_distance = float(path_steps)
             goal_distance = float(goal_steps)
             if p.heading_scoring:
-                heading_difference = _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta)
+                heading_difference = _heading_difference(scene, cx, cy, x, y, theta)
         end_x, end_y, end_theta = x, y, theta
         vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
         vy_i = new_velocity(vy, vy_i, p.acc_lim_y, dt)
@@ -135,20 +131,15 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
         x, y = advance(x, y, theta, vx_i, vy_i, c, s, dt)
         theta = theta + w_i * dt
         time += dt
-    if p.heading_scoring:
-        cost = (
-            p.occdist_scale * occupied
-            + p.path_distance_bias * path_distance
-            + 0.3 * heading_difference
-            + goal_distance * p.goal_distance_bias
-        )
-    else:
-        cost = terms(p, path_distance, goal_distance) + p.occdist_scale * occupied
+    cost = terms(p, path_distance, goal_distance) + p.occdist_scale * occupied
+    if p.heading_scoring:  # C++ adds the terms in another order here.
+        cost = p.occdist_scale * occupied + p.path_distance_bias * path_distance
+        cost = cost + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
     return cost, steps, end_x, end_y, end_theta
 
 
 @kernel
-def roll_out(params, start, vx, w, points):
+def roll_out(params: Data, start: Data, vx: float, w: float, points: Data) -> None:
     """Write the first poses x, y, theta of the sample (vx, w) to `points` (n, 3), as score_below visits them."""
     p = params[0]
     dt = p.sim_time / step_count(p, vx, 0.0, w)
@@ -165,8 +156,9 @@ def roll_out(params, start, vx, w, points):
 
 
 @kernel
-def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta):
+def _heading_difference(scene: Scene, cx: int, cy: int, x: float, y: float, theta: float) -> float:
     """Return the angle [rad] from the heading to the plan's farthest point in free sight, HUGE if none is in sight."""
+    cells, ox, oy, resolution, _, _, plan = scene
     ny, nx = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
         mx, my = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
@@ -181,7 +173,7 @@ POINTS = 12  # number of points shown per trajectory, because showing all would 
 
 
 @kernel
-def score_all_samples(params, scene, grids, scratch):
+def score_all_samples(params: Data, scene: Scene, grids: Grids, scratch: Scratch) -> Tuple[Data, Data]:
     """Return (cloud, refused) of all forward samples of the last cycle. The search itself rolls out far fewer.
 
     cloud (n, 4) has x, y, theta, cost of points of the legal samples, one sample after the other. Each has at most
@@ -195,7 +187,7 @@ def score_all_samples(params, scene, grids, scratch):
     for i in range(m):
         v = scratch.vs[i // turns]
         w = scratch.ws[i % turns - 1] if i % turns > 0 else 0.0
-        cost, count, _, _, _ = score_below(p, scene, grids, scratch.start, v, 0.0, w, NO_CEILING, 0.0, np.inf)
+        cost, count, _, _, _ = score_below(p, scene, grids, scratch.start, (v, 0.0, w), NO_CEILING, 0.0, np.inf)
         if cost < 0:
             refused[0 if cost == COLLISION else 1] += 1
             continue

@@ -58,7 +58,7 @@ def test_transform_keeps_distances(vertices, x, y, yaw):
 @examples(200)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
     xs, ys = np.empty((2, 31), np.int64)
-    count = walk_line(x0, y0, x1, y1, xs, ys, 0)
+    count = walk_line(x0, y0, x1, y1, xs, ys)
     line = np.stack((xs, ys), axis=1)[:count]
     assert (tuple(line[0]), tuple(line[-1])) == ((x0, y0), (x1, y1))
     assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1

@@ -3,7 +3,8 @@
 import numpy as np
 
 from applr_ros1.planner import distance_grid
-from applr_ros1.planner.trajectory.sampling import allocate_grids, prepare
+from applr_ros1.planner.trajectory.records import Scene, allocate_grids
+from applr_ros1.planner.trajectory.sampling import prepare
 from tests.support.seeds import seeds
 
 NX, NY, RESOLUTION = 23, 17, 0.1
@@ -13,16 +14,16 @@ N = NX * NY
 
 def prepared(cells, plan, pose=(1.2, 0.8, 0.3)):
     grids = allocate_grids(NX, NY)
+    return grids, prepare(grids, scene(cells, plan), *pose)
+
+
+def scene(cells, plan):
     plan = np.array(plan, dtype=np.float64).reshape(-1, 2)
-    goal = prepare(grids, cells, 0.0, 0.0, RESOLUTION, FOOT, *pose, plan)
-    return grids, goal
+    return Scene(cells, 0.0, 0.0, RESOLUTION, FOOT, np.zeros((1, 1, 1), np.int32), plan)
 
 
 def completed(grids):
-    path, goal = np.zeros((NY, NX), np.int32), np.zeros((NY, NX), np.int32)
-    distance_grid.complete(grids.path, grids.path_queue, grids.path_ends, NX, NY, path)
-    distance_grid.complete(grids.goal, grids.goal_queue, grids.goal_ends, NX, NY, goal)
-    return path, goal
+    return distance_grid.complete(grids.path), distance_grid.complete(grids.goal)
 
 
 def random_world(seed):
@@ -43,12 +44,12 @@ def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
     for _ in range(60):
         x, y, limit = int(random.integers(NX)), int(random.integers(NY)), int(random.integers(12))
         k = (y + 1) * (NX + 2) + x + 1
-        value = distance_grid.settle(grids.path, grids.path_queue, grids.path_ends, NX + 2, N + 1, k, limit)
+        value = distance_grid.settle(grids.path, k, limit)
         if value < N:
             assert value == whole[y, x]
         elif value == N:
             assert whole[y, x] >= N
-        elif grids.path_ends[0] < grids.path_ends[1]:
+        elif grids.path.ends[0] < grids.path.ends[1]:
             assert whole[y, x] > limit
         else:
             assert whole[y, x] == N + 1
@@ -58,6 +59,5 @@ def test_grids_can_be_used_again():
     first, second = random_world(1), random_world(2)
     grids, _ = prepared(*first)
     completed(grids)
-    plan = np.array(second[1])
-    prepare(grids, second[0], 0.0, 0.0, RESOLUTION, FOOT, 1.2, 0.8, 0.3, plan)
+    prepare(grids, scene(*second), 1.2, 0.8, 0.3)
     assert all(np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0])))

@@ -106,5 +106,6 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
 def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
     """On the point itself, the direction is 0, as for atan2(0, 0) in C++."""
     cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
-    difference = scoring._heading_difference(cells, 0.0, 0.0, 0.05, plan, 0, 0, 0.025, 0.025, 0.7)
+    scene = scoring.Scene(cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan)
+    difference = scoring._heading_difference(scene, 0, 0, 0.025, 0.025, 0.7)
     assert difference == pytest.approx(expected)
