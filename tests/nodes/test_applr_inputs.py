@@ -83,7 +83,7 @@ class Beside:
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
         if odometer:
             self.callbacks["odometry/filtered"](odometry)
-        return self.inputs.snapshot(self.time, self.time)
+        return self.inputs.snapshot(self.time, self.time - rospy.Duration(3))
 
 
 @pytest.fixture
@@ -97,9 +97,10 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
     assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # This driver sets no stamps.
     beside.plan(4.8)
+    beside.inputs._on_plan(Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6
     beside.status("one")  # The goal is still the same.
-    assert beside.snapshot().seen.goal == (5.0, 0.0, 0.0)
+    assert beside.snapshot().seen[1::3] == (3.0, (5.0, 0.0, 0.0))  # time and goal
     beside.plan(5.0)
     beside.now += 0.02
     beside.goal("two", -3.0)

@@ -374,6 +374,7 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second():
             cost, over = cost + info["reward"]["time"], terminated or truncated
             assert over or info["time_s"] - before == pytest.approx(period)
         env.close()
+        assert (terminated, truncated, info["success"]) == (True, False, True)
         assert (env.episode.limit, cost) == (limit, pytest.approx(-info["time_s"] / 2.0))
         assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
     with pytest.raises(ValueError, match="multiple of 0.05"):

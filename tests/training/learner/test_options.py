@@ -8,6 +8,7 @@ from applr_ros1.common.errors import ApplrError
 from tests.support.toy_training import one_line, toy
 from training import train
 from training.learner.config import TrainConfig, parse
+from training.td3.td3 import ACTOR_LR, TAU
 
 
 @pytest.mark.fault("23a")
@@ -52,8 +53,9 @@ def test_each_recipe_consists_of_valid_options(name):
     assert parse(["--recipe", name, *dataset, "--seed", "7"]).seed == 7
 
 
-def test_noise_is_the_papers():
+def test_defaults_and_noise_are_the_documented_ones():
     paper = TrainConfig()
+    assert (paper.gamma, paper.n_step, paper.critic_lr, ACTOR_LR, TAU) == (0.95, 4, 1e-3, 3e-4, 0.005)
     assert paper.noise(0) == 0.5
     assert paper.noise(1_000_000) == pytest.approx(0.375)
     assert paper.noise(3_840_000) == pytest.approx(0.02)

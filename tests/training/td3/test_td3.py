@@ -219,6 +219,8 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
     td3.begin_with(begun.actor_weights(), "it")
     moved = []
     for _ in range(3):
+        state, td3 = td3.state(), TD3(5, 2, options, seed=3)
+        td3.load(state)  # A run continues from its last checkpoint.
         td3.update(_batch(np.random.default_rng(0), 8, 5, 2))
         moved.append(not np.array_equal(td3.actor_weights()["0.weight"], begun.actor_weights()["0.weight"]))
     assert moved == [False, False, True]
