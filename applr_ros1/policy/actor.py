@@ -31,7 +31,7 @@ from applr_ros1.robots import JACKAL, Robot
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in the files of both policies
 # A robot of the Jackal's size has stalled if its displacement [m] in this time [s] is smaller.
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
-# Distance and angle that TrajectoryPlannerROS backs out of a dead end while the robot has stalled [m, rad].
+# Distance and angle that TrajectoryPlannerROS backs out of a dead end in half of the decisions of a stall [m, rad].
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
 PLAIN = "format", "sha256"  # metadata entries that are plain text instead of JSON; older files have a checksum
 Weights = Mapping[str, Array32]
@@ -95,7 +95,7 @@ class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
     When the robot has stalled, the network's decisions have failed. If the encoding has `redraws_stalled`, each
-    decision then draws random parameters from the course's seed, and the planner backs out by BACKING_OUT.
+    decision then draws random parameters from the course's seed, half of the time with BACKING_OUT.
 
     Args:
         encoding: Encoding of observations and actions.
@@ -152,7 +152,8 @@ class Policy(_FromFile):
         if self.encoding.redraws_stalled and self._stall.update(context.time, *context.pose[:2]):
             self.stalls += 1
             theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, len(action)))
-            return self.space.clip([BACKING_OUT.get(name, value) for name, value in zip(self.space.names, theta)])
+            backs = BACKING_OUT if self._draws.random() < 0.5 else {}
+            return self.space.clip([backs.get(name, value) for name, value in zip(self.space.names, theta)])
         return self.encoding.theta(action)
 
     def predict(
