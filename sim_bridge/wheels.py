@@ -1,15 +1,15 @@
 """Driven wheels of both simulators: velocity controller, wheel speeds, friction of tyres and casters on the ground.
 
 Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a turn in place runs at
-.9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with the cone variant). Here each tyre applies
-Coulomb's force against its slip in any direction. This is ground `plain`. Ground `gazebo` is the friction of Gazebo's
-Jackal (`_pyramid`), which varies with the wheels' angles.
+.9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with Bullet's friction cone). There are two friction
+models instead, named grounds. On ground `plain`, Coulomb's force on each tyre opposes the slip in any direction. Ground
+`gazebo` reproduces the friction of the Jackal in Gazebo (`_pyramid`), which varies with the wheels' angles.
 
-If forces oppose the slip, a skid-steered turn in place needs wheels faster than the turning body by
-1 + (wheel base / track)^2, which is 1.49 for the Jackal (Clearpath's separation multiplier is 1.5). In a fast curve the
-factor is smaller. `rim_table` has the factor of every (v, w). The Jackal's centre of mass lies ahead of the wheels'
-centre, so its front slips less and the robot turns about a point ahead of base_link: a turn in place drifts. Two driven
-wheels need no factor, and casters slide with their own friction.
+On plain ground, the wheels of a skid-steered robot that turns in place must run faster than w * track / 2 by the factor
+1 + (wheel base / track)^2. It is 1.49 for the Jackal (Clearpath's separation multiplier is 1.5) and smaller in a fast
+curve. `rim_table` has the factor of every (v, w). The Jackal's centre of mass lies ahead of the wheels' centre, so the
+front wheels slip less, and the robot turns about a point ahead of base_link: base_link drifts in a turn in place. Two
+driven wheels need no factor, and casters slide with their own friction.
 """
 
 from __future__ import annotations
@@ -28,16 +28,18 @@ from . import mechanics as m
 from .mechanics import STEP
 
 Triple = Tuple[float, float, float]
-# Indices of the state of the drive: ramped command [m/s, rad/s], rim speeds [m/s], filtered acceleration of the body by
-# the tyres [m/s^2], angles of the left and right wheels [rad], noise of each side, noise of each support
+# Indices of the drivetrain's state `drive`: ramped command [m/s, rad/s], rim speeds [m/s], filtered acceleration of the
+# body by the tyres [m/s^2], angles of the left and right wheels [rad], noise of each side, noise of each support.
+# Other arguments of the kernels: table: rim_table(). scalars, supports: arrays of Mechanics. slip: factor on all random
+# errors. friction: coefficient of the wheels. ground: 0 for plain ground, 1 for Gazebo's; values in between blend both.
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _KEEP_PULL = exp(-STEP / 0.02)  # decay per step of the filtered acceleration, whose time constant is 20 ms
-_JAM_SHARE = 0.1  # inverse of the largest ratio of a wheel's contact force to its load on Gazebo's ground
+_JAM_SHARE = 0.1  # smallest ratio of a wheel's load to its contact force on Gazebo's ground
 _STICK_M_S = 0.01  # slip speed below which Gazebo's friction is less than its full force [m/s]
 
 
 def new_drive(supports: Array, seed: Sequence[int]) -> Array:
-    """Return the state of a drive at rest. The angles of its wheels are drawn from the seed."""
+    """Return the drivetrain's state at rest. The angles of the wheels are drawn from the seed."""
     drive = np.zeros(GRIP_NOISE + len(supports))
     drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
     return drive
@@ -54,9 +56,8 @@ def turn_wheels(
 ) -> None:
     """Run one step of the velocity controller towards (v, w) [m/s, rad/s] within its acceleration limits.
 
-    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. `table` is rim_table(), `noise` (noises(),) is standard normal,
-    and `slip` scales all random errors. For `ground`, see tyres(). Gazebo's controller has a constant multiplier of the
-    track instead of the table, and its wheels have no noise.
+    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. The random numbers `noise` (noises(),) are standard normal.
+    Gazebo's controller has a constant multiplier of the track instead of the table, and Gazebo's wheels have no noise.
     """
     rate = scalars[m.ACCELERATION] * STEP
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
@@ -86,7 +87,7 @@ def turn_wheels(
 
 @kernel
 def _rims(v: float, w: float, table: Array, scalars: Array) -> Tuple[float, float]:
-    """Return the mean and half the difference of the rim speeds for (v, w) by bilinear interpolation of the table."""
+    """Return the mean and half the difference of the rim speeds for (v, w), bilinearly interpolated in the table."""
     sign = 1.0 if v > 0.0 else -1.0
     a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
     b = min(abs(w) * scalars[m.PER_W], table.shape[1] - 1.001)
@@ -104,12 +105,11 @@ def tyres(
 ) -> Triple:
     """Return the change (du, ds, dw) of the body's velocity by tyres and casters in one step.
 
-    `twist` is the velocity of the centre of mass ahead and to the left [m/s], and the yaw rate [rad/s]. `scalars` and
-    `supports` are those of Mechanics, `friction` is that of the wheels, and `lift` (n,) is the share of its load that
-    each support carries. `ground` is 0 for plain ground and 1 for Gazebo's; values in between weight both.
+    Coulomb friction is smoothed below the tyres' creep speed, and solved implicitly for the velocity at the end of the
+    step in two passes. The solution is stable and keeps a robot at rest. Acceleration transfers load between supports.
 
-    Coulomb friction, smoothed below the tyres' creep, is solved implicitly for the velocity at the end of the step in
-    two passes. The solution is stable and keeps a robot at rest. Acceleration transfers load between the supports.
+    `twist` is the forward and leftward velocity of the centre of mass [m/s], and the yaw rate [rad/s]. `lift` (n,) is
+    the share of its load that each support carries: 1 with full contact, 0 off the ground.
     """
     if supports.shape[0] == 4:  # A constant count lets the compiler unroll the loop.
         return _tyres(4, drive, twist, scalars, supports, friction, lift, ground)
@@ -183,12 +183,12 @@ def _tyres(
 
 @kernel(error_model="numpy")
 def _pyramid(slip_x: float, slip_y: float, c: float, sn: float, friction: float) -> Tuple[float, float]:
-    """Return force over slip, ahead and aside, of one wheel edge on Gazebo's ground per unit of friction times load.
+    """Return force / slip speed of a wheel edge on Gazebo's ground, forward and sideways, per friction times load.
 
     The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle with cosine c and sine sn). ODE uses this
     vector as the first direction of its friction pyramid without projecting it onto the ground. Both directions act
-    with a share |c|, and part of the first force presses the wheel down or lifts it. The wheel would jam from a
-    friction of 1 on.
+    with a share |c|, and part of the first force presses the wheel down or lifts it. With a friction coefficient of 1
+    or more, the contact force would grow without limit, so _JAM_SHARE limits it.
     """
     ahead = slip_x * c
     over_x, over_y = max(abs(ahead), _STICK_M_S), max(abs(slip_y * c), _STICK_M_S)
@@ -200,8 +200,8 @@ def _pyramid(slip_x: float, slip_y: float, c: float, sn: float, friction: float)
 def rim_table(robot: Robot) -> Array:
     """Return the table (17, 17, 2) of rim speeds that realise a command on nominal, even, plain ground.
 
-    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the largest speed and j/16
-    of the largest yaw rate. Curves beyond the tyres' friction limit (v w above grip_limit) take the multiplier of the
+    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the maximum speed and j/16
+    of the maximum yaw rate. Curves beyond the tyres' friction limit (v w above grip_limit) take the multiplier of the
     tightest feasible curve at that speed. The table is computed by simulated driving in about 50 ms.
     """
     base, mechanics = robot.base, m.mechanics(robot)
@@ -219,7 +219,7 @@ def rim_table(robot: Robot) -> Array:
 
 @kernel
 def _settle(v: float, w: float, scalars: Array, supports: Array, friction: float) -> Tuple[float, float]:
-    """Drive at (v, w), adjust the rim speeds until body and command agree, and return (addition to v, multiplier)."""
+    """Simulate (v, w), adjust the rim speeds until the body follows, and return (addition to v, track multiplier)."""
     drive, lift = np.zeros(GRIP_NOISE + supports.shape[0]), np.ones(supports.shape[0])
     half = 0.5 * scalars[m.TRACK]
     ahead, side = v, 1.3 * half * w

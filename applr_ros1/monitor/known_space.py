@@ -24,7 +24,7 @@ TOLERANCE_M = 0.08  # largest difference between a range and a point's distance 
 THIN_M = 0.02  # spacing of neighbouring beams beyond which an obstacle may stand between them unseen [m]
 CELL_M = 0.05  # side of a cell of the grid of observed space [m]
 TOUCHED_M = 0.71 * CELL_M  # distance from the body within which the centre of a touched cell may lie [m]
-BEHIND_M = 0.1  # depth behind a hit that counts as observed, because only a way through the hit leads there [m]
+BEHIND_M = 0.1  # depth behind a hit that counts as observed; the robot would meet the hit first [m]
 SHOWN_M = 2.5  # distance from the scanner up to which a scan observes space; exceeds all stopping distances [m]
 
 Beams = Tuple[float, float, float, float]  # angle_min, angle_increment [rad], range_min and range_max [m] of a scan
@@ -63,7 +63,7 @@ class ObstacleMemory:
     def update(self, scan: LaserScan) -> np.ndarray:
         """Add the points of a scan in the fixed frame, and remove the points that it sees through.
 
-        Beams outside [range_min, range_max) add no point. Ranges of +inf and beyond the radius clear the points before
+        Beams outside [range_min, range_max) add no point. Ranges of +inf and beyond the radius clear points in front of
         them. NaN, -inf and ranges below range_min neither add nor clear, because they measure nothing (REP 117).
 
         Returns:
@@ -142,9 +142,9 @@ def _update(
 
 @kernel
 def _is_measured(x: float, y: float, ranges: Array32, beams: Beams, sensor: Pose) -> bool:
-    """Return whether the scan replaces a point: a beam ends there, or passes it together with both neighbours.
+    """Return whether a scan replaces a point: a beam ends at the point, or three neighbouring beams pass it.
 
-    False if the scanner cannot see the point, because it is out of range or may stand between two beams.
+    False if the scanner cannot see the point, because the point is out of range or may stand between two beams.
     """
     angle_min, increment, range_min, range_max = beams
     dx, dy = x - sensor[0], y - sensor[1]

@@ -1,6 +1,6 @@
 """Collision monitor: scanner check, scan matching, obstacle memory, observed space and stopping distance combined.
 
-Scans update its state, and commands are judged by this state. Episode (training/env/episode.py) calls it in process.
+Scans update the state of CollisionMonitor, and this state decides about commands. Training calls it in process.
 """
 
 import math
@@ -27,9 +27,9 @@ STOP_WITHIN_M = 2.0  # longest stopping distance that is allowed; faster command
 BLOCKED_M_S, BLOCKED_RAD_S = 0.05, 0.15  # velocities below which a limited command counts as blocked [m/s, rad/s]
 TINY_SPEED = 1e-6  # speed below which a command counts as zero [m/s, rad/s]
 BEATS = 10  # number of latest command intervals that are kept
-LATE_S = 0.05  # delay beyond the longest interval that counts as silence, and delay of a stop to the wheels [s]
+LATE_S = 0.05  # delay of a command that does not yet count as silence, and delay of a stop to the wheels [s]
 BRAKING_S = 0.1  # longest time between two commands to a braking base, whether or not the planner sends one [s]
-GRIPPING_S = 0.1  # time in which a braking base can reach the commanded turn rate [s]
+GRIPPING_S = 0.1  # time within which a braking base must be able to reach its turn rate [s]
 AHEAD_OF_CLOCK_S = 0.1  # largest lead of a stamp over the clock; a larger one means that the clock was set back [s]
 
 
@@ -76,8 +76,8 @@ class CollisionMonitor:
 
     add_scan() takes the scans, filter() the commands. Time is an argument [s], so the class needs no clock. Every
     command becomes a stop if a scan is missing, stale or faulty (ScannerCheck). The robot may creep into unobserved
-    space, but never into a remembered obstacle. Each laser has its own obstacle memory, because lasers at other heights
-    may see over or under an obstacle. Space counts as observed if any laser has observed it.
+    space, but never into a remembered obstacle. Each laser has its own obstacle memory, because lasers at different
+    heights may see over or under an obstacle. Space counts as observed if any laser has observed it.
 
     The commanded speed never falls faster than `deceleration`, stops included, because this is the friction limit of
     the wheels. Locked wheels slide farther, and odometry does not measure the slide. A stop follows the arc of the
@@ -88,7 +88,7 @@ class CollisionMonitor:
         more_scans: names of further lasers. Only the first laser corrects the pose (ScanMatcher).
 
     Attributes:
-        fastest: (v [m/s], w [rad/s]) from which the base stops within STOP_WITHIN_M, or a full turn, on fresh inputs.
+        fastest: (v [m/s], w [rad/s]) that stop within STOP_WITHIN_M and within a full turn if the inputs are fresh.
         ages: ages of the latest scan, pose and twist at the last command [s].
         silence: time after a command at which the base must be braked() unless another command arrives [s].
     """
@@ -120,7 +120,7 @@ class CollisionMonitor:
         self.motion.clear()
         self.ages = (0.0, 0.0, 0.0)
         self._pose: Tuple[float, Optional[Pose]] = 0.0, None  # stamp [s] of the last change of the pose, and the pose
-        self._brakes = False  # whether the last output falls more slowly than its command
+        self._brakes = False  # whether the friction limit keeps v of the last output from its command
         self._asked: Optional[float] = None  # time of the last command [s]
         self._beats: Deque[float] = deque(maxlen=BEATS)  # intervals between the last commands [s]
         self._given = -math.inf, 0.0, 0.0  # time [s], v and w of the last output
@@ -139,7 +139,7 @@ class CollisionMonitor:
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # The scan is out of order: a newer one was added before.
         laser.fault = laser.check.fault(scan)
-        if laser.fault or laser.check.repeats:  # A repeated image is old data: it keeps its stamp and its pose.
+        if laser.fault or laser.check.repeats:  # A repeated image is old data: stamp and pose stay unchanged.
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
@@ -196,10 +196,10 @@ class CollisionMonitor:
         return replace(verdict, command=self.braked(now, measured, verdict.command, twist[1]))
 
     def _twists(self, twist: Twist) -> Slips:
-        """Return the possible velocities (v, w, slip): the measured one, and that of the poses if both disagree.
+        """Return the possible velocities (v, w, slip): from the odometry, and from the poses if these contradict it.
 
         slip is the lateral slip [m/s], positive to the left: the sideways velocity that a turn about the point at
-        turn_ahead does not explain. Both its terms come from the poses, so that they have the same age.
+        turn_ahead does not explain. Both terms of the slip come from the poses, so that they have the same age.
         """
         v, w, aside = self.motion.velocity
         slip = aside + self.settings.turn_ahead * w
@@ -209,12 +209,12 @@ class CollisionMonitor:
         """Return the command (v, w) within the friction limit of the base, and record it as the last output.
 
         If v must fall more slowly than requested, w keeps the base on the arc of the command that safe_scale has
-        checked. w is then at most the larger of the commanded and the previous turn rate. It changes gradually, because
-        tyres that turn the body have less friction left for braking.
+        checked. w is then at most the larger of the commanded and the previous turn rate, and changes gradually,
+        because tyres that turn the body have less friction left for braking.
 
         Args:
             now: time [s].
-            measured: speed of the wheels [m/s].
+            measured: measured forward speed [m/s].
             command: requested (v, w) [m/s, rad/s].
             turning: measured turn rate [rad/s], None if it is unknown.
         """
@@ -246,7 +246,7 @@ class CollisionMonitor:
         twists = twists + [(0.0, w0, slip) for v0, w0, slip in twists if v0 * v < 0.0]  # The base may reverse at once.
         settings = self.settings
         since = max(0.0, self.ages[1])
-        lasts = min(settings.reaction_time, max(self._beats, default=0.0) + LATE_S)  # time that a command is in force
+        lasts = min(settings.reaction_time, max(self._beats, default=0.0) + LATE_S)  # time for which a command applies
         reaction = max(settings.reaction_time, lasts + LATE_S) + max(map(abs, self.ages))
         most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self._fastest(reaction), (v, w))))
         v, w = most * v, most * w
@@ -292,7 +292,7 @@ class CollisionMonitor:
         return any(abs(value) > IMPOSSIBLE_FACTOR * limit for value, limit in zip(twist, self.fastest))
 
     def _frozen(self, stamp: float, pose: Pose, twist: Twist) -> str:
-        """Return the fault if the pose stays the same, under any stamps, while the velocity is not zero."""
+        """Return a fault if the pose does not change, even with new stamps, although the velocity is not zero."""
         # The measured velocity of a base at rest is seldom exactly 0.
         stands = abs(twist[0]) < BLOCKED_M_S and abs(twist[1]) < BLOCKED_RAD_S
         if pose != self._pose[1] or stamp < self._pose[0] or stands:
@@ -322,7 +322,7 @@ class CollisionMonitor:
 
 
 def warm_up(settings: MonitorSettings) -> None:
-    """Compile or load all kernels by running a temporary monitor on two scans, one with a wide sector of no returns."""
+    """Compile or load all kernels by running a temporary monitor on two scans, one with a wide empty sector."""
     monitor = CollisionMonitor(settings)
     ranges = np.full(8, 0.6)
     for stamp in (0.0, 0.1):

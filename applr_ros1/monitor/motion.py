@@ -1,7 +1,7 @@
 """Velocity of the base derived from its poses, to cross-check the velocity in the odometry message.
 
-CollisionMonitor holds one PoseMotion. Its poses are corrected by ScanMatcher, so they show lateral slip, and the true
-direction of motion if the sign or size of the odometry's velocity is wrong.
+CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher. They therefore show lateral slip, and
+the true motion if the sign or size of the odometry's velocity is wrong.
 """
 
 import math
@@ -54,7 +54,7 @@ class PoseMotion:
         self.velocity = (c * x + s * y) / time, yaw / time, (c * y - s * x) / time
 
     def contradicts(self, twist: Twist) -> bool:
-        """Return whether the base moves against the measured (v, w) [m/s, rad/s], or much faster."""
+        """Return whether the base moves opposite to the measured (v, w) [m/s, rad/s], or much faster."""
         return any(
             abs(moved) > limit
             and (moved * measured < 0.0 or abs(moved) > abs(measured) + limit + DIFFERENCE_SHARE * abs(moved))

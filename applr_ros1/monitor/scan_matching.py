@@ -4,9 +4,9 @@ A base that brakes beyond its friction limit slides while its wheels stand still
 centimetres, and so are the remembered obstacles. The next scan reveals the error, because static obstacles seem to
 have moved. Each scan is matched to an earlier scan (point to line; Censi, "An ICP variant using a point-to-line
 metric", ICRA 2008) from two initial guesses. The first is the odometry's pose. The second extrapolates the last motion,
-because a sliding base keeps its speed while its wheels stand or turn backwards, and is used if it fits clearly better.
-Points that do not fit, such as a walking person, get a low weight. The odometry serves as a prior and decides along
-unobservable directions, such as a bare corridor.
+because a sliding base keeps its speed while its wheels stand or turn backwards. The second guess is used only if it
+leads to a clearly better fit. Points that do not fit, such as a walking person, get a low weight. The initial guess is
+also a prior: it determines the directions that the scan does not constrain, such as along a bare corridor.
 """
 
 import math
@@ -20,20 +20,20 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 
 REACH_M = 8.0  # longest range that is used for matching [m]
-STRIDE_BEAMS = 3  # stride of the beams that are matched to an earlier scan
-BASE_M = 0.02  # distance to both sides over which the direction of a surface is estimated [m]
-APART_M_RAD = 0.15, 0.3  # distance and angle from every reference beyond which a scan becomes a reference [m, rad]
+STRIDE_BEAMS = 3  # spacing of the beams that are matched to an earlier scan [beams]
+BASE_M = 0.02  # distance to each side of a point over which the surface normal is estimated [m]
+APART_M_RAD = 0.15, 0.3  # distance and angle to the nearest reference scan above which a scan is kept [m, rad]
 REFERENCES_KEPT = 256  # largest number of reference scans
-ITERATIONS, COARSE = 12, 4  # numbers of all iterations and of the coarse iterations at the beginning
-WIDE_M, NARROW_M = 0.1, 0.02  # point-to-line distance with weight 1/4, in coarse and later iterations [m]
+ITERATIONS, COARSE = 12, 4  # maximum number of iterations, and how many of the first iterations are coarse
+WIDE_M, NARROW_M = 0.1, 0.02  # point-to-line distance that gets weight 1/4, in coarse and later iterations [m]
 NOISE_M = 0.01  # standard deviation of a point-to-line distance [m]
 SLIP_M, YAW_ERROR_RAD = 0.05, 0.01  # expected errors of the odometry between two scans [m, rad]
-LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # largest correction by one scan; larger ones are rejected [m, rad]
-BETTER_WEIGHT = 0.05  # advantage in mean weight that a match from the extrapolated pose needs
+LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # largest accepted correction by one scan [m, rad]
+BETTER_WEIGHT = 0.05  # excess of mean weight for which a match from the extrapolated pose is preferred
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
-ELSEWHERE_SHARE = 0.15  # share of each scan's points that the other sees through if they show different places
+ELSEWHERE_SHARE = 0.15  # share of points in the other scan's free space above which scans show different places
 
 Beams = Tuple[float, float]  # first angle, angle increment [rad]
 Reference = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
@@ -43,23 +43,23 @@ class ScanMatcher:
     """Corrector of odometry poses: a slowly changing transform, estimated by scan matching.
 
     Attributes:
-        lost: whether the latest scan contradicts the previous one, because the robot or its odometry was moved. This
-            needs obstacles in space that was observed free. Obstacles that vanish, such as an opening door, are not
-            enough.
+        lost: whether the latest scan contradicts the previous scan, for instance because the robot was carried or its
+            odometry was reset. The scan must show new obstacles in space that was observed free. Obstacles that only
+            vanish, such as a door that opens, do not count.
     """
 
     def __init__(self) -> None:
-        # Ranges of the scan that was matched last, and its lines().
+        # Cache: ranges of the earlier scan that was last matched against, and the lines() of that scan.
         self._surface: Tuple[Optional[np.ndarray], np.ndarray] = None, np.empty((0, 6))
-        self._places: Tuple[Any, np.ndarray] = None, np.empty((0, 3))  # latest reference, and poses of all references
+        self._places: Tuple[Any, np.ndarray] = None, np.empty((0, 3))  # cache: last reference, poses of all references
         self.clear()
 
     def clear(self) -> None:
         """Reset the correction and forget all scans. Poses stay uncorrected until two scans have arrived."""
         self.correction: Pose = (0.0, 0.0, 0.0)
-        self._references: List[Reference] = []  # scans along the way
+        self._references: List[Reference] = []  # reference scans, oldest first
         self.lost = False
-        self._last: Optional[Tuple[float, Pose, Reference]] = None  # stamp [s], pose and data of the last scan
+        self._last: Optional[Tuple[float, Pose, Reference]] = None  # stamp [s], pose and Reference of the last scan
         self._measured: Any = None  # raw ranges of the last scan
         self._speed: Pose = (0.0, 0.0, 0.0)  # forward and leftward speed [m/s], turn rate [rad/s] of the last motion
 
@@ -70,11 +70,12 @@ class ScanMatcher:
     def add_scan(self, scan: LaserScan) -> bool:
         """Match a scan in the odometry frame, and update the correction.
 
-        The scan is matched to the nearest reference, so that a robot returns to the same coordinates. If it does not
-        fit there, it is matched to the previous scan. If the robot is lost, all references are discarded.
+        The scan is matched to the nearest reference scan, so that a robot that comes back to a place gets the same
+        coordinates. If the scan does not fit, this reference is discarded, and the scan is matched to the previous
+        scan. If the robot is lost, all references are discarded.
 
         Returns:
-            Whether the scan fits an earlier one. Otherwise the correction stays the same.
+            True if the scan fits an earlier scan. Otherwise the correction does not change.
         """
         pose = self.corrected(scan.sensor_pose)
         measured = np.asarray(scan.ranges, dtype=np.float32)
@@ -112,7 +113,7 @@ class ScanMatcher:
         return matched is not None
 
     def _is_elsewhere(self, measured: np.ndarray, newest: Reference) -> bool:
-        """Return whether this scan and the last see through each other's points, or few of the last are in view."""
+        """Return whether many new points lie in free space of the last scan, whose points are gone or out of view."""
         assert self._last is not None
         last = self._last[2]
         shown, appeared = _seen_through(newest, (self._measured, *last[1:]))
@@ -152,7 +153,7 @@ class ScanMatcher:
         """Return the index of the reference nearest to a pose, or None if there is no reference."""
         if not self._references:
             return None
-        if self._places[0] is not self._references[-1]:  # References change only together with the latest one.
+        if self._places[0] is not self._references[-1]:  # Each change of the list ends with a new last reference.
             self._places = self._references[-1], np.array([place for _, _, place in self._references])
         return _nearest(self._places[1], pose)
 
@@ -188,10 +189,10 @@ def _points(ranges: Array32, beams: Beams) -> Array:
 
 @kernel
 def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, guess: Pose) -> Tuple[Pose, int, float]:
-    """Return the pose (x, y, yaw) at which points fit an earlier scan's lines() best, their number, and sum of weights.
+    """Return the pose at which points best fit an earlier scan's lines(), the number of matches, and their weight sum.
 
-    Computes in the frame of the earlier scan's scanner, so that its lines are computed only once. Writes the earlier
-    scan's beam towards each point to the third column of points (k, 3), as a start for the next search.
+    Works in the scanner frame of the earlier scan, so that the lines() of that scan can be reused. Overwrites the third
+    column of points (k, 3) with the index of the earlier scan's beam towards each point, where the next search starts.
     """
     c, s = math.cos(old_pose[2]), math.sin(old_pose[2])
     dx, dy = guess[0] - old_pose[0], guess[1] - old_pose[1]
@@ -201,7 +202,7 @@ def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, gues
     for iteration in range(ITERATIONS):
         scale = WIDE_M if iteration < COARSE else NARROW_M
         count, weights = 0, 0.0
-        # The normal equations of the correction (dx, dy, dyaw) have the odometry's pose as a prior.
+        # The initial guess is the prior in the normal equations of the correction (dx, dy, dyaw).
         a00 = a11 = (NOISE_M / SLIP_M) ** 2
         a22 = (NOISE_M / YAW_ERROR_RAD) ** 2
         a01 = a02 = a12 = 0.0
@@ -239,7 +240,7 @@ def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, gues
 
 @kernel
 def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
-    """Return the number of points of scan `old` in the field of view of scan `new`, and the number it sees through."""
+    """Return how many points of scan `old` lie in the field of view of scan `new`, and how many `new` sees through."""
     (old_ranges, old_beams, old_pose), (ranges, beams, pose) = old, new
     seen = gone = 0
     for i in range(old_ranges.shape[0]):
@@ -258,9 +259,9 @@ def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
 
 @kernel
 def lines(ranges: Array32, beams: Beams) -> Array:
-    """Return (n, 6) for a scan: per beam the point [m], unit normal of the surface to the next point, and direction.
+    """Return (n, 6), a row per beam: point [m], unit normal of the surface to the next point, unit vector of the beam.
 
-    All are in the scanner's frame. The normal is NaN if there is no surface: at an edge, and for a beam without return.
+    All are in the scanner's frame. The normal is NaN at the edge of a surface, and for a beam without return.
     """
     n = ranges.shape[0]
     surface = np.empty((n, 6))
@@ -287,9 +288,10 @@ def lines(ranges: Array32, beams: Beams) -> Array:
 
 @kernel
 def _beam_near(surface: Array, beams: Beams, x: float, y: float, last: float) -> float:
-    """Return beam_at of the point x, y [m] in the scanner's frame, faster if the point is near the beam `last`.
+    """Return the fractional index of the beam towards the point x, y [m] in the scanner's frame, starting at `last`.
 
-    Steps from beam to beam by the angle between beam and point, with a short series for the arc tangent.
+    The result equals that of beam_at(), which is slower. Each step moves to the beam at the computed angle to the
+    current beam; a short series replaces the arc tangent.
     """
     i = int(last)
     for _ in range(3):
@@ -309,7 +311,7 @@ def _beam_near(surface: Array, beams: Beams, x: float, y: float, last: float) ->
 
 @kernel
 def beam_at(angle_min: float, increment: float, bearing: float) -> float:
-    """Return the fractional index of the beam towards a bearing [rad]. Past the scan's end if there is none."""
+    """Return the fractional index of the beam towards a bearing [rad]; beyond the last index if there is none."""
     turn = bearing - angle_min if increment > 0.0 else angle_min - bearing
     if -2.0 * math.pi < turn < 0.0:
         turn += 2.0 * math.pi  # The result equals that of the modulo, which is far slower.

@@ -16,14 +16,14 @@ from applr_ros1.monitor.scan_matching import beam_at
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
 FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [m, rad]
 BLIND_SHARE = 0.95  # share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind
-ENOUGH_HITS = 5  # number of hits in the previous scan from which an empty scan counts as a fault
+ENOUGH_HITS = 5  # minimum number of previous hits in range for a scan without hits to count as a fault
 VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
 FROZEN_SCANS = 5  # number of identical images in a row that count as frozen if the robot moves
-FROZEN_M, FROZEN_RAD = 0.03, 0.03  # motion during identical images from which they count as frozen [m, rad]
+FROZEN_M, FROZEN_RAD = 0.03, 0.03  # minimum motion of the robot for identical images to count as frozen [m, rad]
 # A wide sector that loses all returns at once is a sensor fault: real obstacles do not vanish that fast.
 SECTOR_RAD = math.pi / 4  # smallest width of a sector without returns that can count as failed [rad]
-STOOD_SHARE = 0.3  # share of the beams of such a sector that must have had an obstacle to return them
-REPEATED_M_RAD = 0.005  # motion beyond which an identical image counts as repeated old data [m, rad]
+STOOD_SHARE = 0.3  # minimum share of beams in a failed sector that pointed at obstacles of the previous scan
+REPEATED_M_RAD = 0.005  # motion of the robot above which an identical image counts as old data [m, rad]
 
 # Ranges (n,) of a scan, (range_min, range_max) [m], (first angle, angle increment) [rad] and pose of the laser.
 Image = Tuple[Array32, Tuple[float, float], Tuple[float, float], Pose]
@@ -113,13 +113,13 @@ def geometry_fault(scan: LaserScan) -> str:
     if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
     if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FARTHEST_M:
-        return f"the scan's first angle or pose is beyond {FARTHEST_M:g}"
+        return f"the scan's first angle or pose exceeds {FARTHEST_M:g} rad or m: check the driver and the odometry"
     if not 3 <= count <= CAPACITY_POINTS:  # Surplus points would be neither remembered nor marked as unknown.
         return f"the scan has {count} beams: use a scanner with 3 to {CAPACITY_POINTS}"
     if abs(scan.angle_increment) < FINEST_RAD or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
         return f"the scan has {count} beams {scan.angle_increment:g} rad apart: this is not a planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
-        return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"
+        return f"the scan has range_min {scan.range_min:g} m and range_max {scan.range_max:g} m: give 0 <= min < max"
     return ""
 
 
@@ -144,7 +144,7 @@ def _count_ranges(ranges: Array32, range_min: float, range_max: float, full_turn
 
 @kernel
 def _mark_expected(old: Image, beams: Tuple[float, float], pose: Pose, reach: float, marks: np.ndarray) -> int:
-    """Mark the beams of a new scan that point to hits of an old scan within reach, and return the number of hits."""
+    """Mark the beams of a new scan that point to hits of an old scan within `reach`, and return the number of them."""
     ranges, limits, old_beams, old_pose = old
     n = marks.shape[0]
     count = 0
@@ -165,9 +165,9 @@ def _mark_expected(old: Image, beams: Tuple[float, float], pose: Pose, reach: fl
 def _doubt(
     ranges: Array32, range_max: float, increment: float, full_turn: bool, expected: np.ndarray, doubted: np.ndarray
 ) -> bool:
-    """Doubt the beams of each wide sector without returns in which STOOD_SHARE of the beams were expected to return.
+    """Mark the beams of each wide sector without returns if a return was expected for STOOD_SHARE of them.
 
-    Clears the doubt in `doubted` (n,) for beams that return again. Returns whether any beam is doubted.
+    The marks are in `doubted` (n,), and are cleared for beams that return again. Returns whether any beam is marked.
     """
     n = ranges.shape[0]
     first = 0

@@ -1,8 +1,8 @@
-"""Escape motions that the monitor drives for a planner without its own, such as the C++ move_base.
+"""Escape motions that the monitor drives for a planner that has none, such as the C++ move_base.
 
 A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero or only velocities that
-the monitor blocks. The node (nodes/monitor/node.py) and the trials (training/env/episode.py) ask a StalledPlanner with
-each command.
+the monitor blocks. The node (nodes/monitor/node.py) and the trials (training/env/episode.py) pass each command to a
+StalledPlanner.
 """
 
 import math
@@ -18,7 +18,7 @@ class StalledPlanner:
     """Stall detector for one planner, with the Escape motions to free the robot.
 
     Args:
-        tolerance: distance from the goal within which the planner counts it as reached and may stand [m].
+        tolerance: distance from the goal within which the planner may stop because it counts the goal as reached [m].
     """
 
     def __init__(self, tolerance: float):

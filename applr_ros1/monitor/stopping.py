@@ -32,7 +32,7 @@ LAST_DECELERATION_M_S2 = 0.6
 # Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated stops.
 SWING_RAD = 0.15
 AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
-DEEPER_M = 1e-3  # largest increase of the depth of a point that starts inside the margin [m]
+DEEPER_M = 1e-3  # largest allowed increase of the depth of a point that starts inside the margin [m]
 HALVINGS = 5  # number of bisections in the search for the largest safe scale
 # Distance past the stopping point that must be observed [m]. Partly observed cells count as observed, hence 1.5 cells.
 BEYOND_M = 1.5 * CELL_M
@@ -133,7 +133,7 @@ def on_arc(v: float, command_v: float, command_w: float, turned: float) -> float
 def _is_free_every_way(rows: Array, motion: Motion, scale: float) -> bool:
     """Return whether a command is free for every possible response of the turn rate.
 
-    The base may turn as commanded at once, faster, still as measured, or not at all. It may thus run wide of the arc.
+    The base may turn as commanded at once, faster, still as measured, or not at all, and thus leave the arc.
     """
     _, _, _, command, _, _, _, turns = motion
     for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):

@@ -14,17 +14,17 @@ from applr_ros1.common.kernels import kernel
 SCANS = 7  # number of scans that are kept
 APART_S = 0.14  # smallest interval between two kept scans [s]
 DEEP_M = 0.12  # distance that a beam must continue beyond a point to see through it [m]
-BESIDE_M, TURNED_RAD = 0.06, 0.02  # tolerance of poses and edges: the beams within it must see through, too [m, rad]
-# Columns of a fan, which describes a scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment [rad],
-# range_min [m], number of beams, turn rate of the robot [rad/s], and its turn from the first to the last beam [rad].
+BESIDE_M, TURNED_RAD = 0.06, 0.02  # tolerance around a point: all beams within it must see through [m, rad]
+# Columns of a fan, which is the geometry of one scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment
+# [rad], range_min [m], number of beams, turn rate of the robot [rad/s], robot's turn from first to last beam [rad].
 STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
 
 
 class FreeSpace:
-    """Ring buffer of the last scans, APART_S apart or more, with any number of beams.
+    """Ring buffer of the last scans that are at least APART_S apart. Scans may differ in their number of beams.
 
     Attributes:
-        ranges: (SCANS, at least n) float32, free depth of each beam [m]; 0 if unknown.
+        ranges: (SCANS, at least n) float32, free depth (length of free space) of each beam [m]; 0 if unknown.
         fans: (SCANS, 10) float64, columns STAMP to SWEPT; the stamp of an empty row is -inf.
         newest: index of the latest row.
     """
@@ -40,11 +40,11 @@ class FreeSpace:
         self.newest = 0
 
     def due(self, stamp: float) -> bool:
-        """Return whether APART_S [s] have passed, so that a scan with this stamp must be kept."""
+        """Return whether a scan with this stamp [s] must be kept, because APART_S have passed since the last one."""
         return bool(stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3)
 
     def take(self, depth: Array32, fan: Array) -> None:
-        """Replace the oldest scan by one with depth (n,) as in `ranges` and fan (10,) as in `fans`."""
+        """Replace the oldest scan by a new scan: depth (n,) is its row of `ranges`, and fan (10,) its row of `fans`."""
         n = len(depth)
         if n > self.ranges.shape[1]:
             self.ranges = np.pad(self.ranges, ((0, 0), (0, n - self.ranges.shape[1])))

@@ -1,8 +1,8 @@
 """Predicted obstacle points: future positions of moving obstacles as an additional observation source of the costmaps.
 
-Each moving obstacle is a disc that keeps its current velocity. The predicted points are those that the laser would
-measure on the discs, as long as they lie in front of the current ranges. The rays of later scans clear this space, so
-no prediction stays in the costmap. The movers node and the training environment call this with each scan.
+Each moving obstacle is a disc that keeps its current velocity. The predicted points are the points that the laser would
+measure on the discs, if they are nearer than the current ranges. The rays of later scans clear this space, so that no
+prediction stays in the costmap. The movers node and the training environment call Prediction.add_scan with each scan.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Prediction:
 
     Attributes:
         movers: moving obstacles in the latest scan.
-        points: (n, 3) float32, predicted obstacle points in the frame of that scan's pose [m].
-        room: minimum gap between a predicted disc and the robot's centre [m]. Nearer points would only block the robot.
+        points: (n, 3) float32, predicted obstacle points in the frame of the latest scan's pose [m].
+        room: minimum gap between a predicted disc and the robot's centre [m]. Nearer discs would only block the robot.
     """
 
     def __init__(self, robot: Robot):
@@ -51,7 +51,7 @@ class Prediction:
         """Track and predict with a scan, and return the points for the costmaps in the frame of the scan's pose.
 
         The points are the predicted obstacle points and, for CLEARED_S, the ends of beams without return, which clear
-        old predictions. Empty if no obstacle has moved within this time.
+        old predictions. The cloud is empty if no obstacle has moved within this time.
         """
         self.movers = self._tracker.update(scan)
         robot, points = compose(scan.sensor_pose, self._laser), [np.empty((0, 3), np.float32)]
@@ -69,7 +69,7 @@ class Prediction:
         return SensorCloud(scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin)
 
     def _seen(self, scan: LaserScan, robot: Pose, time: float) -> np.ndarray:
-        """Return the ranges (beams,) float32 [m] to the discs in `time` seconds; +inf if behind the current range."""
+        """Return the ranges (beams,) float32 [m] to the discs in `time` [s]; +inf if not nearer than the scan's."""
         movers, beams = self.movers, beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
         x, y = movers.x + time * movers.vx, movers.y + time * movers.vy
         clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room

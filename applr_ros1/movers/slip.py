@@ -1,7 +1,7 @@
-"""Correction of a scan's pose by static tracks, which vote on a small shift and turn of the laser.
+"""Correction of the laser's pose: the small shift and turn that fit a scan to the tracks of static obstacles.
 
-The odometry is wrong if the base skids or its wheels spin, and then all static obstacles seem to move. The correction
-is a robust weighted least-squares fit to the positions of the static tracks.
+The odometry is wrong if the base skids or its wheels spin. All static obstacles then seem to move. The correction is a
+robust weighted least-squares fit to the positions of the static tracks.
 """
 
 import math
@@ -24,7 +24,7 @@ def slip(places: Array, voters: Ints, votes: int, clusters: Array, sensor: Pose)
 
     Args:
         places: (at least `votes`, 3) x, y [m] and variance [m^2] of the static tracks.
-        voters: (at least `votes`,) cluster index of each track.
+        voters: (at least `votes`,) index of each static track's cluster.
         votes: number of static tracks.
         clusters: (n, COLUMNS) as in clusters.py.
         sensor: (x, y, yaw) of the laser by the odometry.
@@ -60,7 +60,7 @@ def slip(places: Array, voters: Ints, votes: int, clusters: Array, sensor: Pose)
 
 @kernel
 def shift(clusters: Array, fan: Array, sensor: Pose, by: Pose) -> Pose:
-    """Correct the clusters of a scan and the pose in `fan` in place, and return the corrected pose (x, y, yaw)."""
+    """Apply the correction `by` to clusters and `fan` of a scan in place, and return the corrected pose (x, y, yaw)."""
     dx, dy, turn = by
     c, s = math.cos(turn), math.sin(turn)
     for cluster in clusters:

@@ -1,6 +1,6 @@
 """Tracker of moving obstacles: from scans and odometry to discs with velocities.
 
-docs/explanation/movers.md describes its method, limits and accuracy.
+docs/explanation/movers.md describes method, limits and accuracy of the tracker.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SMOOTH_S = 0.1  # time constant of the low-pass filter on speed and turn rate [s
 class Movers(NamedTuple):
     """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of equal length.
 
-    id: persistent number (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius of the disc [m].
+    id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius of the disc [m].
     """
 
     id: np.ndarray

@@ -1,4 +1,4 @@
-"""Tracks: clusters followed from scan to scan, with the evidence for motion. MoverTracker holds the arrays.
+"""Tracks: clusters followed from scan to scan, with the evidence that they move. MoverTracker holds them in an array.
 
 Each small cluster has a track with a constant-velocity Kalman filter, whose covariance is the same along x and y
 (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2). A track
@@ -19,16 +19,17 @@ from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
 from applr_ros1.movers.slip import VOTES, shift, slip
 
 MAX_TRACKS = 192  # largest number of tracks
-# Columns of a track: number (0 if empty), centre [m], velocity [m/s], variance of the position, covariance of both,
-# variance of the velocity, radius [m], stamps of the first and last cluster and of the last evidence [s], evidence [s],
-# number of scans with evidence, number of scans that saw through it, whether it is a moving obstacle, number of
-# clusters, and moving average of its centre [m].
+# Columns of a track. ID: identifier, 0 for an empty row. TX, TY: centre [m]. VX, VY: velocity [m/s]. PP, PV, VV:
+# variance of the position, covariance of position and velocity, variance of the velocity. TR: radius [m]. BORN, SEEN,
+# EVIDENT: stamps of the first cluster, the last cluster, the last evidence of motion [s]. EVIDENCE, TIMES: its duration
+# [s], its number of scans. GONE: number of scans that saw through the track. MOVES: 1 for a moving obstacle. HITS:
+# number of clusters. MX, MY: moving average of the centre [m].
 ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, MOVES, HITS, MX, MY = range(19)
 COLUMNS = 19
 
 ACCELERATION = 0.2  # spectral density of the acceleration [m^2/s^3]
 BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [rad]
-LATENCY_S = 0.04  # largest offset between stamps of scans and poses, an error of bearings if the turn rate changes [s]
+LATENCY_S = 0.04  # largest offset between stamps of scan and pose; a change of turn rate makes it a bearing error [s]
 BENT_RAD = 0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
 FIRST_SPEED_M_S = 1.5  # standard deviation of the velocity of a new track [m/s]
 GATE = 9.0  # association gate: largest squared normalised distance of a cluster from a track
@@ -40,14 +41,14 @@ SLOWEST_M_S, STANDING_M_S = 0.25, 0.12
 CLEAR_DEVIATIONS = 2.0  # number of standard deviations by which a velocity must differ from zero
 ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence that makes a track a moving obstacle: duration [s], number of scans
 MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
-SAME_SIZE_M = 0.03  # largest difference of the radii of cluster and track for a vote on the pose [m]
-SETTLED_HITS = 3  # number of clusters from which a static track votes on the pose
+SAME_SIZE_M = 0.03  # largest difference of the radii of cluster and track if the track corrects the laser's pose [m]
+SETTLED_HITS = 3  # minimum number of clusters of a static track that corrects the laser's pose
 AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
 SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
-LOST_S = 0.25  # time without a cluster after which any other track ends [s]
-Scans = Tuple[Array32, Array]  # ranges and fans of FreeSpace
+LOST_S = 0.25  # time without a cluster after which a track of no moving obstacle ends [s]
+Scans = Tuple[Array32, Array]  # ranges and fans of FreeSpace: the kept scans
 
 
 @kernel
@@ -128,10 +129,14 @@ def correct(row: Array, cluster: Array, sensor: Pose, dt: float) -> None:
 
 @kernel
 def has_moved(points: Array, history: Array, before: Scans, depth: Array32, fan: Array) -> bool:
-    """Return whether a scan saw through a cluster's points, or the latest scan sees through their previous positions.
+    """Return whether a kept scan saw through a cluster's points, or the latest scan sees through their old positions.
 
-    points (6,) are three points of the cluster [m], and history (SCANS, 6) their previous positions, NaN without a
-    cluster. before has ranges and fans of FreeSpace. depth (n,) [m] and fan (10,) are those of the latest scan.
+    Args:
+        points: (6,) three points of the cluster [m].
+        history: (SCANS, 6) their positions in the kept scans [m]; NaN for a scan without a cluster of the track.
+        before: kept scans of FreeSpace.
+        depth: (n,) free depth of the latest scan's beams [m].
+        fan: (10,) geometry of the latest scan.
     """
     ranges, fans = before
     for s in range(SCANS):
@@ -159,20 +164,19 @@ def follow(
     dt: float,
     speed: float,
 ) -> Tuple[Ints, np.ndarray, Pose]:
-    """Update all tracks with a scan, and correct its clusters and fan in place by the corrected pose of the laser.
+    """Update all tracks with a scan, after correcting the laser's pose in the scan's clusters and fan in place.
 
     Args:
         tracks: (MAX_TRACKS, COLUMNS).
         history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the kept scans [m].
-        clusters: (n, COLUMNS) of the scan.
-        scan: free depth of its beams (n,) [m], its fan (10,), and the laser's pose.
-        before: ranges and fans of FreeSpace.
+        clusters: (n, clusters.COLUMNS) clusters of the scan.
+        scan: free depth of the beams (n,) [m], fan (10,), and pose of the laser.
+        before: kept scans of FreeSpace.
         dt: time since the last scan [s].
         speed: speed of the laser by the odometry [m/s].
 
     Returns:
-        Cluster index of each track and whether each cluster has a track, as `associate`; the laser's pose, corrected by
-        the static tracks.
+        Both arrays of `associate`, and the corrected pose of the laser.
     """
     depth, fan, sensor = scan
     now = fan[STAMP]
@@ -244,7 +248,7 @@ def _drift(tracks: Array, cluster_of: Ints, speed: float) -> Tuple[float, float]
 
 @kernel
 def begin(tracks: Array, clusters: Array, taken: np.ndarray, now: float, number: int) -> int:
-    """Start a track for each cluster without one that is not part of a moving obstacle, and return the next number."""
+    """Start a track for each unassigned cluster, unless it overlaps a moving obstacle. Return the next free ID."""
     t = 0
     for c in range(clusters.shape[0]):
         if taken[c]:

@@ -97,4 +97,4 @@ def test_an_infinite_range_max_is_valid():
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
     assert monitor.filter(0.0, HERE, (0.0, 0.0), (2.0, 0.0)).action == SLOW
     assert "not finite" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.1, range_min=math.nan))
-    assert "scan's ranges are" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))
+    assert "the scan has range_min" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))
