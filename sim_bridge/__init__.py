@@ -32,7 +32,7 @@ def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any)
     if name not in NAMES:
         raise ApplrError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
     described = load(robot) if isinstance(robot, str) else robot
-    if name == "pybullet":  # The import stands here so that the kinematic simulator works without pybullet.
+    if name == "pybullet":  # Imported only here: the kinematic simulator works without pybullet.
         from .pybullet_simulator import PybulletSimulator
 
         return PybulletSimulator(described, **randomisation)

@@ -1,7 +1,7 @@
 """Bullet scene of PybulletSimulator: import of pybullet, ground, obstacles and robot.
 
 This module works around five traits of pybullet. The import and every connection print a line. Meshes are never freed,
-so that one mesh per world would leak memory. Single bodies are several times slower than compounds. A compound keeps
+so one mesh per world would leak memory. Single bodies are several times slower than compounds. A compound keeps
 only its first 16 shapes. A body without a visual shape gets a mesh for each round part, which takes thirty times as
 long as the body.
 """
@@ -63,8 +63,8 @@ def build_obstacles(p: Any, world: World) -> Tuple[List[int], Array]:
     """Create the static obstacles of a world.
 
     Returns:
-        The ids of the bodies, each with several obstacles, and a circle around each obstacle, (n, 4) x, y, radius [m]
-        and the index of its body in the list of ids.
+        (ids, circles): ids of the bodies, each of which holds several obstacles, and a circle (n, 4) around each
+        obstacle: x, y, radius [m], and index of the obstacle's body in `ids`.
     """
     parts = _parts(world)
     numbered = [(k, obstacle) for k, part in enumerate(parts) for obstacle in part]

@@ -1,8 +1,8 @@
 """Planar simulator without a physics engine, KinematicSimulator, for training at high throughput.
 
-Interface, laser, odometry, wheels and tyres are those of PybulletSimulator. Contacts push and slide in the plane by
-geometry. Three numbers of the robot's description (wheel_rub, body_rub, undo), fitted to PybulletSimulator, account for
-Bullet's effects in space, such as a wheel that climbs an obstacle.
+Interface, laser, odometry, wheels and tyres are the same as in PybulletSimulator. Contacts are solved in the plane.
+Three numbers of the robot's description (wheel_rub, body_rub, undo) are fitted to PybulletSimulator. They account for
+three-dimensional effects, such as a wheel that climbs an obstacle.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from . import wheels
 from .mechanics import STEP
 from .simulator import RobotState, Simulator
 
-Contact = Tuple[float, float, float, float, float]  # depth, point (2), direction (2)
+Contact = Tuple[float, float, float, float, float]  # depth [m], point (2) [m], direction (2)
 Constants = Tuple[Array, Array, Array, Array]  # scalars, supports and parts of Mechanics, and wheels.rim_table()
 Obstacles = Tuple[Array, Array]  # circles (n, 5) x, y, radius [m], velocity [m/s], and boxes (m, 5) as in World
-# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of a drive: mean
+# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of drive(): mean
 # speed of the rims [m/s], and 1 if there was a contact
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
@@ -80,11 +80,11 @@ class KinematicSimulator(Simulator):
         )
 
     def _schedule(self, steps: int) -> Array:
-        """Return (k, 3) the first step of each velocity target, and the target [m/s, rad/s]."""
+        """Return the velocity targets (k, 3): first step, v [m/s] and w [rad/s] of each."""
         start, command = self._steps, self._command
         rows = [(0, *self._target(start * STEP))]
         step, last = 0, (start + steps - 1) * STEP
-        while True:  # One iteration per command or time-out
+        while True:  # There is one iteration per command or time-out.
             change = command.pending[0][0] if command.pending else inf
             if (start + step) * STEP < command.until - 1e-9:
                 change = min(change, command.until)
@@ -118,7 +118,7 @@ def _circle_contact(px: float, py: float, r: float, part: Array) -> Contact:
 def _box_contact(px: float, py: float, ax: float, ay: float, hx: float, hy: float, part: Array) -> Contact:
     """Return the contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
 
-    The result is that of _circle_contact, computed from the smallest overlap along four axes.
+    Returns the same values as _circle_contact, from the smallest overlap along four axes.
     """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
@@ -144,8 +144,8 @@ def _contacts(
 ) -> int:
     """Write the contacts of the outline at (x, y) with heading (c, s) into `contacts`, and return their number.
 
-    No part (k, 4) of Mechanics extends beyond `reach`. The columns of `contacts` (_MOST_CONTACTS, 8) are depth, point,
-    direction, part (0: body, from 1: wheels) and velocity of the obstacle, all in the body frame.
+    `reach` [m] is the radius of a circle around all `parts` (k, 4) of Mechanics. The columns of `contacts` (n, 8) are
+    depth, point, direction, part (0: body, from 1: wheels) and velocity of the obstacle, all in the body frame.
     """
     n = 0
     reach = reach + _MARGIN_M
@@ -235,8 +235,8 @@ def drive(
 ) -> None:
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by one step of STEP for each row of `noise`.
 
-    `targets` (k, 3) has the first step of each velocity target, and the target [m/s, rad/s]. `noise` (steps,
-    wheels.noises()) is standard normal. `surface` has slip, friction and ground, as for the functions of wheels.py.
+    `targets` (k, 3) are velocity targets: first step, v [m/s] and w [rad/s] of each. The random numbers `noise` (steps,
+    wheels.noises()) are standard normal. `surface` is slip, friction and ground, which wheels.py explains.
     """
     (scalars, supports, parts, table), (circles, boxes), (slip, friction, ground), steps = (
         robot,

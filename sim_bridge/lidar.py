@@ -19,7 +19,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.robots.robot import Laser
 
 _NO_MOVERS = np.empty((0, 3))
-Rays = Tuple[Array, Array, Array]  # description of a fan (indices below), cosine and sine of its beams
+Rays = Tuple[Array, Array, Array]  # fan (geometry of the beams, indices below), cosine and sine of each beam
 # indices of a fan: first angle, angle between beams [rad], beams in a full turn, smallest and largest range [m]
 _FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)
 
@@ -101,7 +101,7 @@ def _bearing(y: float, x: float) -> float:
 
 @kernel
 def _cut_circle(cx: float, cy: float, r: float, d2: float, rays: Rays, best: Array) -> bool:
-    """Shorten the beams that hit the circle with centre (cx, cy) in the laser frame.
+    """Shorten the ranges `best` of beams that hit the circle at (cx, cy) in the laser frame. d2 is cx^2 + cy^2.
 
     Returns:
         True if the laser is inside the circle.
@@ -139,7 +139,7 @@ def _cut_circle(cx: float, cy: float, r: float, d2: float, rays: Rays, best: Arr
 
 @kernel
 def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: Rays, best: Array) -> None:
-    """Shorten the beams that hit the segment from (x0, y0) to (x1, y1) in the laser frame."""
+    """Shorten the ranges `best` of beams that hit the segment from (x0, y0) to (x1, y1) in the laser frame."""
     fan, cos_t, sin_t = rays
     a0 = _bearing(y0, x0)
     span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from the first end to the second

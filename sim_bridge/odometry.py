@@ -1,7 +1,7 @@
 """Simulated odometry of both simulators: distance from the wheels, heading from the IMU.
 
-The robot_localization node of the Jackal fuses them in this way. The estimate includes neither lateral slip nor wheels
-that spin at an obstacle.
+The robot_localization node of the Jackal fuses wheels and IMU in this way. The estimate does not account for lateral
+slip, or for wheels that spin at an obstacle.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Odometry:
     def update(self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float) -> None:
         """Integrate `duration` [s] at the mean wheel speed `wheel_speed` [m/s].
 
-        The arguments yaw, yaw_rate and acceleration are the true values at its end [rad, rad/s, m/s^2].
+        The arguments yaw, yaw_rate and acceleration are the true values at the end [rad, rad/s, m/s^2].
         """
         errors, normal = self.errors, self.rng.standard_normal
         keep = exp(-duration / errors.heading_time)

@@ -29,7 +29,7 @@ Surface = Tuple[float, float, float, Array]  # slip, friction, ground and lift, 
 # position (3) [m], quaternion (4), velocity (2) [m/s] and yaw rate [rad/s] of the body's centre of mass
 Motion = Tuple[float, float, float, float, float, float, float, float, float, float]
 _CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
-_MARGIN_M = 0.1  # distance of two bodies without contact, above Bullet's contact margin and penetration [m]
+_MARGIN_M = 0.1  # distance above which two bodies have no contact, Bullet's margin and penetration included [m]
 
 
 class PybulletSimulator(Simulator):
@@ -67,7 +67,7 @@ class PybulletSimulator(Simulator):
 
     def _drive(self, steps: int) -> None:
         p, body, drive = self._p, self._body, self._drive_state
-        # A client makes a new function object at every access.
+        # The client makes a new function object at every access, so each is looked up only once.
         pose_of, velocity_of, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
         force_on, torque_on, world_frame = p.applyExternalForce, p.applyExternalTorque, p.WORLD_FRAME
         scalars, supports = self._mechanics.scalars, self._mechanics.supports
@@ -122,7 +122,7 @@ class PybulletSimulator(Simulator):
         return any(point[9] > 0.0 for point in points)  # Item 9 is the normal force.
 
     def _spin(self, left: float, right: float) -> None:
-        """Turn the wheels at these rim speeds [m/s], which matter to an obstacle that touches a wheel."""
+        """Turn Bullet's wheels at these rim speeds [m/s], because a turning wheel rubs on an obstacle."""
         self._rims, base, p = (left, right), self.robot.base, self._p
         speeds = (left / base.wheel_radius, right / base.wheel_radius) * (base.wheels // 2)
         forces = (self.robot.simulation.motor_torque,) * base.wheels
@@ -132,7 +132,7 @@ class PybulletSimulator(Simulator):
 
 @kernel
 def _find_near(circles: Array, x: float, y: float, span: float, near: NDArray[np.bool_]) -> bool:
-    """Mark in `near` (bodies,) the bodies with a circle (n, 4) within span [m] of (x, y); return whether any is."""
+    """Mark in `near` (bodies,) the bodies with a circle (n, 4) within span [m] of (x, y). Return whether one is."""
     near[:] = False
     any_near = False
     for k in range(circles.shape[0]):

@@ -40,8 +40,8 @@ from .simulator import warm_up
 TICK_S = 0.01  # simulated time between two clock messages [s]
 BASE_TIME_S = 1.0  # ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
 CONTROL_FREQUENCY_HZ = 20.0  # default frequency of commands in the lock-step of real_time_factor 0 [Hz]
-PATIENCE_S = 0.25  # wall time that the lock-step waits for a command [s]
-IDLE_FACTOR = 1.0  # real-time factor used in place of 0 without commands, so that planning has its usual time
+PATIENCE_S = 0.25  # longest wall time for which the lock-step waits for a command [s]
+IDLE_FACTOR = 1.0  # real-time factor instead of 0 while no commands arrive, so that planning gets its usual time
 
 
 class Bridge:
@@ -150,8 +150,8 @@ class Bridge:
     def _lock_step(self) -> None:
         """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.
 
-        The simulation then runs as fast as possible without running ahead of the planner. After a time-out, it does not
-        wait again before the next command.
+        The simulation then runs as fast as possible without running ahead of the planner. After a time-out,
+        _lock_step does not wait again until the next command has arrived.
         """
         if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:
@@ -259,7 +259,7 @@ def main() -> int:
     init_node("sim_bridge")
     bridge = Bridge()
     gc.collect()
-    gc.freeze()  # A scan of all loaded objects would delay the clock by 100 ms.
+    gc.freeze()  # A garbage collection of all loaded objects would delay the clock by 100 ms.
     # rospy shuts down in the signal handler of the main thread. If the simulation ran there, the handler would wait for
     # the lock of the publish() call that it interrupted.
     spinning = threading.Thread(target=bridge.spin, daemon=True)

@@ -1,6 +1,6 @@
 """Publishers of the simulated robot, which convert a RobotState and a scan to the messages of the real robot.
 
-ros_bridge.py publishes through this module. Positions are planar, with the z of the base frame.
+ros_bridge.py publishes through this module. Poses are planar, at the height of the base frame.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class BridgeTopics:
         self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))
 
     def publish_state(self, state: RobotState, stamp: rospy.Time, touched: bool) -> None:
-        """Publish all messages of one time except the scan. `touched`: contact since the last call."""
+        """Publish all messages of a state except the scan. touched: Whether there was contact since the last call."""
         self.tf.publish([_transform(self.odom_frame, self.base_frame, state.odom_pose, stamp)])
         self.odometry.publish(_odometry(self.odom_frame, self.base_frame, state.odom_pose, state.odom_twist, stamp))
         self.truth.publish(_odometry(WORLD, self.base_frame, state.pose, state.twist, stamp))

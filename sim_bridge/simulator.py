@@ -23,15 +23,12 @@ from .lidar import Lidar
 from .mechanics import STEP
 from .odometry import Odometry
 
-Span = Union[float, Tuple[float, float]]  # constant, or range (low, high) drawn from at every reset
+Span = Union[float, Tuple[float, float]]  # constant, or range (low, high) from which a value is drawn at every reset
 
 
 @dataclass
 class RobotState:
-    """State of the robot at one instant.
-
-    Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s].
-    """
+    """State of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s]."""
 
     time: float = 0.0
     pose: Pose = (0.0, 0.0, 0.0)  # true pose in the world frame
@@ -45,10 +42,7 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Deviations from the nominal robot.
-
-    Each is a number, or a range (low, high) from which a number is drawn at reset.
-    """
+    """Deviations from the nominal robot: numbers, or ranges (low, high) from which numbers are drawn at reset."""
 
     start_xy: float = 0.0  # maximum shift of the start along x and y [m]
     start_yaw: float = 0.0  # maximum rotation of the start [rad]
@@ -56,7 +50,7 @@ class Randomisation:
     latency: Span = 0.0  # delay from command() to the wheels [s]
     friction: Span = 1.0  # scale factor for wheel friction
     slip: Span = 1.0  # scale factor for random slip and drift
-    ground: Span = 1.0  # blend from plain ground (0) to the ground of the robot's description (1)
+    ground: Span = 1.0  # blend from ground plain (0) to the robot's simulation.ground (1), see wheels.py
     odometry: Span = 1.0  # scale factor for odometry errors
 
     def __post_init__(self) -> None:
@@ -71,7 +65,7 @@ class Randomisation:
         def pick(span: Span) -> float:
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        names = [name for name in vars(self) if not name.startswith("start_")]  # The order fixes what a seed draws.
+        names = [name for name in vars(self) if not name.startswith("start_")]  # A seed's draws depend on the order.
         return replace(self, **{name: pick(getattr(self, name)) for name in names})
 
 
@@ -205,7 +199,7 @@ class Simulator(ABC):
 
     @abstractmethod
     def _drive(self, steps: int) -> None:
-        """Simulate `steps` of STEP towards `_target(time)`, and update self._steps and self.state."""
+        """Simulate `steps` steps of STEP [s] towards `_target(time)`, and update self._steps and self.state."""
 
     def _ground(self) -> float:
         """Return the argument `ground` of wheels.tyres() for this reset."""

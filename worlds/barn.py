@@ -88,7 +88,7 @@ SEED = 20201103  # seed of the built-in worlds
 
 
 def kind(number: int) -> Tuple[float, int]:
-    """Return (fill probability, smoothing rounds) of world `number` = 25 (3 i_fill + rounds - 2) + k."""
+    """Return (fill probability, smoothing rounds) of world `number`. Each kind has 25 successive numbers."""
     i_fill, i_rounds = divmod((number % COUNT) // WORLDS_PER_KIND, len(SMOOTHING_ROUNDS))
     return FILL_SHARES[i_fill], SMOOTHING_ROUNDS[i_rounds]
 
@@ -174,7 +174,7 @@ TEST = (  # official test worlds of BARN
 )
 # fmt: on
 TRAIN = tuple(n for n in range(COUNT) if n not in TEST)
-VALIDATION = TRAIN[4::8]  # training worlds reserved for the selection of actors, methods and settings
+VALIDATION = TRAIN[4::8]  # training worlds reserved for the selection of policies, methods and settings
 LEARN = tuple(n for n in TRAIN if n not in VALIDATION)
 SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN}
 

@@ -40,7 +40,7 @@ def from_element(element: Element, path: str) -> Course:
 
 
 def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
-    """Return the course of the world file `path`: that of its path file, or DynaBARN's."""
+    """Return the course of the world file `path`: the course of its path file, or DynaBARN's."""
     folder, name = os.path.split(os.path.abspath(path))
     number = re.search(r"(\d+)\.world$", name)
     file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy") if number else ""

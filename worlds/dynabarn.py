@@ -1,9 +1,9 @@
 """Moving cylinders of DynaBARN worlds.
 
-DynaBARN compiles their paths into Gazebo plugins, and a world file only names the plugins. `sdf_reader` takes the key
-frames from the table movers.csv beside the world, with one row per key frame and the columns plugin, length, repeat,
-time, x, y. docs/reference/worlds.md describes how to make the table. `generate` returns further worlds: a room of 20 x
-20 m crossed by people and vehicles, alternately of DynaBARN's slow, medium and fast kinds.
+DynaBARN compiles the paths of its cylinders into Gazebo plugins, and a world file only names the plugins. `sdf_reader`
+takes the key frames from the table movers.csv beside the world, with one row per key frame and the columns plugin,
+length, repeat, time, x, y. docs/reference/worlds.md describes how to make the table. `generate` returns further worlds:
+a room of 20 x 20 m with moving cylinders, alternately of DynaBARN's slow, medium and fast kinds.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def arena_course(planner_ends: bool = False) -> Course:
 
 SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers by split; 100 and up are free for training
 SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # speed range of each kind [m/s]
-MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # range of the number of moving obstacles of each kind
+MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # range of the number of moving obstacles in each kind of world
 RADII_M = (0.25, 0.5)  # radius range, from a person to DynaBARN's cylinders [m]
 HALF_SIDE_M, WALL_WIDTH_M = 10.0, 0.5  # half the side length of the room, and thickness of its walls [m]
 WALLS = np.array(

@@ -1,6 +1,6 @@
 """Loader of worlds from a specification, such as "generated:7", a file or a folder.
 
-All parts load worlds here and scale them to the robot that drives.
+All programs load worlds here, and scale the worlds to the robot that drives.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated
 
 
 class _Recipe(NamedTuple):
-    """A recipe of numbered worlds: its generator, numbers by name of a split, and the end of the numbers."""
+    """Recipe of numbered worlds: generator, numbers of each split by name, and end (exclusive) of the numbers."""
 
     make: Callable[[int], World]
     splits: Dict[str, Any]
@@ -41,7 +41,7 @@ def _fresh(number: int) -> World:
 
 
 def _final(number: int) -> World:
-    """Generate a world reserved for published figures, never for training or selection. All kinds take turns."""
+    """Generate a world reserved for published results, never for training or selection, of all kinds in turn."""
     return dataclasses.replace(barn.generate(3 * number, seed=20261125), name=f"final:{number}")
 
 
@@ -128,8 +128,8 @@ def _by_number(name: str) -> List[Tuple[int, int, str]]:
 def scaled(world: World, factor: float) -> World:
     """Return a world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with lengths scaled by `factor`.
 
-    The recipes fit the Jackal. Angles and times are unchanged. A room with moving obstacles is never enlarged, because
-    its goal would lie outside the planners' maps. A world from a file is a real place and is returned unchanged.
+    The recipes have the Jackal's scale. Angles and times are unchanged. A room with moving obstacles is never enlarged,
+    because its goal would lie outside the planners' maps. A world from a file is a real place and stays unchanged.
     """
     if world.movers:
         factor = min(factor, 1.0)

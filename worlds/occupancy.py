@@ -1,6 +1,6 @@
 """Occupancy grid of a world, as a mapping robot would have recorded it for map_server.
 
-The simulated robot on ROS publishes the grid. Tests use it, too.
+The simulated robot on ROS publishes the grid.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float,
         resolution: Edge of a cell [m].
 
     Returns:
-        (cells, origin): (ny, nx) int8, 100 if an obstacle reaches into a cell's inner circle and 0 otherwise, row 0 at
+        (cells, origin): (ny, nx) int8, 100 if an obstacle reaches into a cell's incircle and 0 otherwise, row 0 at
         the lowest y; and the lower corner (x, y) [m] in the world frame.
     """
     boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
@@ -52,7 +52,7 @@ def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float,
 def _window(
     cells: np.ndarray, low: np.ndarray, resolution: float, x: float, y: float, reach: float
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the cells within `reach` of (x, y) along both axes, and their centres less x (1, n) and less y (m, 1)."""
+    """Return the cells within `reach` of (x, y) along both axes, and dx (1, n), dy (m, 1) of their centres."""
     ny, nx = cells.shape
     first = [max(0, int((v - reach - o) / resolution)) for v, o in zip((x, y), low)]
     last = [min(n, int((v + reach - o) / resolution) + 1) for v, o, n in zip((x, y), low, (nx, ny))]

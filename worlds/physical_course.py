@@ -42,8 +42,8 @@ ROWS = (
     (9.4, 2.45, 4.0),
     (13.6, 0.0, 2.5),  # 1.5 m on the right
     (16.2, 0.0, 0.9),
-    (16.2, 1.85, 4.0),
-)  # .95 m on the left
+    (16.2, 1.85, 4.0),  # .95 m on the left
+)
 # Single boxes in the open parts: x, y, yaw, size_x, size_y [m, rad]
 LOOSE = (
     (0.9, 1.9, 0.5, 0.6, 0.45),

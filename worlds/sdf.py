@@ -21,7 +21,7 @@ from applr_ros1.common import files
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 
-NAMESPACE = "applr"  # XML namespace of our own elements {applr}course and {applr}waypoints
+NAMESPACE = "applr"  # XML namespace of this package's elements {applr}course and {applr}waypoints
 ROBOT_HEIGHTS_M = (0.02, 0.50)  # range of heights in which an obstacle blocks a Jackal [m]
 UPRIGHT_COSINE = 0.996  # cosine of the largest tilt of an upright cylinder (5 degrees)
 Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size_x, size_y)

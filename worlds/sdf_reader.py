@@ -26,11 +26,11 @@ from .world import Mover, World
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries that are no obstacle
 FLOOR_HEIGHT_M = 0.1  # largest height of the top of a floor slab [m]
-MAX_NAMED = 5  # number of unread elements named in the warning
+MAX_NAMED = 5  # number of unsupported elements named in the warning
 
 
 def read_world(path: str, points: Optional[Array] = None) -> World:
-    """Return the world of a .world file, and log unread elements in one warning.
+    """Return the world of a .world file, and log unsupported elements in one warning.
 
     Args:
         path: World file.
@@ -63,7 +63,7 @@ class _Reader:
         self.path, self.world = path, world
         self.cylinders: List[Shape] = []
         self.boxes: List[Shape] = []
-        self.low: List[Shape] = []  # boxes in the way that are no higher than a floor slab
+        self.low: List[Shape] = []  # boxes whose top is within FLOOR_HEIGHT_M, so that they may be floor slabs
         self.movers: List[Mover] = []
         self.unread: List[str] = []
 
@@ -81,7 +81,7 @@ class _Reader:
         if self.unread:
             more = f" and {len(self.unread) - MAX_NAMED} more" if len(self.unread) > MAX_NAMED else ""
             what = ", ".join(self.unread[:MAX_NAMED])
-            logging.getLogger(__name__).warning("%s: not read: %s%s; the rest is the world", self.path, what, more)
+            logging.getLogger(__name__).warning("%s: not supported: %s%s; ignored", self.path, what, more)
         cylinders, boxes, low = (
             np.array(shapes, dtype=np.float64).reshape(-1, n)
             for shapes, n in ((self.cylinders, 3), (self.boxes, 5), (self.low, 5))
@@ -89,7 +89,7 @@ class _Reader:
         return cylinders, boxes, low, tuple(self.movers)
 
     def _known(self, element: Element, frames: Tuple[str, ...], what: str) -> bool:
-        """Return True if an element's pose is relative to its parent. Otherwise note the element as unread."""
+        """Return True if an element's pose is relative to its parent. Otherwise note the element as unsupported."""
         pose = element.find("pose")
         frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
         frame = element.get("placement_frame") or frame
@@ -98,7 +98,10 @@ class _Reader:
         return frame in frames
 
     def _model(self, model: Element, parent: Array, saved: Optional[Element], frames: Tuple[str, ...]) -> None:
-        """Read a model in a parent of pose `parent` and names `frames`; `saved` is its element in a <state>."""
+        """Read a model and the models in it. saved: The model's element in a <state>, or None.
+
+        parent, frames: Pose (4, 4) of the parent in the world, and names by which a <pose> may refer to the parent.
+        """
         name = f"model {model.get('name')!r}"
         what = f"{name} in {self.path}"
         if not self._known(model, frames, name):

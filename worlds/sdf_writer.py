@@ -1,6 +1,6 @@
 """Writer of a World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`.
 
-Reading the file back gives the same world including its course. Gazebo ignores our two elements (namespace applr).
+Reading the file back gives the same world including its course. Gazebo ignores the elements of namespace applr.
 """
 
 from __future__ import annotations

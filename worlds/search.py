@@ -1,4 +1,4 @@
-"""Grid search for reference paths, a port of BARN's own search used by the generator."""
+"""A* search on a grid for reference paths, ported from BARN's world generator."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def obstacle_penalty(free: Cells) -> Array:
 
 
 def _turns(heading: int) -> Tuple[int, ...]:
-    """Return the moves within 45 degrees of a heading, or all from the start (-1). Their order decides ties."""
+    """Return the moves within 45 degrees of the move `heading`, or all if it is -1. Their order decides ties."""
     if heading < 0:
         return tuple(range(8))
     return (heading - 1) % 8, heading, (heading + 1) % 8
@@ -45,8 +45,8 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     """Return the path (k, 2) int64 of BARN's generator from start to goal, or None if the search fails.
 
     The search is A* with three deviations that shape BARN's paths. A cell's penalty affects the order of expansion, but
-    not the cost of later cells. Only a cell that is reached again at a lower cost gets a heuristic. A cell is closed
-    for all headings, so that the limit on turns can hide a path.
+    not the cost of later cells. Only a cell that is reached again at a lower cost gets a heuristic. Turns are limited
+    to 45 degrees, but a cell is closed for all headings, so the search may miss an existing path.
     """
     penalty = obstacle_penalty(free)
     rows, columns = free.shape

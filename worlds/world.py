@@ -34,7 +34,7 @@ class Mover:
 
     Attributes:
         radius: Radius [m].
-        waypoints: At least two key frames ((t, x, y), ...) [s, m, m], whose times start at 0 or later and never fall.
+        waypoints: At least two key frames ((t, x, y), ...) [s, m, m], with times >= 0 that never decrease.
         length: Duration of the animation [s]; 0 means the time of the last key frame.
         repeat: Whether the animation starts again after `length` seconds. Otherwise the cylinder stays at its end.
     """
@@ -115,7 +115,7 @@ class Course:
 
     @property
     def length_m(self) -> float:
-        """Straight distance [m] from the start to the finish line (5.925 in BARN's worlds) or to the goal's circle."""
+        """Straight distance [m] from the start to the finish line (5.925 in BARN's worlds) or goal circle."""
         if self.finish_y is not None:
             return self.finish_y - self.start[1]
         return max(0.0, math.hypot(self.goal[0] - self.start[0], self.goal[1] - self.start[1]) - self.goal_tolerance)

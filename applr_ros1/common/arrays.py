@@ -6,4 +6,4 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]  # numbers, of any shape
 Array32 = NDArray[np.float32]
 Ints = NDArray[np.int64]  # indices and counts, of any shape
-Data = np.ndarray  # of any type and shape
+Data = np.ndarray  # array of any type and shape

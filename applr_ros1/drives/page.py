@@ -1,7 +1,7 @@
 """Self-contained web page that animates drives side by side, world by world.
 
-The report of an evaluation includes all drives whose paths were recorded, the demo its single drive. The script in
-page.html draws them. All values are integers, to keep the file small.
+The page of an evaluation's report shows all drives whose paths were recorded, and the page of the demo its single
+drive. The script in page.html draws the drives. All values are integers, to keep the file small.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ class Drive:
     """One drive, in the world's frame.
 
     Attributes:
-        method: Index of its method in the page's list.
-        trial: Number of its trial; drives with the same number are shown side by side.
+        method: Index of the drive's method in the page's list.
+        trial: Number of the trial; drives with the same number are shown side by side.
         seconds: Duration [s].
-        success: Whether it reached the goal.
-        collided: Whether it ended with a collision.
-        reason: Why it ended.
+        success: Whether the robot reached the goal.
+        collided: Whether the robot touched an obstacle.
+        reason: Reason for the end of the drive.
         poses: (n, 3) poses [m, m, rad], one per POSE_PERIOD_S.
         speeds: (n,) forward speed at each pose [m/s].
         decided: (d,) times of the decisions [s].
@@ -53,7 +53,7 @@ class Drive:
 
 @dataclass
 class Scene:
-    """A world with its drives; `begins` is the world's time at the start of the drives [s]."""
+    """A world with its drives, which start at the world's time `begins` [s]."""
 
     name: str
     world: World

@@ -172,7 +172,7 @@ def static_map(message: Any) -> StaticMap:
 
 # -- to messages -------------------------------------------------------------------------------------------------
 class PackedMessage:
-    """A message whose last field, an array that is empty in `message`, is sent as the `count` elements of `payload`."""
+    """Message whose last field is an array: empty in `message`, sent as the `count` elements in the bytes `payload`."""
 
     _has_header = True
 

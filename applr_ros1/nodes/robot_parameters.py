@@ -9,7 +9,7 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
-FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")  # names of parameters with a frame
+FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")  # parameters whose value is a frame
 
 
 def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
@@ -28,7 +28,7 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
 
 
 def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
-    """Return the parameter tree of move_base, and the robot. Raises like `named_robot`.
+    """Return the parameter tree of move_base, and the robot. Raises the errors of `named_robot`.
 
     Args:
         given: The private parameters. All except NAMING override the robot's files.
@@ -47,7 +47,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
-    """Add the prefix to all frames of the robot in a tree. The frame map is shared by all robots."""
+    """Add the prefix to all frames of the robot in a tree. All robots share the frame `map`."""
     for name, value in tree.items():
         if isinstance(value, dict):
             _prefix_frames(value, prefix)

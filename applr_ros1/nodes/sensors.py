@@ -30,7 +30,7 @@ from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
-RECENT_S = 2.0  # largest age and lead of the stamp of a message that keeps waiting [s]
+RECENT_S = 2.0  # largest age or lead of a message that keeps waiting for its transform [s]
 ADJUSTMENT_S = 1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
 
 
@@ -84,7 +84,7 @@ class Sensors:
         self._no_return = no_return
         self.twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # arrival time of the latest odometry
-        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest ones
+        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest pose and twist
         self.pose_trouble = ""
         self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
         self._odometry = odometry
@@ -110,7 +110,7 @@ class Sensors:
         if all(map(math.isfinite, twist)):
             self.twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
         else:
-            rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
+            rospy.logerr_throttle(1.0, f"odometry message ignored: its twist {twist} is not finite")
 
     def forget(self) -> None:
         """Drop all data after the clock jumped back."""
@@ -248,9 +248,9 @@ class _Topic:
         return self.used.get(message.header.frame_id, rospy.Time(0))
 
     def latest(self, use: Callable[[_Topic, Any], Any]) -> Any:
-        """Return use(self, message) of the latest message that is usable and newer than the last one, or None.
+        """Return use(self, message) of the latest usable message newer than the last used one, or None.
 
-        Newer messages without a transform keep waiting. Older ones are dropped.
+        Newer messages without a transform keep waiting. Older messages are dropped.
         """
         with self._lock:
             waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
@@ -262,7 +262,7 @@ class _Topic:
                 used = use(self, message)
             except (ValueError, TypeError) as problem:
                 self.trouble = f"{self.name} {problem}"
-                rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
+                rospy.logerr_throttle(1.0, f"message ignored: {self.trouble}")
                 refused.add(id(message))
             if used is not None:
                 self.used[message.header.frame_id] = message.header.stamp

@@ -42,19 +42,19 @@ class Transforms:
     def latest(
         self, target: str, source: str, now: rospy.Time, oldest: float = math.inf, most_ahead: float = MAX_AHEAD_S
     ) -> Any:
-        """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, or else the latest, as C++ does.
+        """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, or as in C++ the latest.
 
-        Raises ObservationError if it is older than `oldest` [s], or more than `most_ahead` [s] ahead of the clock.
+        Raises ObservationError if the transform is older than `oldest` [s], or more than `most_ahead` [s] ahead of now.
         """
         known = self.buffer.can_transform_core(target.lstrip("/"), source.lstrip("/"), now)[0]
         transform = self.at(target, source, now if known else rospy.Time(0))
         stamp = transform.header.stamp
         age = 0.0 if stamp.is_zero() else (now - stamp).to_sec()  # Static transforms have stamp 0.
         if -age > max(MAX_AGE_S, most_ahead):
-            self.buffer.clear()  # tf would reject all transforms older than this one.
+            self.buffer.clear()  # Otherwise tf would reject all transforms older than this one.
         if not -most_ahead <= age <= oldest:
-            most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
-            problem = f"transform {target} <- {source} is {abs(age):.2f} s {most} can be used"
+            most = f"old; at most {oldest:g} s" if age > 0.0 else f"ahead of the clock; at most {most_ahead:g} s"
+            problem = f"transform {target} <- {source} is {abs(age):.2f} s {most} is allowed"
             raise ObservationError(f"{problem}: check localisation and transform_tolerance")
         return transform
 

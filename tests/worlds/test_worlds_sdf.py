@@ -48,7 +48,7 @@ def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
     )
     cylinders = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
     assert np.allclose(cylinders, [(5, 5, 0.075), (2, 2, 0.075)])
-    assert "not read: the scale of model 'b'; the rest" in caplog.text
+    assert "not supported: the scale of model 'b'; ignored" in caplog.text
 
 
 def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
@@ -129,7 +129,7 @@ OTHER = named("model", "other", "", LINK, 9)
         (named("model", "m", "", LINK.replace("<pose>", "<pose frame='x'>", 1)), "link 'l' of model 'm' (its pose"),
         (LINK.replace("sphere", "mesh").join(("<model name='m'>", "</model>")), "collision 'c' of model 'm' (a mesh)"),
         ("<include><uri>model://house</uri></include>", "the include 'model://house'"),
-        ("<actor name='a'/>", "not read: <actor>; the rest"),
+        ("<actor name='a'/>", "not supported: <actor>; ignored"),
         ("<population name='p'/>" * 7, "<population>, <population> and 2 more"),
     ],
 )

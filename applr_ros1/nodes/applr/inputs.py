@@ -60,7 +60,7 @@ class RobotInputs:
         plan = move_base + "/NavfnROS/plan"
         self._plan_topic, self._lock = rospy.resolve_name(plan), threading.Lock()
         self.clear()
-        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # A small one delays plans.
+        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # A small buffer delays plans.
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
@@ -133,10 +133,7 @@ class RobotInputs:
         return conversions.pose_of(transform.transform)
 
     def _moving(self, msg: Optional[Movers], frame: str, now: rospy.Time) -> Tuple[np.ndarray, rospy.Time]:
-        """Return the tracked moving obstacles as (k, 4) x, y, vx, vy in `frame`, and their stamp.
-
-        Empty if the last message is stale.
-        """
+        """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp; none if the message is stale."""
         if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
         x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
@@ -170,7 +167,7 @@ class RobotInputs:
 
 
 def _nearer(pose: Any, former: Any, goal: Any) -> bool:
-    """Return whether a geometry_msgs/Pose is nearer to the former goal than to the present one. False without both."""
+    """Return whether a geometry_msgs/Pose is nearer to the former goal than to the current goal, if both exist."""
     if former is None or goal is None:
         return False
     away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]

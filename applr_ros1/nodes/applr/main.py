@@ -117,7 +117,7 @@ def main() -> int:
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
     rospy.Service("~set_method", SetMethod, lambda request: set_method(node, code, request))
     if trouble:
-        rospy.logerr(f"applr: {trouble}; driving on theta_0")
+        rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble
     rospy.loginfo("applr: ready, method %s, a decision every %g s", method.name, node.period)
     gc.collect()

@@ -23,9 +23,9 @@ PLANNER = TRAJECTORY  # name of the planner in question: DWAPlannerROS always co
 # weights of a trajectory's cost: two biases that meter_scoring multiplies, and one that it does not
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 CLOSE = 0.002  # largest relative error of a cell's cost for a matching factor; float32 gives 1e-6
-FEWEST = 20  # smallest number of cells for a decision
+FEWEST = 20  # minimum number of cells from which the factor is determined
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # values of the parameter meter_scoring
-PATIENCE_S = 1.0  # longest wait of a course's first decision for a cloud, in ROS time [s]
+PATIENCE_S = 1.0  # longest time for which a course's first decision waits for a cloud, in ROS time [s]
 
 
 def indices_of(space: Space) -> Optional[List[int]]:
@@ -62,7 +62,7 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
 
 
 def multipliers_of(space: Space, factor: float, largest: float = 5.0) -> np.ndarray:
-    """Return the multipliers (n,) of a parameter set per cell with which a planner of either kind drives the same.
+    """Return the multipliers (n,) with which a planner of either kind drives the same on a parameter set per cell.
 
     The choice among trajectories depends only on the ratios of the three weights. If a bias would exceed its bound, all
     three weights are therefore divided by the same power of two.

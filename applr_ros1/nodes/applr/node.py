@@ -200,7 +200,7 @@ class ApplrNode:
                 self._fail("unusable", str(e))
             return
         if self._last is None:
-            self._due = now  # The first decision waits for the first plan. Later ones are scheduled from it.
+            self._due = now  # The first decision waits for the first plan. It sets the time of the later ones.
         late = (now - self._due).to_sec()
         self.counts["late"] += late > LATE_SHARE * self.period
         self.counts["decisions"] += 1

@@ -41,7 +41,7 @@ class Server:
         on_restart: Called with this object when the server comes back after a restart.
 
     Attributes:
-        settings: (index in theta, sign, name) of each of those values.
+        settings: (index in theta, sign, name on the server) of each target.
         call: The latest call. Its result is the reason in one line why the values are not in force, or "".
 
     Raises:
@@ -51,7 +51,7 @@ class Server:
 
     def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
         self.name, self._on_restart, self._described = name, on_restart, False
-        self._restarted = False  # whether the process is new, so that `values` may be those of the former one
+        self._restarted = False  # whether the process is new, so that `values` may be from its predecessor
         self.call: Future[str] = Future()
         self.call.set_result("")
         self._client = Client(name, DEADLINE_S, None, self._on_description)
@@ -72,7 +72,7 @@ class Server:
         raise ApplrError(f"has no parameter {target.names[0]}")
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        if self._described:  # Each process sends its description once, so that this is a new process.
+        if self._described:  # Each process sends its description once, so this is a new process.
             self._restarted = True
             self._on_restart(self)
         self._described = True
@@ -148,7 +148,7 @@ class ReconfigureClient:
         self.namespace, self.space = namespace.rstrip("/"), space
         self._on_restart, self._on_report, self._on_trouble = on_restart, on_report, on_trouble
         self._requested: Optional[np.ndarray] = None  # theta (n,) of the last request
-        self._in_force: Optional[np.ndarray] = None  # the same object once it is in force
+        self._in_force: Optional[np.ndarray] = None  # the object `_requested` once it is in force
         self._stopped = False
         self._asking, self._wake = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
@@ -211,7 +211,7 @@ class ReconfigureClient:
         return sorted(there, key=lambda name: (-alike(name), name))
 
     def values(self) -> Optional[np.ndarray]:
-        """Return the planner's latest values (n,) float64. The first server counts if several have a value.
+        """Return the planner's latest values (n,) float64. If several servers have a value, the first counts.
 
         None before `connect` has succeeded, and while a server's value is not a number.
         """
@@ -311,7 +311,7 @@ class ReconfigureClient:
         self._stopped = True
         self._wake.set()
         if self._thread.is_alive():
-            self._thread.join(DEADLINE_S + 0.1)  # An attempt takes no longer.
+            self._thread.join(DEADLINE_S + 0.1)  # No attempt takes longer.
 
     def close(self) -> None:
         """End the thread and unsubscribe from all servers."""

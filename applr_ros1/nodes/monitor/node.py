@@ -1,4 +1,4 @@
-"""The ROS node collision_monitor, between move_base (or any other source of velocity commands) and the base.
+"""ROS node `collision_monitor`, between move_base (or any other source of velocity commands) and the base.
 
 Started by guard.py. The node reads commands from cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor
 allows. If the next command is overdue, it brakes the base at its own rate, and then publishes zeros until the base has
@@ -43,7 +43,7 @@ POSE_AGE_S = 0.3  # largest usable age of the base's pose in the odometry frame 
 ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
 LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
-ESCAPE = "escape"  # name of the action of driving an escape motion
+ESCAPE = "escape"  # action reported while the node drives an escape motion
 STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
 
 
@@ -119,7 +119,7 @@ class CollisionMonitorNode:
         return f"/clock has not moved for {STALLED_S:g} s" if self._clock.stands(STALLED_S) else ""
 
     def _break_silence(self) -> None:
-        """Brake to zero while commands are missing. A base at rest gets LAST_ZEROS more, then others may drive it."""
+        """Brake to zero while commands are missing. After LAST_ZEROS zeros to a base at rest, stop publishing."""
         silence = self.monitor.silence
         if (self._clock.now - self._commanded).to_sec() <= silence and not self._stalled:
             return
@@ -176,7 +176,7 @@ class CollisionMonitorNode:
             self._stalls.report_held(verdict.blocked)
         self._out.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
-        self._held.publish(verdict.blocked)  # Published each time because move_base resets it with each new goal.
+        self._held.publish(verdict.blocked)  # Always published: move_base resets its copy with each new goal.
         self._report_verdict(verdict)
 
     def _fail(self, problem: Exception) -> None:

@@ -1,2 +1,2 @@
-"""The node move_base, with the topics, services and actions of the C++ move_base around planner.move_base.MoveBase."""
+"""ROS node `move_base`: topics, services and actions of the C++ move_base around planner.move_base.MoveBase."""
 # Imports planner, robots and the shared modules of nodes.

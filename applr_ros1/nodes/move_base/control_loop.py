@@ -58,7 +58,7 @@ class ControlLoop:
                     self._stalled()
             left = LOOK_S if now.is_zero() else 0.0 if due is None else (due - now).to_sec()
             if left > 0.0:
-                with tick:  # Every /clock message notifies this condition.
+                with tick:  # Every message on /clock notifies this condition variable.
                     if is_wallclock() or rospy.get_rostime() == now:
                         tick.wait(min(left, LOOK_S) if is_wallclock() else LOOK_S)
                 continue
@@ -70,10 +70,7 @@ class ControlLoop:
                     self._failed(error)
 
     def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
-        """Return when the next cycle is due: a period [s] after the present one was due.
-
-        If cycles were missed, the next one is due a period from now.
-        """
+        """Return when the next cycle is due: a period [s] after this cycle was due, or after now if it is late."""
         step = rospy.Duration.from_sec(period)
         late = 0.0 if due is None else (now - due).to_sec()
         if due is None or late > period:

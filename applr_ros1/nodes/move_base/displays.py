@@ -96,7 +96,7 @@ class PlanDisplay:
         self._sent = float("-inf")  # time of the last trajectory_cloud [s]
 
     def planned(self, plan: np.ndarray, stamp: rospy.Time) -> None:
-        """Publish the plan (n, 3) of the global planner; an empty one if planning failed."""
+        """Publish the plan (n, 3) of the global planner; it is empty if planning failed."""
         self._send(self._plan, plan, stamp, self._global_frame)
 
     def controlled(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:

@@ -15,7 +15,7 @@ LOST_PERIODS = 2.5  # number of periods without a heartbeat after which the appl
 
 
 class HeartbeatWatchdog:
-    """Detector of the end of heartbeats, which it reports once.
+    """Detects that the heartbeats have stopped, and reports this once.
 
     Args:
         period: Longest time between two heartbeats of a running applr node [s].
@@ -44,7 +44,7 @@ class HeartbeatWatchdog:
 def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0) -> Dict[str, Dict[str, Any]]:
     """Return the requests {server: {name: value}} that restore a space's parameters to the planner's start-up values.
 
-    max_speed: Upper limit of the forward speed among them [m/s], 0 for none.
+    max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.
     """
     requests = {}
     for server in set(space.servers) & set(move_base.servers):

@@ -1,8 +1,8 @@
-"""The ROS node move_base, with the interface of the C++ move_base around planner.move_base.MoveBase.
+"""ROS node `move_base`, with the interface of the C++ move_base around planner.move_base.MoveBase.
 
 Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and publishes. Subscribers
-and services use the planner between two cycles, under the same lock. Parameters: ~robot (name or folder of a
-description, whose files are read), its ~map and ~tf_prefix, and those in docs/reference/parameters.md.
+and services use the planner between two cycles, under ControlLoop.lock. Parameters: ~robot (name or folder of a robot
+description), ~map and ~tf_prefix (options of this robot), and the parameters in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class MoveBaseNode:
             robot.laser.no_return if robot else None,
         )
         self._report_from = 0.0  # time.monotonic() from which the next report is due
-        self._refusals: Dict[str, int] = {}  # refused samples of the first blocked cycle since the last report
+        self._refusals: Dict[str, int] = {}  # samples refused by each critic in the first blocked cycle of a report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -153,12 +153,12 @@ class MoveBaseNode:
             if self._pose is not None:
                 self.goals.publish_feedback(MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp)))
         self._show(cycle, pose, stamp)
-        if self.watchdog.is_lost(now):  # A thread avoids a deadlock: a server takes its own lock before the loop's.
+        if self.watchdog.is_lost(now):  # In a thread, as a server takes its own lock before the loop's lock.
             threading.Thread(target=self._restore_start_up, daemon=True).start()
         self._report(stamp)
 
     def _locate(self, stamp: rospy.Time) -> Tuple[Optional[Pose], Optional[Pose]]:
-        """Return (robot's pose in the local frame, pose of that frame in the global one), or (None, None) if unknown.
+        """Return (robot's pose in the local frame, local frame's pose in the global frame), (None, None) if unknown.
 
         The second pose is None if both frames are the same.
         """
@@ -356,11 +356,11 @@ class MoveBaseNode:
 
 @contextmanager
 def _refusals_of(topic: str) -> Iterator[None]:
-    """Log a ValueError of the block as one line: the message on `topic` is not used."""
+    """Log a ValueError of the block in one line, and ignore the message on `topic`."""
     try:
         yield
     except ValueError as problem:
-        rospy.logerr("%s: %s: not used", topic, problem)
+        rospy.logerr("message on %s ignored: %s", topic, problem)
 
 
 def _is_not_of_footprint(record: logging.LogRecord) -> bool:
@@ -391,8 +391,8 @@ def main() -> int:
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
     node = MoveBaseNode(tree, robot)
-    sys.setswitchinterval(1e-3)  # time after which a busy thread yields to the planner's [s]
+    sys.setswitchinterval(1e-3)  # longest time for which another thread keeps Python's interpreter lock [s]
     gc.collect()
-    gc.freeze()  # Objects that are loaded by now are permanent. Scanning them would delay a cycle by 100 ms.
+    gc.freeze()  # A garbage collection of the permanent objects would delay a cycle by 100 ms.
     node.serve()
     return 0

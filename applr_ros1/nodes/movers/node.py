@@ -1,4 +1,4 @@
-"""The ROS node movers: tracks moving obstacles and predicts their positions, as an observation source of costmaps.
+"""ROS node `movers`: tracks moving obstacles and predicts their positions, as an observation source of costmaps.
 
 For each scan, the node publishes the predicted obstacle points of movers/prediction.py on applr/predicted
 (sensor_msgs/PointCloud2; empty if nothing moves), the tracked obstacles for the policy on applr/tracked (Movers), and

@@ -2,8 +2,8 @@
 
 Each run is one process of run.py with its own ROS master on a free port. The runner takes worlds, plugins and launch
 files from the ROS package jackal_helper. `link_package` creates a copy of this package with links into the checkout,
-except for two launch files: the one for Gazebo starts this repository's simulator, and the one for the controller is
-the user's if one is given.
+except for two launch files: Gazebo's launch file starts this repository's simulator, and the controller's launch file
+is the user's if --controller is given.
 """
 
 from __future__ import annotations

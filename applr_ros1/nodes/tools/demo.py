@@ -57,7 +57,7 @@ The other arguments are those of the launch file: roslaunch --ros-args applr_ros
 
 
 def main() -> int:
-    """Run the demo. Return exit status 0 if the goal was reached, otherwise 1. Raises ApplrError."""
+    """Run the demo. Return exit status 0 if the goal was reached, else 1. Raises ApplrError for invalid arguments."""
     values, passed, robot, world = prepare(sys.argv[1:])
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
@@ -111,7 +111,7 @@ def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.Wor
         report(f"{part:12} up after {time.monotonic() - began:.1f} s")
     seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
     length = float(np.hypot(*np.diff(np.array(observer.track)[:, 1:3], axis=0).T).sum())
-    report(f"{text} after {seconds:.1f} s and {length:.2f} m{', touching something' if observer.contacts else ''}")
+    report(f"{text} after {seconds:.1f} s and {length:.2f} m{', with contact' if observer.contacts else ''}")
     result.update(success=text == REACHED, collided=bool(observer.contacts), time_s=round(seconds, 2), reason=text)
     result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3), page=None)
     if values["page"] != "none":
@@ -124,7 +124,7 @@ def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.Wor
 
 
 class Observer:
-    """Subscriptions to the stack of a robot in a world. Call `parts`, then `drive`, then `scene`."""
+    """Client of the running stack: sends the goal and records the drive. Call `parts`, then `drive`, then `scene`."""
 
     def __init__(self, robot: Robot, world: worlds.World, values: Dict[str, Any]):
         self.world, self._tolerance = world, robot.goal_tolerance
@@ -132,8 +132,8 @@ class Observer:
         scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
         self.track: List[Any] = []  # true motion: (stamp [s], x, y, yaw, v, w)
         self.contacts: List[float] = []  # times of contacts [s]
-        self.parameters: List[Any] = []  # changes: (stamp [s], theta)
-        self._up: Set[str] = set()  # topics with a message
+        self.parameters: List[Any] = []  # parameter sets when they changed: (stamp [s], theta)
+        self._up: Set[str] = set()  # topics on which a message has arrived
         self._began: Any = None  # time of sending the goal [s]
         self._client: Any = None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
@@ -184,7 +184,7 @@ class Observer:
         return seconds, ended
 
     def scene(self, seconds: float, result: Dict[str, Any], space: Space) -> Scene:
-        """Return the drive of `seconds` [s] for its page."""
+        """Return the recorded drive, which took `seconds` [s], as the scene of its page."""
         track = np.array(self.track, dtype=np.float64)
         times = np.unique(np.append(np.arange(0.0, seconds, POSE_PERIOD_S), seconds))
         columns = (*track[:, 1:3].T, np.unwrap(track[:, 3]), track[:, 4])

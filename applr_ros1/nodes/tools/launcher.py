@@ -30,7 +30,7 @@ from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
 UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
-COMPILES = "waiting for {} (the first start compiles kernels, about a minute)"
+COMPILES = "waiting for {} (the first start compiles code, which takes about a minute)"
 LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
 DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node that has died
 
@@ -81,7 +81,7 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     """
     folder, port = tempfile.mkdtemp(prefix="applr_"), free_port()
     os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
-    for name in ("ROS_IP", "ROS_NAMESPACE"):  # They may be set for another robot.
+    for name in ("ROS_IP", "ROS_NAMESPACE"):  # These variables may be set for another robot.
         os.environ.pop(name, None)
     report(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
     for number in (signal.SIGTERM, signal.SIGHUP):

@@ -1,4 +1,4 @@
-"""The ROS node send_goal: sends a goal to move_base, this package's or the C++ one, and waits for its end.
+"""ROS node `send_goal`: sends a goal to move_base, this package's or the C++ one, and waits for its end.
 
 Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or none), ~world for auto,
 ~robot (jackal; name or folder of a description), and ~tf_prefix of the odometry frame.

@@ -26,9 +26,9 @@ Report = Callable[[str], None]  # shows one line to all clients
 
 
 class Listener:
-    """Subscriptions that begin with the first request for a topic. Methods take its name and message class.
+    """Subscriptions that begin with the first request for a topic.
 
-    fixed: Frame of the returned poses.
+    Methods take the name and message class of a topic. fixed: Frame of the returned poses.
     """
 
     def __init__(self, fixed: str):

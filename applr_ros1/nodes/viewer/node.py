@@ -1,4 +1,4 @@
-"""The ROS node viewer: a web page with the robot, its planner and its parameters.
+"""ROS node `viewer`: a web page with the robot, its planner and its parameters.
 
 Started as `rosrun applr_ros1 viewer.py`. The node has no subscriptions while no page is open.
 
@@ -35,7 +35,7 @@ IDLE_S = 0.2  # interval between checks for an open page [s]
 ACCENT = (28, 126, 214)  # brand colour of the page
 HOST = "127.0.0.1"
 HINT = "Cancel all goals (key S). A click on the ground sets a goal."
-STARTS = "starting; the first start on a computer compiles kernels, about a minute"
+STARTS = "starting: the first start on a computer compiles code, which takes about a minute"
 
 
 class Viewer:
@@ -75,7 +75,7 @@ class Viewer:
         self.server.scene.on_click()(self.clicked)
 
     def clicked(self, ray: Any) -> None:
-        """Send the point at which a click's ray meets the ground as a goal, with the heading from the robot to it."""
+        """Send a goal at the point on the ground that a click's ray hits, with the heading from the robot to it."""
         (x, y, z), (dx, dy, dz) = ray.ray_origin, ray.ray_direction
         if dz < -1e-3:
             x, y = x - z / dz * dx, y - z / dz * dy

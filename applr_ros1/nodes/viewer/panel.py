@@ -49,7 +49,7 @@ class Panel:
     Attributes:
         space: The robot's parameters.
         sliders: Sliders by the name of the parameter.
-        method: Method in the applr node's diagnostics, HAND if it is switched off, "" if the node does not answer.
+        method: Method in the applr node's diagnostics, HAND if no method is on, "" if the node does not answer.
         trouble: Problem in the applr node's diagnostics, or "".
     """
 

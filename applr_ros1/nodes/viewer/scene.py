@@ -33,7 +33,7 @@ HIDDEN = ("global costmap",)  # layers that are hidden at the start
 JUMP_M = 0.5  # distance between successive points above which a new trajectory begins [m]
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 SIDES = 20  # number of sides of a drawn cylinder
-VIEW = (3.5, 2.5, 1.0)  # camera: distance behind the robot, height, and distance of the target ahead of it [m]
+VIEW = (3.5, 2.5, 1.0)  # camera for the Jackal: distance behind, height, distance of its target ahead of the robot [m]
 
 
 class Scene:
@@ -41,7 +41,7 @@ class Scene:
 
     Attributes:
         pose: Pose (x, y, yaw) of the robot, or None if it is unknown.
-        layers: Parent handles of viser by name, for each of LAYERS.
+        layers: viser frame of each layer by name (LAYERS). Hiding a frame hides the layer.
     """
 
     def __init__(self, server: Any, robot: Robot, listener: Listener, base: str):
@@ -71,7 +71,7 @@ class Scene:
         self.pose: Any = None
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles by name
-        self._aims: Dict[int, Tuple[float, float]] = {}  # camera target relative to the robot by client [m]
+        self._aims: Dict[int, Tuple[float, float]] = {}  # by client ID: camera target relative to the robot [m]
 
     def draw(self, driving: bool) -> None:
         """Update everything. driving: Whether goal and plans are valid."""
