@@ -1,2 +1,2 @@
-"""Training and evaluation: the commands, and a subpackage for each of their parts."""
+"""Training and evaluation: the commands, and their parts in subpackages."""
 # May import every package except nodes, and no ROS.

@@ -2,7 +2,7 @@
 
 Run it as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
 segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
-recognise the context from the scan. evaluate.py (--methods FILE) and method:=FILE use the file that is written.
+recognise the context from the scan. evaluate.py --methods and method:= accept the file that the command writes.
 docs/howto/training.md describes the method.
 """
 
@@ -44,7 +44,7 @@ class AppldOptions(BagOptions):
         "File to write (.safetensors). The log is written beside it.")
     contexts: int = option(4,
         "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.", ge=0, le=10**6)
-    penalty: float = option(3.0, "Cost of a changepoint; a larger one gives fewer segments.", ge=0, le=1e6)
+    penalty: float = option(3.0, "Cost of a changepoint; a higher cost gives fewer segments.", ge=0, le=1e6)
     evaluations: int = option(150,
         "Number of parameter sets that the search of each context tries.", ge=1, le=10**9)
     seed: Seed

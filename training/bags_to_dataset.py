@@ -35,15 +35,15 @@ class DatasetOptions(BagOptions):
     bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
     out: str = option(..., "Folder for the dataset; it must not hold a dataset yet.")
     finish: Optional[float] = option(None,
-        "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. By "
-        "default, the result of move_base decides.", ge=-1e6, le=1e6)
+        "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on the paper's "
+        "course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
     recipe: str = option("",
         f"Recipe that gives the robot, the observation and the reward, as in train.py: "
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
-        "Name space of move_base in the bags, with its goals.")
+        "Namespace of move_base in the bags, whose goals are read.")
     applr: str = option(TopicNames.applr,
-        "Name space of the applr node in the bags, with its decisions.")
+        "Namespace of the applr node in the bags, whose decisions are read.")
     # fmt: on
 
 

@@ -1,9 +1,9 @@
 """Checks the description of a robot, summarises the resulting configuration, and drives the robot on open floor.
 
 Run it as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "error" report
-values with which the robot cannot drive, lines that begin with "remark" report values that impair its driving or have
-no effect. Each line has the name, its value and the remedy. If the robot does not drive on open floor with its default
-parameters, the last lines give the reason and the remedy. docs/tutorials/your_robot.md explains how to write a
+values with which the robot cannot drive, lines that begin with "remark" report values that impair driving or have no
+effect. Each line has the name of a field, its value and the remedy. If the robot does not drive on open floor with its
+default parameters, the last lines give the reason and the remedy. docs/tutorials/your_robot.md explains how to write a
 description.
 """
 
@@ -51,7 +51,7 @@ def summary(described: Robot) -> List[str]:
 
 
 def check(name_or_folder: str) -> int:
-    """Print errors, remarks, and for a robot without errors summary and test drives. Return 1 if it does not drive."""
+    """Print errors and remarks; without errors, also summary and test drives. Return 1 if the robot does not drive."""
     remarks: List[str] = []
     try:
         described = read(name_or_folder)

@@ -1,6 +1,6 @@
 """Records a scripted demonstration for APPLD, in simulation and without ROS: `python -m training.demonstrate BAG`.
 
-The demonstrator is training/baselines/appld/scripted_driver.py, as the metadata of the bag records.
+The demonstrator is training/baselines/appld/scripted_driver.py. The bag's metadata name it.
 """
 
 from __future__ import annotations

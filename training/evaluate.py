@@ -1,7 +1,7 @@
 """Evaluates methods: drives each in every world, and writes tables, figures and statistics of the trials.
 
 Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command continues a stopped
-evaluation, with the same rows as without the interruption. docs/howto/evaluation.md describes the results,
+evaluation, whose results do not depend on the interruption. docs/howto/evaluation.md describes the results,
 docs/reference/methods.md lists the methods and explains how to write one.
 """
 

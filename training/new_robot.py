@@ -1,8 +1,8 @@
 """Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
 
 Run it as `./applr robot` or `python -m training.new_robot`. The folder gets copies of the parameter files, and a
-robot.yaml with the values that the files state explicitly: wheels, outline, laser, frames, topics. Every other value is
-a line to fill in, and is listed at the end.
+robot.yaml with the values that the files state explicitly: wheels, outline, laser, frames, topics. For every other
+value, robot.yaml has a line to fill in, and the command lists these values at its end.
 
 A file whose name ends in .xacro is expanded as roslaunch would, with its arguments as NAME:=VALUE. Give the parameter
 files in the order of your launch file, each with the namespace of its <rosparam ns="...">, or give the output of
@@ -29,24 +29,24 @@ from applr_ros1.robots.urdf_import.write import add_parameters, copies_of, limit
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
-COURSE = 42.0  # width of a costmap that contains all courses at world_scale 1, the Jackal's [m]
+COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
 
 
 class NewRobotOptions(Options):
-    """Files from which a robot is written."""
+    """Options of ./applr robot: input files and output folder."""
 
     urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
     parameters: List[Path] = option(
         ...,
-        "Parameter files (YAML) that the launch file of move_base loads, in its order, and that of the controller, "
-        "each as FILE or FILE:NAMESPACE.",
+        "Parameter files (YAML) of move_base in the order of its launch file, and of the base's controller, each as "
+        "FILE or FILE:NAMESPACE.",
     )
     laser: str = option("", "Link of the laser. Default: sensor_frame of the costmaps' scan, or the only ray sensor.")
     out: Path = option(Path("my_robot"), "Folder to write.")
 
 
 def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
-    """Write the folder, and return the lines to print about it.
+    """Write the folder of the robot, and return lines that report about it.
 
     Args:
         options: Files to read, and the folder to write.
@@ -71,7 +71,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     for path, name in copies_of(parameters).items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, options.out / name)
-    write_bytes(file, text.encode())  # last, so that the next attempt is not refused if this one fails halfway
+    write_bytes(file, text.encode())  # last: a command that fails before can be repeated
     lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
     lines += ["remark: " + line for line in described.notes + parameters.notes + notes]
     if missing:

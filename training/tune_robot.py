@@ -2,12 +2,12 @@
 
 Run it as `./applr tune ROBOT` or `python -m training.tune_robot ROBOT`. It begins on open floor: if the robot's
 default parameters do not drive there, it reports why and what to change. CMA-ES then searches in the kinematic
-simulator and in pybullet, the best sets race, and each parameter of the winner is reverted to its default if nothing is
-lost. Each drive starts a planner with the defects of the C++ move_base and the parameter set, without the
-collision monitor. The set is judged twice on courses that the search did not use: without the monitor for
-ROBOT/tuned.yaml, which any move_base loads, and with it for ROBOT/static.json, which the applr node uses. A file is
-written only if its verdict is clearly better, and the exit status is 0 only if a file is written. The same command
-continues a stopped run.
+simulator and in pybullet, the best parameter sets race, and each parameter of the winner is reverted to its default if
+nothing is lost. Each drive starts a planner with the parameter set and with the defects of the C++ move_base, without
+the collision monitor. The winner is judged twice on courses that the search did not use: without the monitor for
+ROBOT/tuned.yaml, which any move_base loads, and with the monitor for ROBOT/static.json, which the applr node uses. A
+file is written only if its verdict is clearly better, and the exit status is 0 only if a file is written. The same
+command continues a stopped run.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 
 def run(options: TuneOptions) -> int:
-    """Search for a set, judge it, write the files and report; return the exit status."""
+    """Search for a parameter set, judge it, write files and report; return the exit status."""
     from training.evaluation import report
 
     robot = options.robot

@@ -1,2 +1,2 @@
 """Helpers shared by several packages: angles, scans, files, errors, kernels, progress."""
-# Imports none of those packages.
+# Imports no other package of this repository.

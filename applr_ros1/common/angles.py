@@ -1,6 +1,6 @@
 """Angles [rad], planar poses (x, y, yaw) [m, m, rad], and boxes in the plane.
 
-Compiled kernels have their own formulas: those of planner/trajectory/sampling.py match the C++ planner bit for bit.
+Compiled kernels have formulas of their own: for example, planner/trajectory/sampling.py matches C++ bit for bit.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return the inverse of a pose: the pose of its parent frame in the frame at `pose`."""
+    """Return the inverse of a pose: the pose of the parent frame in the frame at `pose`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return -x * c - y * s, x * s - y * c, -yaw
 
 
 def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> Tuple[Any, Any]:
-    """Return the offsets of points from the nearest points of a box, along its two axes [m]; zero inside the box.
+    """Return the offsets [m] of points from the nearest point of a box, along the box's axes; zero inside the box.
 
     Args:
         dx: x of the points relative to the box's centre, in the world frame [m]; broadcasts with dy.

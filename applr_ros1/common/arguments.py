@@ -15,10 +15,7 @@ def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
 
 
 def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return `value` if it is a number from `low` to `high`, otherwise raise ApplrError.
-
-    Infinity passes only if a bound is infinite.
-    """
+    """Return `value` if it is a number from `low` to `high`, otherwise raise ApplrError."""
     if not isinstance(value, bool) and isinstance(value, (int, float)) and low <= value <= high:
         return value
     between = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
@@ -26,14 +23,14 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
 
 
 def boolean(name: str, text: str) -> bool:
-    """Parse a boolean as launch files spell it. Raises ApplrError."""
+    """Parse a boolean in the spelling of launch files. Raise ApplrError for any other text."""
     if text.lower() not in ("true", "false", "1", "0"):
         raise ApplrError(f"{name} is {text or 'empty'}: give true or false")
     return text.lower() in ("true", "1")
 
 
 def pose(name: str, text: str) -> Tuple[float, float, float]:
-    """Parse "x y yaw" into a tuple [m, m, rad]. Raises ApplrError."""
+    """Parse "x y yaw" into a tuple [m, m, rad]. Raise ApplrError unless these are three finite numbers."""
     try:
         x, y, yaw = map(float, text.replace(",", " ").split())
     except ValueError:

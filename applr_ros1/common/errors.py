@@ -36,7 +36,7 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, ApplrError):
         return str(error)
     text, frames = f"{type(error).__name__}: {error}".splitlines()[0], traceback.extract_tb(error.__traceback__)
-    if not frames or isinstance(error, SyntaxError):  # A SyntaxError's text has its file and line.
+    if not frames or isinstance(error, SyntaxError):  # The text of a SyntaxError already has file and line.
         return text
     return f"{text} ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})"
 
@@ -67,8 +67,8 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 def run_script(module: str, node: bool = False) -> None:
     """Import the module of a command, run its main() and exit the process, for scripts/__main__.py.
 
-    The import takes seconds. Ctrl-C during the import exits silently, and a missing Python package is reported in one
-    line. The script's folder is removed from sys.path because its sim_bridge.py would hide the package sim_bridge.
+    Ctrl-C during the import, which takes seconds, exits silently. A missing Python package is reported in one line. The
+    script's folder is removed from sys.path, because sim_bridge.py in this folder would hide the package sim_bridge.
 
     Args:
         module: Full name of the module, such as "training.evaluate".
@@ -83,7 +83,7 @@ def run_script(module: str, node: bool = False) -> None:
 
 def _main_of(module: str, node: bool) -> Optional[int]:
     usual = signal.getsignal(signal.SIGINT)
-    if usual is signal.default_int_handler:  # A library's destructor might swallow its KeyboardInterrupt.
+    if usual is signal.default_int_handler:  # A destructor of an imported library could swallow the KeyboardInterrupt.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     loaded: Any = importlib.import_module(module)
     signal.signal(signal.SIGINT, usual)

@@ -1,10 +1,10 @@
 """Decorator `kernel`: numba's njit with machine code that is cached on disk between processes.
 
-Every compiled function of the package carries it. numba's own cache is keyed by the path of the kernel's source file
-and checks that file alone. It is therefore cold in every other folder, and misses changes in functions and constants
-imported from other files. Here the key of a cached file is a hash of the source of the kernel's module and of all
-modules of this repository from which it imports kernels or constants, the argument types, numba's version and the
-processor. Editing a module recompiles its kernels and those of the modules that import from it.
+Every compiled function of the package uses the decorator. numba's own cache is keyed by the path of the kernel's source
+file and checks that file alone. A second copy of the package therefore starts without a cache, and changes in imported
+functions and constants go unnoticed. Here the key of a cached file is a hash of the argument types, numba's version,
+the processor, and the sources of the kernel's module and of all modules of this repository from which that module
+imports kernels or constants. Editing a module recompiles its kernels and those of the modules that import from it.
 
 The cache is the first of these folders that only this user can write, because machine code is loaded from it:
 `NUMBA_CACHE_DIR`, `~/.cache`, or the folder for temporary files. If there is none, or if the disk is full, each process
@@ -32,7 +32,7 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
-KEPT_FILES = 6000  # number of cached files, about twelve versions of all kernels; the least recently used are removed
+KEPT_FILES = 6000  # limit on cached files (12 versions of all kernels); the least recently used are removed
 dumps: Callable[[Any], bytes] = serialize.dumps  # numba has no types for this function and the next one
 rebuild: Callable[..., CompileResult] = CompileResult._rebuild
 OURS = ("applr_ros1", "sim_bridge", "worlds")  # packages of this repository whose modules are hashed
@@ -52,8 +52,8 @@ def kernel(function: Any = None, **options: Any) -> Any:
         options: Options of numba.njit except `cache`, for example `error_model="numpy"`.
 
     Returns:
-        The dispatcher of numba, or a decorator if only options are given. Its arguments may also be numpy's numbers, so
-        its type names only the result.
+        numba's dispatcher, or a decorator if only options are given. Callers may pass numpy scalars for numbers, so the
+        dispatcher's type declares only the result.
     """
     if function is None:
         return functools.partial(kernel, **options)
@@ -123,8 +123,7 @@ def _hash_of_sources(module: str) -> str:
 def _source(module: str) -> Tuple[str, List[str]]:
     """Return the hash of a module's source, and the modules from which it imports kernels or constants.
 
-    Only modules of this repository count. Kernels cannot use classes or plain functions, so importing these does not
-    count.
+    Only modules of this repository count, without imports of classes and plain functions, which kernels cannot use.
     """
     loaded = sys.modules[module]
     text = Path(str(loaded.__file__)).read_text(encoding="utf-8")
@@ -159,8 +158,8 @@ def cache_folder() -> str:
                 continue
             tempfile.TemporaryFile(dir=place).close()
             return place
-    problem = f"no folder for compiled kernels can be written ({', '.join(places)}): every start compiles anew"
-    warnings.warn(problem, stacklevel=2)
+    problem = f"no folder for compiled kernels can be written ({', '.join(places)})"
+    warnings.warn(f"{problem}: every start recompiles, set NUMBA_CACHE_DIR to a folder of your own", stacklevel=2)
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Progress lines about work that takes long."""
+"""Progress messages for long computations."""
 
 from __future__ import annotations
 

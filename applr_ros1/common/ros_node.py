@@ -24,7 +24,7 @@ STANDS_S = 0.5  # longest time that a signal handler waits for the shutdown befo
 
 
 def init_node(name: str, **options: Any) -> None:
-    """Call rospy.init_node, and shut down in a thread of its own.
+    """Call rospy.init_node, and let SIGINT and SIGTERM shut down the node in a separate thread.
 
     Raises:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.

@@ -1,7 +1,7 @@
 """Sensor readings, their projection into a costmap's frame, and the observation sources of an obstacle layer.
 
-Called by MoveBase and the obstacle layers. If both costmaps have the same frame, they share one projection. It rounds
-like laser_geometry and tf2. Sources follow costmap_2d/observation_buffer.cpp.
+MoveBase and the obstacle layers use this module. Costmaps in the same frame share one projection, which rounds like
+laser_geometry and tf2. Observation sources follow costmap_2d/observation_buffer.cpp.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ Bounds = Tuple[np.float32, np.float32]
 
 @dataclass
 class LaserScan:
-    """One scan of a planar laser.
+    """One scan of a planar laser. Angles are in rad.
 
     Attributes:
         stamp: Time of the scan [s].
-        ranges: (n,) float32 [m]; +inf means no return. Angles are in [rad].
+        ranges: (n,) float32 [m]; +inf means no return.
         sensor_pose: (x, y, yaw) of the laser in the costmap's frame at `stamp` [m, m, rad].
         sensor_height: z of the laser [m].
-        rotation: Quaternion (x, y, z, w) that replaces the yaw of a tilted or inverted laser.
+        rotation: Orientation (x, y, z, w) of a tilted or inverted laser, used instead of the yaw in sensor_pose.
         origin: Start of the rays [m] if it differs from the laser's position (the parameter sensor_frame).
         sweep: Time from the first beam to the last [s], 0 if all are measured at once.
-        frame: Frame of the laser. Several lasers may publish on one topic.
+        frame: Frame of the laser, by which several lasers on one topic are told apart.
     """
 
     stamp: float
@@ -54,10 +54,14 @@ class LaserScan:
 
 @dataclass
 class SensorCloud:
-    """Points (n, 3) float32 [m] in the frame of a sensor, measured at `stamp` [s].
+    """Point cloud in the frame of a sensor.
 
-    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), are the sensor's pose in the costmap's frame.
-    origin and frame are as in LaserScan.
+    Attributes:
+        stamp: Time of the measurement [s].
+        points: (n, 3) float32 [m].
+        position: (x, y, z) of the sensor in the costmap's frame [m].
+        rotation: Orientation (x, y, z, w) of the sensor in the costmap's frame.
+        origin, frame: As in LaserScan.
     """
 
     stamp: float
@@ -70,9 +74,9 @@ class SensorCloud:
 
 @dataclass
 class PointCloud:
-    """Points (n, 3) float32 [m] in the costmap's frame, measured from `origin` (x, y, z) [m] at `stamp` [s].
+    """Points (n, 3) float32 [m] in the costmap's frame, measured by the sensor `frame` at `stamp` [s].
 
-    frame: Frame of the sensor.
+    The rays start at `origin` (x, y, z) [m].
     """
 
     origin: Point
@@ -92,7 +96,7 @@ def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
 
 
 def moved(observation: Observation, frame: Pose) -> Observation:
-    """Transform an observation to the parent frame of `frame`, the pose (x, y, yaw) of its present frame."""
+    """Transform an observation from the frame at the pose `frame` (x, y, yaw) to the parent frame of that pose."""
     start = observation.origin
     origin = None if start is None else (*transform_point(frame, start[0], start[1]), start[2])
     if isinstance(observation, LaserScan):
@@ -213,7 +217,7 @@ def _project(
 
 @dataclass
 class Source:
-    """Settings of one source, named like the ROS parameters; the defaults suit a planar laser."""
+    """Settings of one observation source, named like the ROS parameters; the defaults suit a planar laser."""
 
     topic: str = "scan"
     data_type: str = "LaserScan"  # message type: LaserScan, PointCloud2 or PointCloud
@@ -223,7 +227,7 @@ class Source:
     inf_is_valid: bool = False  # whether +inf of a laser scan clears up to the maximum range
     min_obstacle_height: float = -2.0  # height below which points are dropped [m]
     max_obstacle_height: float = 2.0  # height above which points are dropped [m]
-    obstacle_range: float = 2.5  # range from which points do not mark [m]
+    obstacle_range: float = 2.5  # range below which points mark [m]
     raytrace_range: float = 3.0  # range up to which rays clear [m]
     observation_persistence: float = 0.0  # time for which clouds are kept [s]; 0: the latest only
     expected_update_rate: float = 0.0  # longest time between messages of a current source [s]; 0: any
@@ -235,11 +239,11 @@ class Source:
 
 
 class ObservationBuffer:
-    """Clouds of one source, latest first, all of which are applied in every update.
+    """Point clouds of one observation source. Every update of the costmap applies all of them.
 
     Attributes:
         source: Settings of the source.
-        clouds: PointClouds in the costmap's frame.
+        clouds: PointClouds in the costmap's frame, latest first.
         taken: Arrival time of the latest cloud [s], None before the first.
     """
 
@@ -251,7 +255,7 @@ class ObservationBuffer:
     def take(self, cloud: PointCloud, now: float) -> None:
         """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
-        Without persistence, the latest cloud of each sensor on the topic is kept, because costmaps update less often.
+        If it is 0, the latest cloud of each sensor is kept: several sensors may publish between two costmap updates.
         """
         self.taken = now
         kept = self.source.observation_persistence
@@ -266,10 +270,10 @@ class ObservationBuffer:
                 break
 
     def forget(self) -> None:
-        """Drop all clouds, as before the first message."""
+        """Drop all clouds, and reset to the state before the first message."""
         self.clouds, self.taken = [], None
 
     def is_current(self, now: float) -> bool:
-        """Return whether messages arrive as often as expected_update_rate requires."""
+        """Return whether the latest message is no older than expected_update_rate allows."""
         longest = self.source.expected_update_rate
         return longest <= 0.0 or (self.taken is not None and now - self.taken <= longest)

@@ -17,7 +17,7 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
 
 
 def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
-    """Merge two trees into a new one. Values of `above` take precedence, except None over a section of `below`."""
+    """Return a new tree: `below` with the values of `above` on top. None does not replace a section of `below`."""
     made = dict(below)
     for name, value in above.items():
         here = made.get(name)

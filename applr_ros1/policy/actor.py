@@ -29,9 +29,9 @@ from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in the files of both policies
-# A robot of the Jackal's size has stalled if its displacement [m] in this time [s] is smaller.
+# Stall of a robot of the Jackal's size: it is less than 0.85 m from its position 8 s ago.
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
-# Distance and angle that TrajectoryPlannerROS backs out of a dead end in half of the decisions of a stall [m, rad].
+# Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of a stall's decisions.
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
 PLAIN = "format", "sha256"  # metadata entries that are plain text instead of JSON; older files have a checksum
 Weights = Mapping[str, Array32]
@@ -39,11 +39,11 @@ Layers = List[Tuple[Array32, Array32]]
 
 
 class _FromFile(Method):
-    """Method that is loaded from a file. The distance biases in its parameter sets count per cell.
+    """Method that is loaded from a file. Distance biases in the file are per costmap cell (Method.per_cell).
 
     Attributes:
         path: Path of the file; "" if there is none.
-        metadata: {str: JSON value} of the file.
+        metadata: Metadata of the file, {str: JSON value}.
     """
 
     per_cell = True
@@ -59,7 +59,7 @@ class _FromFile(Method):
 
 
 class Stall:
-    """Stall detector for a robot without progress, such as one whose planner turns and backs out in a pocket.
+    """Detector of a robot without progress, such as one whose planner keeps turning and backing in a dead end.
 
     In training a stall ends the episode as a failure if `end_on_stall` is set (training/env/episode.py).
 
@@ -67,8 +67,8 @@ class Stall:
         scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
 
     Attributes:
-        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at most 1. It is 1
-            during the first STALL_TIME_S.
+        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at most 1, and 1 during
+            the first STALL_TIME_S.
     """
 
     def __init__(self, scale: float):
@@ -94,13 +94,13 @@ class Stall:
 class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
-    When the robot has stalled, the network's decisions have failed. If the encoding has `redraws_stalled`, each
-    decision then draws random parameters from the course's seed, half of the time with BACKING_OUT.
+    Once the robot has stalled, the network's decisions have failed. With an encoding that has `redraws_stalled`, each
+    decision then draws random parameters, seeded by the course. Half of the decisions back out by BACKING_OUT.
 
     Args:
         encoding: Encoding of observations and actions.
         layers: Layers of the network (layers_of).
-        metadata: {str: JSON value} of its file.
+        metadata: Metadata of the policy's file, {str: JSON value}.
     """
 
     def __init__(self, encoding: Encoding, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
@@ -118,7 +118,7 @@ class Policy(_FromFile):
         Args:
             weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
             encoding: Encoding of observations and actions; None for the paper's encoding for the Jackal.
-            metadata: {str: JSON value} of its file.
+            metadata: Metadata of the policy's file, {str: JSON value}.
         """
         encoding, metadata = encoding or PaperEncoding(JACKAL), metadata or {}
         layers = _fitting(weights, encoding.size, encoding.actions)
@@ -165,7 +165,7 @@ class Policy(_FromFile):
     ) -> Tuple[Array32, Any]:
         """Return actions (m,) or (k, m) for observations (n,) or (k, n), with the interface of stable-baselines3.
 
-        The policy is deterministic and has no memory: `state` is returned unchanged, and the others have no effect.
+        The policy is deterministic and has no memory: `state` is returned unchanged, other arguments are ignored.
         """
         return self.action(observation), state
 
@@ -174,9 +174,9 @@ class ContextPolicy(_FromFile):
     """APPLD's policy: one parameter set per context, and a classifier that predicts the context from the scan.
 
     Args:
-        contexts: {name: theta (k,)} for the parameters chosen in the paper's encoding; clipped to their ranges.
-        weights: {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32, ReLU layers on the scan of the
-            paper's observation (capped at 2 m, scaled to [-1, 1]). The largest output is the context.
+        contexts: {name: theta (m,)}, values of space.chosen, the parameters that the paper's encoding sets; clipped.
+        weights: {"0.weight": (h, 720), "0.bias": (h,), ..., last (c, h)} float32 for c contexts. The ReLU layers take
+            the scan of the paper's observation. The index of the largest output is the context.
         space: Parameter space of the robot.
         layout: Layout of the scan, which determines the number of inputs.
     """

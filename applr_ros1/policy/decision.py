@@ -17,10 +17,10 @@ PERIOD = 2.0  # decision period of the paper, and default of policy files [s]
 
 
 class Seen(NamedTuple):
-    """Raw inputs of a decision, except the parameters, independent of any layout. msg/Decision.msg holds them.
+    """Raw inputs of a decision, except the parameters, independent of any layout; recorded in msg/Decision.msg.
 
-    scan is (ranges (n,) float32 [m] as measured, direction of the first beam, increment [rad]) in the robot's frame.
-    The other fields are as in a Context.
+    scan has the measured ranges (n,) float32 [m], the direction of the first beam in the robot's frame [rad], and the
+    angle between two beams [rad]. The other fields are as in a Context.
     """
 
     scan: Tuple[np.ndarray, float, float]
@@ -95,15 +95,16 @@ class Method:
     """Base class of methods that choose the planner's parameters at each decision.
 
     Attributes:
-        name: Specification from which it was made.
+        name: Specification from which the method was made (methods.make).
         static: Whether theta does not depend on the context. The node asks a static method once, with None, so that
             later changes by a user persist.
         period: Decision period [s].
-        space: Space of the parameters that it chooses. `make` sets the robot's space if the class has none.
+        space: Space of the chosen parameters. `make` sets the robot's space if the class has none.
         layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if the class has none.
-        per_cell: Whether its distance biases are for a planner that counts per cell, as in all parameter sets learned
-            here. The applr node then rescales them for a planner that counts per metre (nodes/applr/meter_scoring.py).
-        stalls: Number of decisions that it changed because the robot had stalled.
+        per_cell: Whether path and goal distance biases are per costmap cell instead of per metre, as in all parameter
+            sets learned here. The applr node rescales them for a planner that needs biases per metre
+            (nodes/applr/meter_scoring.py).
+        stalls: Number of decisions changed because the robot had stalled.
     """
 
     name = ""
@@ -115,10 +116,10 @@ class Method:
     stalls: int = 0
 
     def reset(self, seed: int) -> None:
-        """Prepare for a new course. All random numbers are drawn from this seed only."""
+        """Prepare for a new course, and seed all random draws."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the parameters (n,) until the next decision. Raises ApplrError if there are none."""
+        """Return the parameters (n,) to use until the next decision. Raise ApplrError if the method cannot decide."""
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:

@@ -1,11 +1,11 @@
 """Dimensionless encoding of observations and actions, whose numbers have the same meaning for every robot.
 
-Lengths are in padded widths of the robot, speeds in shares of the base's maximum speed, and the planner's distance
-biases in cost per padded width. One recipe therefore suits any robot, and training/tuning can transfer a parameter set
-from one robot to another. The paper's encoding is in encoding.py.
+Lengths are in padded widths (width of the padded footprint), speeds in shares of the base's maximum speed, and the
+planner's distance biases in cost per padded width. The same training options therefore suit any robot, and
+training/tuning can transfer a parameter set from one robot to another. The paper's encoding is in encoding.py.
 
 A policy chooses only the parameters of OUTPUTS that the robot's parameter space has, within their ranges. The other
-parameters keep the values with which the policy was trained, or their default values.
+parameters have the values stored with the policy (`base`), or their default values.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ DIMENSIONLESS = "dimensionless"
 VERSION = "dimensionless-2"  # version of this encoding in policy files
 JACKAL_SPEED = 2.0  # maximum speed of the Jackal's base [m/s]
 SECTORS = 240  # number of sectors in a full turn, 1.5 degrees each; sectors outside the field of view count as free
-# Range cap, distances of two points of the plan, distance caps of the goal and of moving obstacles [padded widths].
+# Range cap, lookahead distances on the plan, distance caps of the goal and of moving obstacles [padded widths].
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP, MOVER_CAP = 8.0, 2.0, 5.0, 30.0, 15.0
-MOVING, DESCRIBED = 13, 14  # number of entries that describe the motion and the route, and that describe the robot
-MOVERS = 3  # number of moving obstacles in an observation, the nearest ones, with four entries each
+MOVING, DESCRIBED = 13, 14  # numbers of entries for motion and route, and for the robot's description
+MOVERS = 3  # number of nearest moving obstacles in an observation, with four entries each
 NO_MOVER = (1.0, 0.0, 0.0, 0.0)  # placeholder for a missing moving obstacle: far ahead and static
 BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED  # index of the first entry of moving obstacles
 SIZE = BEFORE_MOVERS + 4 * MOVERS  # number of entries of an observation
@@ -121,10 +121,7 @@ class DimensionlessEncoding(Encoding):
         return np.clip(2.0 * np.where(self._logarithmic, by_log, linear) - 1.0, -1.0, 1.0)
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,) of the robot's space for an action (12,), within the robot's ranges.
-
-        Raises ApplrError for NaN, infinity and another length.
-        """
+        """Return the parameters (n,) of the robot's space for an action (12,), as Encoding.theta does."""
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (len(OUTPUTS),) or not np.isfinite(action).all():
             raise ApplrError(f"action {action!r:.80}: {len(OUTPUTS)} finite numbers are needed")
@@ -136,10 +133,7 @@ class DimensionlessEncoding(Encoding):
         return self.space.clip(theta)
 
     def observe(self, context: Context) -> np.ndarray:
-        """Return the observation (SIZE,) float32 of a decision, and keep the context for the changes in the next one.
-
-        Raises ObservationError as observation.observe does.
-        """
+        """Return the observation (SIZE,) float32 of a decision, and keep scan and context for the next one."""
         scan = self._scan(context.ranges)
         earlier, then = self._before or (scan, context)
         self._before = scan, context
@@ -204,7 +198,7 @@ def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
 
 
 def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float, resolution: float) -> np.ndarray:
-    """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1, with log2 for wide ranges."""
+    """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1; wide ranges as log2."""
     base, laser, values = robot.base, robot.laser, branch(tree, planner)
     sides = branch(tree, "local_costmap")
     acceleration = min(base.max_acceleration, values["acc_lim_x"])
@@ -230,4 +224,4 @@ def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float,
     )
 
 
-ENCODINGS: Dict[str, Type[Encoding]] = {PAPER: PaperEncoding, DIMENSIONLESS: DimensionlessEncoding}  # encodings by name
+ENCODINGS: Dict[str, Type[Encoding]] = {PAPER: PaperEncoding, DIMENSIONLESS: DimensionlessEncoding}

@@ -31,9 +31,13 @@ class Mirror(NamedTuple):
 
     @classmethod
     def of(cls, beams: int, rest: int, scans: int = 1, mirror_sign: Tuple[int, ...] = (0,)) -> Mirror:
-        """Make the reflection of an observation of `scans` scans with `beams` entries in all, and `rest` more entries.
+        """Make the reflection of an observation that consists of scans, followed by other entries.
 
-        mirror_sign: Indices, counted after the scans, of the entries that change sign.
+        Args:
+            beams: Number of entries of all scans together.
+            rest: Number of entries after the scans.
+            scans: Number of scans.
+            mirror_sign: Indices, counted after the scans, of the entries that change sign.
         """
         order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
@@ -46,7 +50,7 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
 
     Args:
         weights: One network, or an ensemble.
-        mirror: Reflection of their input.
+        mirror: Reflection of the networks' input.
     """
     several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
     images = dict(several, **{"0.weight": (several["0.weight"] * mirror.sign)[..., mirror.order]})
@@ -155,7 +159,7 @@ class PaperEncoding(Encoding):
 
     @classmethod
     def of(cls, metadata: Mapping[str, Any], robot: Robot) -> PaperEncoding:
-        """Make the encoding from a policy's metadata, for the same robot. Only its default parameters may differ."""
+        """Make the encoding from a policy's metadata, for the same robot. Only the default parameters may differ."""
         space = space_of(robot).chosen
         check_robot(metadata, robot)
         for key, value in space.to_dict().items():
@@ -169,7 +173,7 @@ class PaperEncoding(Encoding):
         return context.observation
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,): chosen ones scaled to their ranges, counts rounded; defaults for the others."""
+        """Return the parameters (n,): scaled chosen parameters, with counts rounded, and defaults for the others."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
     def action(self, theta: Any) -> np.ndarray:

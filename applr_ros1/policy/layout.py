@@ -18,7 +18,7 @@ from applr_ros1.common.arrays import Array32, Ints
 from applr_ros1.common.errors import ApplrError
 
 ANGLE_TOLERANCE_RAD = 0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
-COARSEST_RAD = math.radians(3.0)  # largest angle between two beams [rad]; posts of .15 m are 4 degrees wide at 2 m
+COARSEST_RAD = math.radians(3.0)  # largest angle between two beams [rad]; a post of 0.15 m spans 4 degrees at 2 m
 TURN_RAD = 2.0 * math.pi  # full turn [rad]
 IN_FILES = {  # names of a layout's fields in files
     **{"beams": "beams", "range_cap_m": "range_cap", "lookahead_m": "lookahead"},
@@ -107,7 +107,7 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[Int
     last, half = first + step * (count - 1), 0.5 * layout.step
     if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    # The ranges are repeated in five turns and sorted by direction, because the layout may extend past the scan's turn.
+    # The layout's angles may lie in another turn than the scan's: repeat the ranges over five turns, by direction.
     turns = TURN_RAD * np.arange(-2, 3)
     angles = (first + step * np.arange(count) + turns[:, None]).ravel()
     order = np.argsort(angles, kind="stable")

@@ -47,7 +47,7 @@ class FixedParameters(Method):
     Args:
         values: (n,) parameters within the ranges.
         space: Parameter space.
-        per_cell: Whether the distance biases count per cell (Method.per_cell).
+        per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
     """
 
     static = True
@@ -156,7 +156,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
 }
 FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}  # reader by ending
-SPECIFICATIONS = "%s, a policy (.safetensors), a set (.json), or module:Class or my_file.py:Class" % ", ".join(METHODS)
+SPECIFICATIONS = ", ".join(METHODS) + ", policy (.safetensors), parameter set (.json), module:Class or my_file.py:Class"
 
 
 def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
@@ -184,7 +184,7 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
 
 
 def for_robot(method: Method, robot: Robot) -> Method:
-    """Return the method after setting its space and layout to the robot's, unless it has its own."""
+    """Set the method's space and layout to the robot's unless the method defines its own, and return it."""
     for name, of in (("space", space_of), ("layout", layout_of)):
         if name not in vars(method) and getattr(type(method), name) is getattr(Method, name):
             setattr(method, name, of(robot))
@@ -244,7 +244,7 @@ def make_user_method(module: str, name: str) -> Method:
 
 
 def load_module(module: str) -> ModuleType:
-    """Import a module by its file, or by its name from the current folder or the path. It may import its neighbours."""
+    """Import a module by file, or by name from the current folder or sys.path. It may import modules beside it."""
     path = os.path.realpath(module) if module.endswith(".py") else ""
     folder = os.path.dirname(path) if path else os.getcwd()
     if folder not in sys.path:

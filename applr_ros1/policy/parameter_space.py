@@ -32,7 +32,7 @@ class Space:
         high: (n,) largest values.
         integer: (n,) bool, True for sample counts.
         theta0: (n,) default parameters of the robot, with which its move_base starts.
-        targets: Settings of the servers for each parameter; the value is read back from the first one.
+        targets: Server values that follow each parameter, by name; a parameter is read back from its first one.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """
@@ -67,7 +67,7 @@ class Space:
         return chosen
 
     def fill(self, values: Any) -> Array:
-        """Return parameters (n,) with the chosen ones (k,) from `values`, and the others from theta_0."""
+        """Return parameters (n,): the chosen ones from `values` (k,), the others from theta_0."""
         theta = self.theta0.copy()
         theta[self._chosen_at] = values
         return theta
@@ -140,8 +140,8 @@ class Space:
         """Read a JSON file with a parameter set: {name: value}, or {"parameters": {name: value}, ...}.
 
         Returns:
-            The parameters (n,), with theta_0 for missing names, and whether the distance biases count per cell. This is
-            the case if the file contains `"meter_scoring": false`, as the files of tune do.
+            The parameters (n,), with theta_0 for missing names; and whether the distance biases are per costmap cell,
+            which a file states by `"meter_scoring": false`.
         """
         content = files.read_json(path)
         values = content.get("parameters", content)
@@ -163,7 +163,7 @@ class Space:
         return cls(names, low, high, integer, theta0, robot=str(robot))
 
     def _checked(self, numbers: Any, kind: str) -> Array:
-        """Return n numbers (..., n) as float64. Raise ApplrError if their number is wrong or one is not finite."""
+        """Return numbers (..., n) as float64. Raise ApplrError if n is wrong or a number is not finite."""
         vector: Array = np.asarray(numbers, dtype=np.float64)
         if vector.shape[-1:] != (len(self.names),):
             raise ApplrError(f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed")

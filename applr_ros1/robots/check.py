@@ -26,9 +26,9 @@ from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import observation_sources, too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter
 
-WIDTH = 0.53  # width of the Jackal's padded footprint, for which the recipe of the worlds was made [m]
+WIDTH = 0.53  # width of the Jackal's padded footprint, for which the training worlds were made [m]
 EIGHT = np.arange(8) * pi / 4  # directions of sides and corners in which outlines are compared [rad]
-LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, and their limit in `base`
+LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, limit in `base`
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
 
@@ -172,7 +172,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
 
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
-    """Return why a source does not mark the points of the robot's laser; "" if it marks them."""
+    """Return why an observation source does not mark the points of the robot's laser; "" if it marks them."""
     lowest, highest, height = source["min_obstacle_height"], source["max_obstacle_height"], robot.laser.height
     if _differ(source["topic"], robot.topics.scan):
         scan = robot.topics.scan
@@ -184,7 +184,7 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
 
 
 def _space_limits(setup: _Setup) -> Iterator[str]:
-    """Yield errors in ranges of the parameter space that exceed the limits of the base's controller."""
+    """Yield an error for each range of the parameter space that exceeds a limit of the base's controller."""
     for parameter in setup.robot.space:
         for names, limit in LIMITED:
             if any(one.server == setup.planner and one.name in names for one in parameter.sets):

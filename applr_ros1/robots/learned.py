@@ -25,13 +25,13 @@ class Learned(NamedTuple):
     """A learnable parameter.
 
     Attributes:
-        place: Local planner, layers, costmaps or move_base that have the parameter.
+        place: Owner of the parameter: local planner, inflation layers, costmaps or move_base.
         low, high: Range in a robot's space, relative to the limit of the base for a speed or yaw rate, and to the width
             of the robot for a length.
         policy: Number of the policy output in the dimensionless encoding; 0 if only searches set the parameter.
-        log: Whether that output is logarithmic.
-        output: Range of the output in units of the encoding, if it differs from low and high.
-        also: Second parameter of the same place that gets the same value, or the opposite value after "-".
+        log: Whether the policy output is logarithmic.
+        output: Range of the policy output in units of the encoding, if it differs from low and high.
+        also: Second parameter of the same owner, which gets the same value; a leading "-" negates it.
         start: Initial value in move_base if the files omit the parameter. It may lie outside the range.
     """
 
@@ -79,8 +79,8 @@ LEARNED = (  # rows in the order of the parameters in a space
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )
 _rows = sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy)
-# Rows of the outputs of a policy in the dimensionless encoding, in order, by the name of the first parameter that an
-# output sets. NAMES gives that name for each name of the parameters that an output sets.
+# Rows of LEARNED for the policy outputs of the dimensionless encoding, in order. The key of an output is the name of
+# the first parameter that it sets. NAMES maps the name of each parameter that an output sets to the output's key.
 OUTPUTS = {row.name: row for row in _rows if row is next(first for first in _rows if first.policy == row.policy)}
 NAMES = {
     known: name
@@ -110,7 +110,7 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     places = {LAYERS: inflation, BOTH_COSTMAPS: list(COSTMAPS[::-1]), MOVE_BASE: [MOVE_BASE]}
     places[DWA if planner == DWA else TRAJECTORY] = [planner]
     left_out = {
-        # A policy must not reverse a robot whose own parameters never reverse it.
+        # A policy must not reverse a robot whose default parameters never reverse it.
         "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0) >= 0.0,
         "footprint_padding": len({number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}) > 1,
         "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),
@@ -131,7 +131,7 @@ def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], 
     start = number_at(tree, servers[0], settings[0].names)
     start = row.start if start is None else start
     if start is not None:
-        start = min(max(start, p.min), p.max)  # move_base clamps it, too.
+        start = min(max(start, p.min), p.max)  # move_base clamps its initial value, too.
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(
         name=row.name, range=(low, high), integer=p.kind == "count", sets=tuple(settings), paper=row.policy > 0

@@ -1,4 +1,4 @@
-"""Reader of the YAML files of a robot, with the parameters of move_base, as rosparam reads them.
+"""Reader of YAML files with parameters of move_base. It accepts the syntax of rosparam.
 
 folder.py reads the files of a robot's folder, and urdf_import/parameters.py those of a navigation package.
 """
@@ -33,7 +33,7 @@ def _saved(loader: Any, node: Any) -> Dict[str, Any]:
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
-    """Return a reader of angles in a unit [rad]."""
+    """Return a YAML constructor that converts angles in a unit (1.0: rad) to rad."""
 
     def read(loader: Any, node: Any) -> float:
         parts = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
@@ -61,7 +61,7 @@ def read_yaml(path: Any) -> Dict[str, Any]:
 
 
 def nested(path: str) -> Dict[str, Any]:
-    """Read the nested parameters in a YAML file, in which a/b: 1 means a: {b: 1} as for rosparam."""
+    """Read the nested parameters in a YAML file. As for rosparam, a/b: 1 means a: {b: 1}."""
     return _levels(read_yaml(path))
 
 

@@ -1,4 +1,4 @@
-"""Schema of robot.yaml, which gives type, limits, unit, default and meaning of each field, and the class Robot.
+"""Schema of robot.yaml (type, limits, unit, default and meaning of each field), and the class Robot.
 
 folder.py validates with the schema, new_robot.py asks for fields without a known value, and the reference page of the
 site lists all fields. Positions are in the robot's base frame, x ahead. Fields without a default are required.
@@ -192,8 +192,8 @@ class Monitoring(Section):
 class Simulation(Section):
     """Parameters of both simulators that are chosen or fitted, not measured on the robot.
 
-    On plain ground, tyres apply friction against their slip. Ground gazebo has the friction of Gazebo's Jackal: in a
-    turn, a wheel runs track_multiplier times as fast as without slip, and it stands on both edges of its rim.
+    With ground `plain`, friction opposes the slip of a tyre. Ground `gazebo` reproduces the friction of the Jackal in
+    Gazebo: in a turn, a wheel runs track_multiplier times as fast as without slip, and stands on both edges of its rim.
     """
 
     grip_limit: float = real(
@@ -201,7 +201,7 @@ class Simulation(Section):
     )
     ground: Ground = value("", "friction model of the ground", "plain")
     track_multiplier: Optional[float] = real(
-        "", 0.5, 5.0, "track multiplier of the wheels' controller, on ground gazebo", None
+        "", 0.5, 5.0, "track multiplier of the wheels' controller, for ground gazebo", None
     )
     edge_shift: float = real(
         "s^2/m", 0.0, 2.0, "share of a wheel's load that moves to the outer edge per lateral acceleration", 0.0
@@ -258,7 +258,7 @@ class SpaceParameter(Section):
 
     Attributes:
         name: Key of the parameter in the file.
-        sets: Values that follow the parameter. The first is read back.
+        sets: Server values that follow the parameter. The parameter is read back from the first one.
         paper: Whether policies in the paper's encoding observe and set the parameter.
     """
 
@@ -291,7 +291,7 @@ class SpaceParameter(Section):
 
 
 class ParameterFile(Section):
-    """A parameter file by its path in the robot's folder, and the namespace of its parameters."""
+    """Path of a parameter file in the robot's folder, and namespace of its parameters."""
 
     file: str
     namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
@@ -310,7 +310,7 @@ class FileGroup(Section):
     parameters: Dict[str, Any] = {}
 
     def loaded_over(self, tree: Dict[str, Any], folder: str) -> Dict[str, Any]:
-        """Return a tree with the parameters of the files in a folder on top."""
+        """Return `tree` with the parameters of this group, read from `folder`, on top."""
         for file in self.files:
             tree = merged(tree, file.loaded(folder))
         return merged(tree, self.parameters)

@@ -1,7 +1,7 @@
 """Content of a ROS 1 or ROS 2 bag as arrays: drives recorded by a robot with move_base.
 
 rosbags reads the messages. Nothing in a bag is executed: rosbags takes only names, types and numbers from message
-definitions. episodes.py converts the content to transitions, APPLD to demonstrations.
+definitions. episodes.py converts a Bag to transitions, and demonstration.py to a demonstration for APPLD.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ RUNNING = 1, 6  # status codes of a running goal in actionlib: active, preemptin
 
 
 class BagError(ApplrError):
-    """Error of a bag that cannot be used at all; one line with the bag and the reason."""
+    """Error of a bag that cannot be used at all. The message has the bag and the reason, in one line."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class TopicNames:
 
     @classmethod
     def of(cls, robot: Any) -> TopicNames:
-        """Return the topics of a robots.Robot without a namespace."""
+        """Return the topics of a robot (robots.Robot) that has no namespace."""
         given = robot.topics
         scan, odometry, command = ("/" + name.lstrip("/") for name in (given.scan, given.odometry, given.cmd_vel))
         return cls(scan=scan, odometry=odometry, command=command)
@@ -92,7 +92,7 @@ class Scans(NamedTuple):
     Attributes:
         at: (n,) times of recording [ns].
         stamp: (n,) times in the headers [ns].
-        nearest: (n,) smallest range [m], NaN without a return.
+        nearest: (n,) smallest range of each scan [m]; NaN if a scan has no return.
         geometry: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum range [m].
         ranges: Unprocessed ranges (m,) float32 [m] of each scan; empty arrays if not requested.
     """
@@ -124,9 +124,9 @@ class Bag:
     Attributes:
         commands: (n,) times and (n, 2) v [m/s], w [rad/s].
         goals: (frame, x, y, yaw) of each goal that move_base accepted.
-        status: (at, id of the running goal or "").
+        status: (at, id of the running goal, or "" if no goal is running).
         results: {id of a goal: (time of its end, its actionlib status)}.
-        ends: Observations of the applr node at the ends of courses, with the parameters then in force.
+        ends: Observations of the applr node at the ends of courses, with the parameters in force there.
         collisions: Times of reported contacts.
         source: Demonstrator and place of a demonstration.
     """

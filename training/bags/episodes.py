@@ -1,8 +1,8 @@
 """Conversion of the decisions in a Bag to transitions (s, theta, r, s', terminated, truncated), goal by goal.
 
-bags_to_dataset.py calls transitions(). A recorded decision contains the chosen parameters and the inputs, from which
-any encoding makes the same observation as in the node and in the learning environment. The outcome follows from the
-action's status, the odometry and the scans.
+bags_to_dataset.py calls transitions(). A recorded decision contains the chosen parameters and the raw inputs. Any
+encoding makes the same observation from these inputs as in the node and in the learning environment. The outcome
+follows from the action's status, the odometry and the scans.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 SUCCEEDED, ABORTED = 3, (4, 5)  # status codes of actionlib
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
-JUMP_M = 0.3  # movement between two poses, beyond 5 m/s times their interval, that counts as a jump [m]
+JUMP_M = 0.3  # movement between two poses that counts as a jump, in addition to 5 m/s times the interval [m]
 
 
 class Skipped(ApplrError):
@@ -36,7 +36,7 @@ class Skipped(ApplrError):
 
 
 class Goal(NamedTuple):
-    """Course as driven: id, times of start and end [ns], actionlib status (None if the bag ended first)."""
+    """Goal pursued by move_base: id, times of start and end [ns], actionlib status (None if the bag ended first)."""
 
     id: str
     start: int
@@ -45,7 +45,7 @@ class Goal(NamedTuple):
 
     @property
     def ended(self) -> bool:
-        """Return whether the goal was reached or aborted, a terminal state, rather than cancelled or replaced."""
+        """Return whether the goal ended in a terminal state: reached or aborted, but not cancelled or replaced."""
         return self.status == SUCCEEDED or self.status in ABORTED
 
 
@@ -54,11 +54,11 @@ class Sample:
     """Decision, or end of a course.
 
     Attributes:
-        decision: The decision; at an end, the observation there.
+        decision: The decision; at the end of a course, the observation there instead.
         place: (x, y) [m] of the robot in the decision's frame.
         is_end: Whether the course ended or was interrupted here.
         theta: (k,) parameters in force after the decision.
-        observation: Observation for the decision.
+        observation: Observation on which the decision is based.
         outcome: Outcome of the previous decision.
     """
 
@@ -78,7 +78,7 @@ class Sample:
 def transitions(
     bag: Bag, robot: Robot = JACKAL, observation: str = PAPER, reward: Reward = Reward(), finish: Optional[float] = None
 ) -> Tuple[List[Trajectory], Counter[str]]:
-    """Return a Trajectory per usable part of each goal's course, and the number of unusable parts by reason.
+    """Return a Trajectory for each usable part of the drive to each goal, and the numbers of unusable parts by reason.
 
     Args:
         bag: Content of the bag.
@@ -143,7 +143,7 @@ def goals(bag: Bag) -> List[Goal]:
 def decision_period(bag: Bag) -> float:
     """Return the decision period [s]: the median interval between a goal's decisions, in whole control cycles.
 
-    If no goal has two decisions, it is the period of the paper.
+    Return the paper's period if no goal has two decisions.
     """
     stamps: Dict[str, List[int]] = {}
     for decision in bag.decisions:
@@ -169,8 +169,8 @@ def _check_motion(bag: Bag, goal: Goal) -> None:
 def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[Sample]:
     """Return samples of a goal's decisions, and of the points at which its course ended or was interrupted.
 
-    The node publishes its observation at an end a moment later. Without this message, a goal that was reached or
-    aborted ends with the observation of the last decision, because the value after a terminal state is not used.
+    The node publishes its observation a moment after an end. If this message is missing, a goal that was reached or
+    aborted ends with the observation of the last decision, because the value of a terminal state is not used.
     """
     made = [d for d in bag.decisions if d.goal == goal.id and d.stamp <= goal.end]
     if not made:
@@ -205,7 +205,7 @@ def _samples(bag: Bag, encoding: Encoding, goal: Goal, finish: Optional[float]) 
 
 
 def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal:
-    """Return the goal, which counts as reached once the robot has driven `finish` [m] towards it."""
+    """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
     begin = np.array(made[0].seen.pose[:2])
     for decision, until in zip(made, [*(d.stamp for d in made[1:]), goal.end]):
         stamps, places = _driven(bag, decision, until)
@@ -217,9 +217,9 @@ def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal
 
 
 def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) [ns] and places (n, 2) [m] of the robot from a decision on, in the decision's frame.
+    """Return times (n,) [ns] and positions (n, 2) [m] of the robot after a decision, in the decision's frame.
 
-    The decision contains the robot's pose at the time of its scan, from which the odometry continues.
+    The positions begin at the pose in the decision, which is that at its scan, and continue by odometry.
     """
     stamps = bag.odometry.stamp
     first = int(np.argmin(np.abs(stamps - decision.scan)))

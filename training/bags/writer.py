@@ -21,12 +21,12 @@ from training.bags.bag import TopicNames
 class BagWriter:
     """Context manager that writes a ROS 1 bag with the topics of a robot's stack.
 
-    Times are in seconds from 0. The bag has a temporary name until it is complete.
+    Times are in seconds from 0. Until the bag is complete, it has a temporary name.
 
     Args:
         path: Path of the bag, which must not exist.
         topics: Names of the topics.
-        robot: Robot with the laser and the frames.
+        robot: Robot whose laser and frames are used.
 
     Raises:
         ApplrError: The bag already exists.

@@ -1,2 +1,2 @@
-"""Shared parts of the training commands: options, run folders, provenance of results."""
+"""Modules shared by the training commands: options, run folders, provenance of results."""
 # Imports no other subpackage of training.

@@ -21,7 +21,7 @@ def robot_name(robot: Robot) -> str:
     return robot.name if included else robot.folder
 
 
-# A command adds a default if an option has none here, and a help text of its own if the option means more there.
+# A command may add a default, and its own help text if the option has a special meaning there.
 # fmt: off
 Loaded = BeforeValidator(lambda given: given if isinstance(given, Robot) else load(given))
 AnyRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), Loaded, Field("jackal", description=
@@ -55,7 +55,7 @@ def given(
         model: Class of the options.
         program: Name of the command.
         about: Help text before the options.
-        arguments: Arguments without the program's name; None means those of this process.
+        arguments: Arguments without the program's name; None for sys.argv.
 
     Raises:
         ApplrError: An option is unknown or lacks its value.
@@ -73,7 +73,7 @@ def parsed(model: Type[O], *command_line: Any) -> O:
 
 @contextmanager
 def continuable() -> Iterator[None]:
-    """Let SIGTERM stop the work in this context as Ctrl-C does, and report that the same command continues it."""
+    """Let SIGTERM stop the block as Ctrl-C does, and report that the same command continues the work."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Options of the training commands: each is declared once, as a field of a pydantic model, and checked by it.
+"""Options of the training commands. Each is declared once, as a field of a pydantic model, which checks its value.
 
 A field's name, type, bounds, default and help text give the command line, the keys of a YAML or JSON file of options,
 and the one-line error about an invalid value.
@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from applr_ros1.common.errors import ApplrError
 
-PLACE: Dict[str, Any] = {"place": True}  # mark of a positional argument in a field's JSON schema
+PLACE: Dict[str, Any] = {"place": True}  # marks a positional argument in a field's JSON schema
 
 
 def option(default: Any, help: str, **bounds: Any) -> Any:
@@ -34,9 +34,9 @@ def argument(help: str) -> Any:
 
 
 class Options(BaseModel):
-    """Base of the classes that declare options; model_config["title"] is the group's heading in the help text.
+    """Base class of a group of options; model_config["title"] is the group's heading in the help text.
 
-    A command's options are one class that derives from all of its groups.
+    The options of a command are a class that derives from all of its groups.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)

@@ -1,8 +1,8 @@
 """Gymnasium environment "applr_ros1/Navigation-v0": the paper's meta-environment, for actors and any RL library.
 
 State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's parameters, (8,) for the
-Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 cycles of the MoveBase that the ROS
-node runs. episode.py defines courses, time limits and ends of episodes.
+Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class
+that the ROS node runs as well. episode.py defines courses, time limits and ends of episodes.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), self._info(outcome)
 
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
-        """Drive one decision period. Goal and final failure terminate the episode, the time limit truncates it."""
+        """Drive one decision period. Arrival or failure terminates the episode, the time limit truncates it."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))

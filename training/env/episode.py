@@ -36,14 +36,14 @@ from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import CLEAR, Outcome, Trace
 from worlds import World
 
-CONTROL_PERIOD = 0.05  # duration of a control cycle [s]: the Jackal's 20 Hz. Slower parts of MoveBase skip cycles.
+CONTROL_PERIOD = 0.05  # duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
 
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """Return move_base's parameter tree with `meter_scoring` false, because everything learned here counts per cell.
+    """Return move_base's parameter tree with `meter_scoring` false: distance biases learned here are per costmap cell.
 
-    The applr node rescales parameters for a planner that counts per metre (applr_ros1/nodes/applr/meter_scoring.py).
+    The applr node rescales them for a planner that needs biases per metre (applr_ros1/nodes/applr/meter_scoring.py).
     """
     planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
     return dict(parameters, TrajectoryPlannerROS=planner)
@@ -52,20 +52,20 @@ def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
 class Episode:
     """Drives courses, one after the other, with one planner in one simulator.
 
-    The goal is sent once, as by the authors' and the BARN runner. If the planner aborts the goal, the robot would stand
-    until the limit. The trial therefore ends at once, as a failure that took the whole limit.
+    The goal is sent once, as in the runners of the authors and of BARN. If the planner aborts the goal, the robot would
+    stand until the time limit. The trial therefore ends at once, as a failure that took the whole time limit.
 
     Args:
         simulator: Simulator of the robot.
-        move_base: Planner. A random planner fidelity is drawn at each reset. With its parameter applr/movers, the
-            costmaps receive predicted obstacle points.
+        move_base: Planner. If its fidelity is random, each reset draws the fidelity. With its parameter applr/movers,
+            the costmaps receive predicted obstacle points.
         robot: Description of the robot. Its laser scans at its own rate, at most once per control cycle.
         period: Decision period [s]; 2 in the paper.
         time_limit: Time after which a trial counts as failed [s].
         end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's protocol.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
-        end_on_stall: Whether a robot that has hardly moved for a while has failed (policy/actor.py).
-        escapes: Whether the monitor makes the escape motions that a C++-like planner lacks.
+        end_on_stall: Whether a stall (policy/actor.py) ends the trial as a failure.
+        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
     """
 
     def __init__(
@@ -115,12 +115,12 @@ class Episode:
     def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
         """Reset robot, maps and planner, set theta_0 (or `theta`), observe once and send the goal.
 
-        The order is that of the authors' reset: model and odometry at the start, costmaps cleared, theta_0, goal. One
-        idle cycle gives the first observation a map and a plan. The clock starts when the goal is sent.
+        The order is that of the authors' reset: robot and odometry to the start, costmaps cleared, theta_0, goal. A
+        cycle without a goal fills the map for the first observation and plan. Time counts from the sending of the goal.
         """
         self.world = world
         state = self.simulator.reset(world, seed)
-        # The name in the seed makes a random planner fidelity differ from world to world.
+        # Because the seed includes the name, a random planner fidelity differs from world to world.
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         if self.monitor is not None:
             self.monitor.reset()
@@ -234,7 +234,7 @@ class Episode:
         return cycle, simulator.advance(CONTROL_PERIOD)
 
     def _escape(self, state: RobotState, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
-        """Return the escape motion that replaces a C++-like planner's command, or None to keep the command."""
+        """Return the escape motion that replaces the command of a cpp-like planner, or None to keep the command."""
         if self._stalled is None:
             return None
         (x, y, _), (end_x, end_y, _) = self.move_base.global_plan[[0, -1]]
@@ -274,8 +274,8 @@ class Episode:
     def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
         """Set success, failure and reason in the outcome if the course has ended (Course.arrived).
 
-        The planner has reached the goal if it reports success, or if the odometry is within the tolerance, although the
-        robot has still to stop and turn. Beside an occupied goal (default_tolerance), only the report counts.
+        The planner has reached the goal if it reports success, or if the odometry is within the tolerance although the
+        robot has still to stop and turn. If the goal is occupied (default_tolerance), only the report counts.
         """
         left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
         reached = left <= self._tolerance or (cycle.result is not None and cycle.result[0] == "succeeded")
@@ -304,6 +304,6 @@ def laser_pose(pose: Pose, laser: Laser) -> Pose:
 
 
 def nearest(ranges: np.ndarray, lowest: float) -> float:
-    """Return d(o), the smallest range [m]: at least `lowest` (-inf means too near to measure), inf without a return."""
+    """Return d(o), the smallest range [m]: at least `lowest` (-inf is too near to measure), or inf without a return."""
     low = float(np.fmin.reduce(ranges))
     return math.inf if math.isnan(low) else max(lowest, low)

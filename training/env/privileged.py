@@ -1,7 +1,7 @@
-"""Inputs of the critics that the policy cannot know: the course behind obstacles, and what was drawn for the robot.
+"""Inputs of the critics that the policy cannot know: the course behind obstacles, and randomised physics.
 
-Critics serve only in training, where the simulator knows these values (asymmetric actor-critic, Pinto et al. 2018). The
-environment appends the values to its observation; the policy receives only the entries before them.
+Critics are used only in training, where the simulator knows these values (asymmetric actor-critic, Pinto et al. 2018).
+The environment appends the values to the observation; the policy receives only the entries before them.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from applr_ros1.robots.check import WIDTH
 from training.env.episode import Episode
 from worlds.world import clearance
 
-STATIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)  # ends of a path's sections, each with its clearance [widths]
+STATIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)  # ends of the path sections whose clearance is an input [widths]
 STEP = 0.2  # distance between the points of a path at which clearance is measured [widths]
 AHEAD = (2.0, 5.0)  # distances of two points ahead on the true course, whose directions are inputs [widths]
-CAP, FAR, LONG, FAST = 2.0, 8.0, 30.0, 2.0  # units of clearance, distance and length [widths], and of speed [m/s]
-MOVERS = 2  # number of moving obstacles, the nearest ones
-ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the entries that change sign in a mirrored scene
+CAP, FAR, LONG, FAST = 2.0, 8.0, 30.0, 2.0  # scales of clearance, distance, length [widths] and speed [m/s]
+MOVERS = 2  # number of nearest moving obstacles in the inputs
+ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the entries that change sign when mirrored
 SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
 
 
 def privileged(episode: Episode, scale: float) -> np.ndarray:
     """Return the inputs (SIZE,) float32 in [-1, 1] for the current state of an episode.
 
-    The first entries change sign if left and right are exchanged: sines of the directions of the true course ahead, and
-    y and lateral velocity of the nearest moving obstacles. The others are the clearance along the global plan and along
-    the true course (the world's reference path), the free length of the plan, the length of the true course ahead, the
-    distance from it, the cosines, x and forward velocity of the moving obstacles, the planner fidelity, ground,
-    friction, slip, odometry, delay and laser noise of the simulator, and the progress of a stall.
+    The true course is the world's reference path. The first entries change sign if left and right are exchanged: sines
+    of the directions of the true course ahead, y and lateral velocity of the nearest moving obstacles. The others are
+    the clearance along the global plan and along the true course, the free length of the plan, the length of the true
+    course ahead, the robot's distance from it, the cosines of the directions, x and forward velocity of the moving
+    obstacles, the planner fidelity, the drawn ground, friction, slip, odometry, delay and laser noise, and Stall.share.
 
     Args:
         episode: Episode after its reset() or decide().
@@ -80,14 +80,14 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
 
 
 def _along(points: np.ndarray, width: float) -> np.ndarray:
-    """Return points (k, 2) every STEP widths along a path, up to the last of STATIONS. The path's end is repeated."""
+    """Return points (k, 2) every STEP widths along a path, up to the last of STATIONS. A short path repeats its end."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = width * np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)
     return np.column_stack([np.interp(at, length, points[:, axis]) for axis in (0, 1)])
 
 
 def _clearances(clear: np.ndarray, width: float) -> List[float]:
-    """Return the smallest clearance in each section of a path, in [-1, 1], with a finer scale for small values."""
+    """Return the smallest clearance in each section of a path, on a square-root scale in [-1, 1]."""
     ends = [round(station / STEP) for station in STATIONS]
     least = [clear[first : last + 1].min() for first, last in zip([0, *ends], ends)]
     return [2.0 * math.sqrt(min(1.0, max(0.0, value) / (CAP * width))) - 1.0 for value in least]

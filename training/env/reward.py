@@ -13,7 +13,7 @@ from training.env.outcome import Outcome
 
 
 class RewardOptions(Options):
-    """Units of the paper's terms, and coefficients of further terms, which are off by default."""
+    """Units of the terms of the paper, and coefficients of further terms, which are 0 by default."""
 
     model_config = ConfigDict(title="Reward")
 
@@ -30,7 +30,7 @@ class RewardOptions(Options):
         "Time penalty [s] of a final failure, at most the time left until the limit. A failure is final if the planner "
         "gave up, the robot lies on its side, or a stall or contact ended the episode. The default is the cost of "
         "standing still forever, discounted by .95 per 2 s. With the dimensionless observation, the penalty is scaled "
-        "by the time that the robot's courses take at its top speed, relative to the Jackal's.", ge=0)
+        "by the robot's time for its courses at top speed, relative to the Jackal's.", ge=0)
     c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
     # fmt: on
 
@@ -40,18 +40,18 @@ class Reward(RewardOptions):
 
     - R_f = 1(at the goal) - 1: each 2 s before the goal cost 1. With exact_time, R_f = -seconds / 2 s and includes the
       last decision, so that a course finished a second earlier is worth more. After a final failure (the planner gave
-      up, the robot lies on its side) the robot would stand still until the limit. The trial pays for this time at its
-      end, for at most failure_seconds.
+      up, the robot lies on its side), the robot would stand still until the time limit. The cost of this time, at most
+      failure_seconds, is charged at once.
     - R_p = distance driven towards the goal [m], `(p' - p) . (goal - p) / |goal - p|`, or along the world's y.
     - R_c = -1 / d with the smallest range d. d is at least .1 m (the minimum range of the Jackal's laser), so
       R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
     - c_collision is charged for a decision in which the robot touched something.
 
-    All times are those of the Jackal. They are scaled by the robot's pace (Encoding.pace), because for a slow robot a
-    failure would otherwise cost less than the way to the goal.
+    All times are for the Jackal, and are scaled by the robot's pace (Encoding.pace). Otherwise a failure would cost a
+    slow robot less than the way to the goal.
     """
 
-    c_f: float = 1.0  # coefficients of our own, because the paper publishes none
+    c_f: float = 1.0  # our own coefficients, because the paper publishes none
     c_p: float = 1.0
     c_c: float = 0.05
 
@@ -70,8 +70,8 @@ class Reward(RewardOptions):
 
         Args:
             outcome: Trial after the decision.
-            limit: Number of decisions until the trial is truncated.
-            period: Decision period [s]. Time terms are scaled with the period, so that a course costs the same.
+            limit: Number of decisions after which a trial is truncated.
+            period: Decision period [s], by which the time terms are scaled.
             encoding: Encoding, whose scale and pace are the units of lengths and times. A wider robot has longer
                 courses and wider gaps.
         """

@@ -1,4 +1,4 @@
-"""Settings of drives, shared by evaluations and trainings, and protocols (the rules of drives)."""
+"""Settings of drives for evaluations and trainings, including the protocol (course and rules of a drive)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"  # names of the pro
 def under(protocol: str, world: World) -> World:
     """Return the world with the protocol's course.
 
-    A dynamic world keeps the BARN Challenge's course under both protocols; a world that is not BARN's keeps its own.
+    Dynamic worlds keep the BARN Challenge's course under both protocols; worlds outside BARN keep their own course.
     """
     if protocol == PAPER or not barn.fill_of(world.cylinders)[[0, -1]].all():
         return world
@@ -38,12 +38,12 @@ class DriveSettings(Options):
     robot: AnyRobot
     simulator: SimulatorName = "kinematic"
     protocol: Literal["paper", "barn-challenge", "drawn"] = option(PAPER,
-        "Rules of a drive: paper, the paper's course, on which a contact does not end the drive; barn-challenge, the "
-        "BARN Challenge's course of 10 m, on which a contact ends the drive; or, only in training, drawn, which draws "
-        "one of the two courses in each episode and evaluates with barn-challenge.")
+        "Course and rules of a drive. paper: the paper's course; a contact does not end the drive. barn-challenge: the "
+        "BARN Challenge's course of 10 m; a contact ends the drive. drawn (only in training): each episode draws one "
+        "of the two; evaluations use barn-challenge.")
     planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
-        "Planner fidelity: ours; cpp-like, which reproduces the defects of the C++ move_base that affect success; or "
-        "drawn, which draws one of the two in each drive. Evaluations of a training with drawn use ours.")
+        "Planner fidelity. ours: this package's planner. cpp-like: with the defects of the C++ move_base that affect "
+        "success. drawn: each drive draws one of the two; evaluations of a training use ours.")
     monitor: bool = option(False,
         "Put the collision monitor between the planner and the base, as the launch file does. Without the monitor, the "
         "base receives every command of the planner unchanged.")
@@ -64,7 +64,7 @@ class TrialSettings(DriveSettings):
         reward: Coefficients of the reward.
         randomisation: Fields of sim_bridge.Randomisation, drawn at each reset.
         loaded: Whether move_base starts with the parameter set of a static method, as from a parameter file, instead of
-            getting the set by reconfigure. The monitor then makes no escape motions, which a C++ move_base lacks.
+            getting the set by reconfigure. Escape motions are then off, as a C++ move_base makes none.
         time_limit: Time after which a trial ends and counts as failed [s].
     """
 
@@ -81,7 +81,7 @@ class TrialSettings(DriveSettings):
         return ENCODINGS[self.observation](self.robot, self.period, self.base)
 
     def planner_parameters(self, robot: Robot) -> Dict[str, Any]:
-        """Return the planner's parameter tree from a robot's files, with distance biases that count per cell."""
+        """Return the planner's parameter tree from a robot's files, with distance biases per costmap cell."""
         parameters = counting_cells(robot.parameters())
         parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
         return parameters

@@ -1,7 +1,7 @@
-"""Comparison of two methods over worlds: which costs less, how much less, and with which significance.
+"""Comparison of two methods over worlds: which one costs less, by how much, and how significantly.
 
 The world is the statistical unit, because trials in one world resemble each other. A method is represented by its mean
-cost in each world, such as the time of a trial, with a fixed time for failed trials [s].
+cost in each world. The cost of a trial is, for example, its time, or a fixed time if it failed [s].
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 LEVEL = 0.05  # significance level of the tests
 RESAMPLES = 2000  # number of bootstrap resamples
-EXCHANGES = 19999  # largest number of permutations of the test: all if there are fewer, else random ones
+EXCHANGES = 19999  # largest number of sign flips in a test: all of them if there are fewer, otherwise random ones
 
 
 class Estimate(NamedTuple):
-    """A value with the ends of its 95 % confidence interval, NaN if the sample is too small for one."""
+    """A value, and the ends of its 95 % confidence interval; they are NaN if the sample is too small."""
 
     value: float
     low: float
@@ -37,7 +37,7 @@ class Comparison(NamedTuple):
     Attributes:
         worlds: Number of worlds.
         difference: Mean over worlds of the method's score minus the other's [s]; negative if the method is faster.
-        gain: Saving of the method as a share of the other's mean score.
+        gain: Time saved by the method, as a share of the other method's mean score.
         p: p-value of the two-sided paired sign-flip permutation test over worlds; NaN for fewer than two worlds.
     """
 
@@ -51,7 +51,7 @@ class Comparison(NamedTuple):
         return self.difference.value < 0.0 and self.p < level
 
     def line(self, level: float) -> str:
-        """Return a line for people: whether the method is better, by how much, and whether the test can decide."""
+        """Return a message: whether the method is better, by how much, and whether the test can decide."""
         value, low, high = self.difference
         if value <= 0.0:
             value, low, high = -value, -high, -low
@@ -73,7 +73,7 @@ def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
 
     Args:
         difference: Differences (n,) of the two methods, one per world or trial.
-        alternative: Alternative hypothesis in scipy's words, such as "greater": the first method's values are larger.
+        alternative: Alternative hypothesis in scipy's terms; with "greater", the first method's values are larger.
     """
     if len(difference) < 2:
         return math.nan
@@ -110,8 +110,8 @@ def _ratio(totals: Array, counts: Array, axis: int = -1) -> Array:
 def rate(flags: pd.Series, world: pd.Series) -> Estimate:
     """Return the share of True among trials (n,) in the given worlds (n,), with its 95 % interval.
 
-    Trials in one world resemble each other. Wilson's interval is therefore taken for an effective number of independent
-    trials, at most n, at which the share would have the variance that is observed over the worlds.
+    Trials in one world resemble each other. Wilson's interval is therefore computed for an effective number of
+    independent trials, at most n, for which the share would have the variance observed between the worlds.
     """
     by_world = flags.astype(float).groupby(world.to_numpy(), sort=False)
     sums, counts = by_world.sum().to_numpy(), by_world.count().to_numpy()

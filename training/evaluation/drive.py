@@ -9,7 +9,7 @@ from training.evaluation.table import Trials
 from training.evaluation.trial import Result, Trial
 from training.workers.pool import CallFailed, Pool
 
-# Returns the result, and the packed trace if the trial asks for it, else b"".
+# Function that returns the result, and the packed trace if the trial asks for one, else b"".
 Run = Callable[[Trial], Tuple[Result, bytes]]
 
 
@@ -20,7 +20,7 @@ def drive(
     trials: Sequence[Trial],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
 ) -> Dict[Trial, Result]:
-    """Drive the trials that the table does not hold, equal trials once, and return the results of all.
+    """Drive the trials that the table does not hold, each once, and return the results of all trials.
 
     Args:
         pool: Pool of workers.

@@ -19,8 +19,8 @@ from training.evaluation.table import read_trace
 
 FILE = "drives.html"
 BACK = '<a href="index.html">report</a>'
-EVERY = 4  # number of control cycles of a trace between two poses of the page
-MOST_TRIALS = 10  # largest number of drives that the page shows of a method in a world
+EVERY = 4  # number of control cycles between two poses on the page
+MOST_TRIALS = 10  # largest number of drives per method and world on the page
 
 
 def write(results: Results, out: Path, title: str) -> bool:
@@ -39,7 +39,7 @@ def write(results: Results, out: Path, title: str) -> bool:
 
 
 def _drives(results: Results, world: str, method: str, place: int) -> List[Drive]:
-    """Return the drives of one method in a world, as far as their traces were kept."""
+    """Return the drives of one method in a world whose traces were kept."""
     drives = []
     for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
         trace = read_trace(results.folder, world, method, row.trial)

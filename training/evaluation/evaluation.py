@@ -35,8 +35,8 @@ class EvaluationOptions(DriveSettings):
     trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
     simulator: SimulatorName = "pybullet"
     protocol: Literal["paper", "barn-challenge"] = option(PAPER,
-        "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, "
-        "the BARN Challenge's course of 10 m, on which it does.")
+        "Course and rules of a trial. paper: the paper's course; a contact does not end the trial. barn-challenge: "
+        "the BARN Challenge's course of 10 m; a contact ends the trial.")
     loaded: bool = option(False,
         "Start move_base with the parameter set of a static method, as with a parameter file on a robot, instead of "
         "setting it by reconfigure.")
@@ -46,13 +46,13 @@ class EvaluationOptions(DriveSettings):
         "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
     seed: Seed
     traces: int = option(1,
-        "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
+        "Number of trials per method and world whose driven path is stored.", ge=0, le=1000)
     report: bool = option(True, "Write tables and figures of the trials.")
     # fmt: on
 
 
 def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
-    """Drive the planned trials that the folder options.out does not hold, and return the results of all.
+    """Drive the planned trials that the folder options.out does not hold, and return all planned results.
 
     Raises:
         ApplrError: A trial raised an error, or the folder cannot be used. Trials driven so far are kept.
@@ -91,7 +91,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
 def settings(
     options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
 ) -> Dict[str, Any]:
-    """Return the settings for evaluation.json, which must not change when an evaluation is continued."""
+    """Return the settings in evaluation.json. They must not change when an evaluation is continued."""
     robot = options.robot
     made = {name: methods.make(spec, robot) for name, spec in chosen}
     return {

@@ -14,7 +14,7 @@ from worlds import World
 from worlds.draw import draw
 from worlds.world import clearance
 
-# label and colour of each region, tightest first; LIMITS: distances from the robot's centre to the nearest obstacle [m]
+# label and colour of each region, tightest first; LIMITS: bounds on the distance from robot centre to obstacles [m]
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
 LIMITS = (0.5, 0.9)
 AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]
@@ -32,7 +32,7 @@ def colors(results: Results) -> Dict[str, str]:
 def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
     """Write the figures for which there are trials, and yield the file name and the caption of each.
 
-    Profiles are drawn for the world of median difficulty among those with all traces, and for the physical course.
+    Parameter profiles are drawn for the world of median difficulty (of those with all traces) and the physical course.
     """
     sets = [s for s in ("Training", "Test", "Other") if len(results.of_set(s)) >= 2]
     if sets:
@@ -114,7 +114,7 @@ def profile(results: Results, world: World, method: str, trace: Dict[str, np.nda
 
 
 def _figure(width: float, height: float) -> Any:
-    """Return a figure made without pyplot, so that there is no window and no global state."""
+    """Return a figure made without pyplot, which would open a window and keep global state."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")

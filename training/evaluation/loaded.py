@@ -1,8 +1,8 @@
 """Start-up parameters of move_base from a parameter set, as in a YAML file loaded after the robot's own files.
 
-A set that is loaded may act differently from the same set applied by reconfigure (shapes_at_start in
-planner/parameters/declarations). tuned.yaml is loaded, so `./applr tune` drives with loaded sets. The method `static`
-applies its set to a running move_base.
+A parameter set may act differently when loaded at start-up than when applied by reconfigure (shapes_at_start in
+planner/parameters/declarations). Because tuned.yaml is loaded, `./applr tune` drives with loaded parameter sets. The
+method `static` applies its parameter set to a running move_base.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
 
     Args:
         robot: Robot whose files are loaded first.
-        values: {name: value} of the set, which may leave out parameters.
+        values: Parameter set {name: value}, which may leave out parameters.
     """
     made: Dict[str, Any] = {}
     space, tree, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
@@ -37,7 +37,7 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
                 continue
             names = [name for name in target.names if name in branch(tree, place)] or target.names[:1]
             branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
-    if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):  # in all drives of a search the biases counted cells
+    if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):  # searches drive with biases per costmap cell
         branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made
 

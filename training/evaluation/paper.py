@@ -1,4 +1,4 @@
-"""Numbers of the paper, with notes on its slips, for comparison in the report."""
+"""Results of the paper, with notes on errors in them, for comparison in the report."""
 
 UNIT = (
     "The paper's table gives no unit. Its numbers are two-second decisions: 5.925 m at the default 0.5 m/s "

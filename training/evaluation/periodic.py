@@ -1,4 +1,4 @@
-"""Evaluation during training: rounds of trials on held-out worlds, which select the best actor.
+"""Evaluation during training: rounds of trials on held-out worlds, which select the best policy.
 
 One round drives the planner's default parameters, which are the baseline of the learning curves.
 """
@@ -18,17 +18,17 @@ from training.evaluation.trial import BASELINE, POLICY, Result, Trial, plan_tria
 from training.workers.pool import Pool
 
 THETA0 = -1  # number of the round that drives the default parameters
-CHOOSING = 2**31  # offset of the seeds of trials that select an actor; all seeds of evaluate.py are smaller
+CHOOSING = 2**31  # offset of the seeds of trials that select a policy; all seeds of evaluate.py are smaller
 
 
 class PeriodicEvaluation:
-    """Rounds of trials, one due every `every` steps (transitions; offline: gradient steps).
+    """Rounds of trials. A round is due every `every` steps (transitions; offline: gradient steps).
 
     Args:
         folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation/ the trials.
         worlds: [(name, specification), ...] of the held-out worlds; if empty, no round is ever due.
         every: Number of steps between two rounds.
-        seed: Seed of the run. No trial of evaluate.py has the seed of a trial that selects the actor.
+        seed: Seed of the run. The trials have other seeds than all trials of evaluate.py.
     """
 
     def __init__(self, folder: Path, worlds: Sequence[Tuple[str, str]], every: int, seed: int):
@@ -42,7 +42,7 @@ class PeriodicEvaluation:
 
         Args:
             step: Current step of the run.
-            last: Whether this is the last step, whose policy is evaluated in any case.
+            last: Whether this is the last step of the run, after which the policy is always evaluated.
             default: Whether the round of the default parameters may be driven now.
         """
         if not self.worlds:
@@ -69,7 +69,7 @@ class PeriodicEvaluation:
             pool: Pool of workers.
             run: Function that drives a trial in a worker with the weights of a policy.
             weights: Weights of the current policy.
-            show: Called with each trial that was driven and its result.
+            show: Called with each driven trial and its result.
             state: "step" of the run, and "version" of the policy in gradient steps.
 
         Raises:
@@ -94,5 +94,5 @@ class PeriodicEvaluation:
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
-        """Summary of the round that selected the current best actor, or None."""
+        """Summary of the round with the best policy so far, or None."""
         return next((r for r in reversed(self.history) if r["best"]), None)

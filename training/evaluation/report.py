@@ -37,7 +37,7 @@ def write(folder: os.PathLike[str] | str, above: Sequence[str] = ()) -> str:
 
     Args:
         folder: Folder of an evaluation.
-        above: Lines at the top of the page, instead of the summary.
+        above: Lines at the top of the page; empty for summary().
 
     Raises:
         ApplrError: There are no trials, or the folder cannot be read or written.
@@ -92,7 +92,7 @@ def _facts(results: Results) -> List[str]:
 
 
 def summary(results: Results) -> List[str]:
-    """Return a line that compares each method with the baseline, over the test worlds or, below two, over all."""
+    """Return a line per method: its comparison with the baseline over the test worlds, or over all if there are few."""
     test = results.by_difficulty(results.of_set("Test"))
     worlds = test if len(test) > 1 else results.worlds
     compared = {method: results.compare(method, results.baseline, worlds) for method in results.rivals}

@@ -1,4 +1,4 @@
-"""Runner of trials. A result depends on the trial and its settings only, not on the worker or on earlier trials.
+"""Runner of trials. A result depends only on trial and settings, not on the worker or on earlier trials.
 
 Evaluations, searches and the rounds of a training call run() in a pool of workers.
 """
@@ -40,10 +40,10 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
     Args:
         settings: Settings of the trial.
         trial: Trial to drive.
-        weights: Weights of the policy that a trial of the method POLICY drives.
+        weights: Weights of the policy, for a trial of the method POLICY.
 
     Returns:
-        The result, and the packed trace if the trial asks for it, else b"".
+        The result, and the packed trace if the trial asks for one, else b"".
     """
     runner = _runner(settings.model_dump_json())
     result = runner.run(trial, weights)
@@ -68,7 +68,7 @@ def content_of_worlds(worlds: Sequence[Tuple[str, str, World]]) -> str:
         for part in (world.cylinders, world.boxes, world.course.path):
             digest.update(part.tobytes())
         digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
-        # The suffix tells these trials from those driven before planner_ends counted.
+        # The suffix distinguishes these worlds from those of evaluations before planner_ends had an effect.
         digest.update(b"the planner's word" * world.course.planner_ends)
     return digest.hexdigest()
 
@@ -95,7 +95,7 @@ class TrialRunner:
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
-        """Drive the trial and return its result. `weights` are those of the policy of the method POLICY."""
+        """Drive a trial and return its result. `weights` belong to the policy of the method POLICY."""
         world, method = self._world(task.world_spec), self._method(task, weights)
         if self.period is not None:
             method.period = self.period
@@ -140,7 +140,7 @@ class TrialRunner:
             end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
             time_limit=self.settings.time_limit,
-            escapes=not self.settings.loaded,  # a robot that loads a set runs the C++ move_base, which has no escapes
+            escapes=not self.settings.loaded,  # loading stands for a C++ move_base, which makes none
         )
 
     def _method(self, task: Trial, weights: bytes) -> Method:

@@ -19,19 +19,19 @@ CONTACT_SECONDS = 5.0  # penalty that a contact adds to the score of a trial [s]
 
 
 def seconds(result: Result) -> float:
-    """Return a trial's score [s]: its time, or FAILURE_SECONDS if it failed, plus CONTACT_SECONDS after a contact."""
+    """Return a trial's score [s]: its time, or FAILURE_SECONDS if it failed; plus CONTACT_SECONDS after a contact."""
     return (result.time_s if result.success else FAILURE_SECONDS) + CONTACT_SECONDS * result.collided
 
 
 class Aim(NamedTuple):
-    """Objective of tune: weights of the terms of a trial's cost, in optimal times.
+    """Objective of tune: weights of the terms of a trial's cost. The unit of the cost is the optimal time.
 
     The optimal time is the length of the reference path divided by the base's largest speed. The baseline is the mean
     over drives with the robot's default parameters.
 
     Attributes:
         failure: Cost of a trial that failed or touched something, instead of its time.
-        slower: Cost of each optimal time beyond the time of the baseline.
+        slower: Cost of each optimal time by which the trial is slower than the baseline.
         near: Cost of each body width by which the mean clearance falls short of CLEAR widths.
         jerk: Cost of the mean jerk, relative to the baseline.
         turn: Cost of the mean yaw acceleration, relative to the baseline.
@@ -73,7 +73,7 @@ class Baseline(NamedTuple):
 
 
 AIMS = {
-    "fast": Aim(failure=20.0),  # at half this value, a set won that arrived in only 86 % of BARN's worlds
+    "fast": Aim(failure=20.0),  # at half this value, a parameter set won that arrived in only 86 % of BARN's worlds
     "careful": Aim(failure=100.0, slower=10.0, near=60.0),
     "smooth": Aim(failure=60.0, slower=10.0, jerk=15.0, turn=10.0),
 }
@@ -92,8 +92,8 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
 def summary(results: Sequence[Result]) -> Dict[str, Any]:
     """Return means over one or more trials, as JSON values.
 
-    Keys: "trials" (their number), "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (mean
-    time of the successes, or None), "score".
+    Keys: "trials" (number of trials), "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (mean
+    time of the successful trials, or None), "score".
     """
     times = [r.time_s for r in results if r.success]
     return {

@@ -32,8 +32,8 @@ class Results:
         folder: Folder of an evaluation.
 
     Attributes:
-        trials: A row per trial with the columns of trials.csv, the "set" (group) of its world, and "counted": its time
-            or, if it failed for any reason, the time limit [s].
+        trials: A row per trial with the columns of trials.csv, "set" (group of the world), and "counted": time of the
+            trial, or the time limit if the trial failed for any reason [s].
 
     Raises:
         ApplrError: There are no trials, or the folder cannot be read.
@@ -79,7 +79,7 @@ class Results:
         return self.trials.groupby(["world", "method"], sort=False).counted.mean().unstack()
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
-        """Compare a method with another over those of the given worlds that both have driven."""
+        """Compare two methods over those of the given worlds that both have driven."""
         ours, theirs = (self.scores[one].reindex(worlds) for one in (method, other))
         both = ours.notna() & theirs.notna()
         return compare(ours[both], theirs[both])
@@ -101,7 +101,7 @@ class Results:
 
 
 def set_of(world: str) -> str:
-    """Return the group of a world by its name: BARN's split for built-in worlds and for BARN's own files."""
+    """Return the group of a world by its name. Generated worlds and BARN's own files follow BARN's split."""
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
     if match and int(match.group(1)) < 300:
         return "Test" if int(match.group(1)) in barn.TEST else "Training"

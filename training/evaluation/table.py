@@ -1,7 +1,7 @@
 """Table of trials on disk, in which evaluations, training rounds, searches and verdicts keep their results.
 
-Its folder has trials.csv with a row for each trial, appended when it was driven, evaluation.json with the settings, and
-the driven paths in traces/. A kill at any moment loses only the trials that were being driven.
+The folder has trials.csv with a row for each trial, appended once it was driven, evaluation.json with the settings, and
+the driven paths in traces/. If the process is killed, only the trials that were being driven are lost.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
 
 
 class Trials:
-    """Folder with a table of trials, with numbers to four decimals, locked for this process until closed.
+    """Folder with a table of trials, locked for this process until closed. Numbers have four decimals.
 
     Args:
         folder: Folder of the table, made if it is missing.
@@ -85,7 +85,7 @@ class Trials:
         return self._results.get(_key(trial))
 
     def add(self, trial: Trial, result: Result, trace: bytes = b"") -> Result:
-        """Store a trial and return its rounded result. The row is written last, so that a stored trial is complete."""
+        """Store a trial and return its rounded result. The row is written last, so that each row has its trace."""
         if trace:
             write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
         values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
@@ -115,7 +115,7 @@ def trace_name(world: str, method: str, trial: int) -> str:
 def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
     """Return the trace of a trial as {"time", "pose", "twist", "theta", "decided"}, or None if it was not kept.
 
-    "decided" has the time at which each row of "theta" was chosen [s].
+    "decided" has the times [s] at which the rows of "theta" were chosen.
     """
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:

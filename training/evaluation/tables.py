@@ -1,4 +1,4 @@
-"""Tables of the report: the paper's Tables I to IV from our trials, beside its numbers, and further tables."""
+"""Tables of the report: the paper's Tables I to IV from our trials, with the paper's numbers, and further tables."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ def share(n: int, total: int) -> str:
 
 
 def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
-    """Return a decorator that makes a table, named after the function, of a function that yields its rows.
+    """Return a decorator that turns a function that yields rows into one that makes a table, named after the function.
 
-    Columns whose names begin with "paper" are left out if no row has a value in them. If all of them are left out, so
-    are the notes about them, `of_paper`.
+    Columns whose names begin with "paper" are left out if no row has a value in them. If all these columns are left
+    out, the notes `of_paper` about them are left out as well.
     """
 
     def of(rows: Callable[[Results], Rows]) -> Made:
@@ -79,8 +79,8 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
     """Compare the times of two methods' successful trials in each world that both have driven (two-sided Welch test).
 
     Returns:
-        A row per world: "sign", -1 if the first method is faster, 1 if the other is; the p-value "p", and "holm", p
-        corrected over the worlds. p is NaN if a method has fewer than two successes, or if the times of neither vary.
+        A row per world: "sign", -1 if the first method is faster, 1 if the other is; the p-value "p"; and "holm", p
+        corrected over the worlds. p is NaN if a method has fewer than two successes, or if neither method's times vary.
     """
     both = [world for world in trials.world.unique() if world in set(others.world)]
     ours, theirs = (
@@ -96,7 +96,7 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
 
 
 def significant(tests: pd.DataFrame, column: str = "p") -> Tuple[int, int]:
-    """Return the numbers of worlds in which the first method, and the other, is significantly faster at .05."""
+    """Return in how many worlds the first method is significantly faster at .05, and in how many the other is."""
     worlds = tests.sign[tests[column] < LEVEL]
     return int((worlds == -1).sum()), int((worlds == 1).sum())
 

@@ -22,8 +22,8 @@ class Trial:
         method: Name of the method, as in trials.csv.
         trial: Number of the trial of this method in this world.
         seed: Seed of the trial.
-        world_spec: Specification that the world is loaded from.
-        method_spec: Specification that the method is made from, or POLICY.
+        world_spec: Specification from which the world is loaded.
+        method_spec: Specification from which the method is made, or POLICY.
         trace: Whether the driven path is recorded.
         theta: Parameter set to drive instead of the method.
     """
@@ -40,11 +40,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a trial, in the order of the columns of trials.csv (training/env/outcome.py).
+    """Result of a trial, in the order of the columns of trials.csv. training/env/outcome.py explains the fields.
 
     Attributes:
         time_s: Time [s]; the time limit if the trial timed out.
-        min_clearance_m: Smallest laser range [m]; mean_clearance_m is the mean over time of the smallest range.
+        min_clearance_m: Smallest laser range [m]. mean_clearance_m is the mean over time of the smallest range.
         mean_turn: Mean absolute yaw acceleration [rad/s^2].
         switching: Mean change of the parameters per decision, in action units.
     """
@@ -79,15 +79,15 @@ def plan_trials(
 ) -> List[Trial]:
     """Return all trials in the order of trials.csv.
 
-    The first trial of every world and method comes before any second trial, so that a stopped run has driven all
-    worlds, and further trials of the same evaluation only append rows.
+    The first trial of every method in every world comes before any second trial. A stopped run has therefore driven all
+    worlds, and an evaluation that is continued with more trials only appends rows.
 
     Args:
         worlds: [(name, specification), ...] of the worlds.
         chosen: [(name, specification), ...] of the methods.
-        trials: Number of trials of each method in each world.
+        trials: Number of trials per method and world.
         seed: Base seed of all trials.
-        traces: Number of trials of each method in each world whose driven path is kept.
+        traces: Number of trials per method and world whose driven path is kept.
     """
     return [
         Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces)

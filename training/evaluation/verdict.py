@@ -1,4 +1,4 @@
-"""Verdict on a policy or a tuned parameter set, from paired trials: a table, and a line for each comparison."""
+"""Verdict on a policy or a tuned parameter set from paired trials: a table, and a line for each comparison."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ MEANS = {  # columns of the table with means over the successful trials, and the
 
 
 def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds) -> pd.DataFrame:
-    """Return the trials of the courses that all of the methods have driven with the same seed.
+    """Return the trials of the courses that all methods have driven with the same seed.
 
-    Each row has the fields of a Trial and of its Result, and its cost as "score" [s].
+    Each row has the fields of a Trial and of its Result, and the cost of the trial as "score" [s].
     """
     import pandas as pd
 
@@ -40,7 +40,7 @@ def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
     """Compare methods with the robot's default parameters.
 
     Args:
-        trials: Trials of at least one course (paired_trials).
+        trials: Trials of at least one course, from paired_trials().
 
     Returns:
         The method to drive with, which is BASELINE unless another method is significantly better on average and not

@@ -30,7 +30,7 @@ from training.td3.options import TD3Options
 from worlds.loading import SPECIFICATIONS
 
 RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
-PROVENANCE = "provenance"  # key in config.json of the provenance of each session (training/common/provenance.py)
+PROVENANCE = "provenance"  # key in config.json for the provenance of each session (training/common/provenance.py)
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
 EVALUATION = "eval_worlds", "simulator", "protocol", "planner", "monitor", "movers"  # conditions of the evaluations
 # options that --resume cannot change
@@ -44,7 +44,7 @@ SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # f
 
 
 def span(default: float, help: str, more: str = "") -> Any:
-    """Declare an option of SPANS: a number, or two numbers between which a value is drawn at each reset."""
+    """Declare an option of SPANS: one number, or two numbers between which each reset draws a value."""
     text = f"{help} Two numbers: a value between them is drawn at each reset{more}."
     return option([default], text, min_length=1, max_length=2)
 
@@ -124,8 +124,9 @@ class TaskOptions(DriveSettings):
     latency: List[float] = span(0.0, "Delay [s] of the velocity commands.")
     slip: List[float] = span(1.0, "Factor on the slip and drift of the base.")
     friction: List[float] = span(1.0, "Factor on the wheels' friction.")
-    ground: List[float] = span(1.0, "Share of the robot's own ground: from 1 on all of it, 0 plain ground.",
-        ", so that 0 2 gives half of the episodes the robot's own ground and the others a share between 0 and 1")
+    ground: List[float] = span(1.0,
+        "Blend of ground friction: 0 is ground plain, 1 or more is the ground in the robot's description.",
+        ". With 0 2, half of the episodes have the robot's ground, and the others a blend")
     odometry: List[float] = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
 
@@ -155,7 +156,7 @@ class OfflineOptions(Options):
 
     # fmt: off
     dataset: str = option("",
-        "Folder of a dataset by bags_to_dataset.py to learn from offline. Without a dataset, the run is online.")
+        "Folder of a dataset (bags_to_dataset.py) from which to learn offline. Without a dataset, the run is online.")
     gradient_steps: int = option(100_000, "Number of gradient steps in offline learning.", ge=0, le=10**9)
     init_from: str = option("",
         "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
@@ -237,7 +238,7 @@ def recipe(name: str) -> Dict[str, Any]:
     """Return the checked options of a recipe.
 
     Args:
-        name: one of RECIPES, the path of a YAML file of options, or "" for none.
+        name: One of RECIPES, the path of a YAML file of options, or "" for none.
 
     Raises:
         ApplrError: The name or an option is unknown, or a value is invalid.
@@ -253,11 +254,10 @@ def recipe(name: str) -> Dict[str, Any]:
 
 
 def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
-    """Return the configuration of a command line, with --resume on top of the stored options of the run.
+    """Return the configuration of a command line. With --resume, it overrides the stored options of the run.
 
     Args:
-        arguments: command line without the program's name; None: that of this process. ROS remappings (name:=value)
-            are ignored.
+        arguments: Arguments without the program's name, None for sys.argv. ROS remappings (NAME:=VALUE) are ignored.
 
     Raises:
         ApplrError: An option is invalid.
@@ -265,7 +265,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
     if not given.get("resume"):
         config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
-        if "gradient_steps" in config.model_fields_set and not config.dataset:  # The run would drive for days.
+        if "gradient_steps" in config.model_fields_set and not config.dataset:  # An online run would take days.
             raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
         return config
     out = given.get("out", RunOptions().out)

@@ -39,7 +39,7 @@ class Learner:
         init_from: Run folder or policy file whose networks are taken over, unless `folder` has a checkpoint or there is
             an `action`.
         action: First output (m,) of the policy.
-        dataset: Experience of an offline run, for which no gradient steps become due.
+        dataset: Experience of an offline run. It makes no gradient steps due.
 
     Attributes:
         extra: Values that save() stored in the checkpoint.
@@ -108,8 +108,7 @@ class Learner:
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
         """Save a checkpoint atomically: checkpoint.json, renamed into place last, names all other files.
 
-        New rows of the replay buffer form a file of their own. A file is deleted after the ring has overwritten its
-        rows.
+        New rows of the replay buffer go to a new file. A file is deleted once the ring has overwritten its rows.
         """
         number, written = self.checkpoints + 1, self.replay.written
         state = io.BytesIO()
@@ -164,7 +163,7 @@ class Learner:
                 f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter set, the file of a "
                 "policy, or the folder of a training run that has saved a checkpoint"
             )
-        if checkpoint["layer_norm"] != self.options.layer_norm:  # The same weights would give other values.
+        if checkpoint["layer_norm"] != self.options.layer_norm:  # The weights would give other values.
             raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: give the same")
         self._take_networks(folder, checkpoint)
         self.td3.updates = self.td3.policy_starts = 0
@@ -176,7 +175,7 @@ class Learner:
 
 
 def policy_network(path: str) -> Weights:
-    """Return the network in a policy file, without its mirror image. Raises ApplrError."""
+    """Return the network in a policy file, without its mirror image. Raise ApplrError if the file is invalid."""
     layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}

@@ -23,7 +23,7 @@ from worlds.loading import Worlds
 
 @dataclass(frozen=True)
 class Preparation:
-    """Result of prepare()."""
+    """Tasks, worlds and layout of a run, made by prepare()."""
 
     collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with policy weights in a worker
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # drives a trial with policy weights
@@ -51,7 +51,7 @@ def prepare(config: TrainConfig) -> Preparation:
 
 
 def dataset_of(config: TrainConfig) -> Optional[Dataset]:
-    """Return the checked dataset of --dataset, or None without one.
+    """Return the checked dataset of --dataset, or None if the option is not given.
 
     Raises:
         ApplrError: The dataset's period, robot, observation or reward differ from those of the options.

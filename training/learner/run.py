@@ -33,7 +33,7 @@ from training.workers.collect import Collect
 from training.workers.pool import CallFailed, Pool
 
 MANY_ERRORS = 20  # number of consecutive failed episodes after which the run ends
-LONGEST_EPISODE = 2100  # upper bound of the rows of an episode: 100 s at the shortest period, .05 s
+LONGEST_EPISODE = 2100  # upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
 BROADCAST_INTERVAL = 25  # number of gradient steps after which the actors get the latest policy
 CHECKPOINT_SECONDS = 120.0  # interval between two checkpoints [s]
 STATUS_SECONDS = 10.0  # interval between updates of the progress bar's figures and TensorBoard's "training" [s]
@@ -46,7 +46,7 @@ class TrainingRun:
     prepare = staticmethod(prepare)
 
     def __init__(self, config: TrainConfig):
-        import torch  # takes seconds, which --help and invalid options need not wait for
+        import torch  # takes seconds; --help and option errors do not import it
         from torch.utils.tensorboard import SummaryWriter
 
         from training.learner.learner import Learner
@@ -61,7 +61,7 @@ class TrainingRun:
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
             raise ApplrError(f"{self.folder} already holds a run: continue it with --resume, or give another --out")
-        if config.actors and config.ray_address in ("", "local"):  # Threads that wait for a core slow down all others.
+        if config.actors and config.ray_address in ("", "local"):  # More threads than cores are slow.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
         begin = config.init_from, action, dataset
         self.learner = Learner(self.preparation.layout, config, self.folder, rows, *begin)
@@ -83,7 +83,7 @@ class TrainingRun:
         path = self.folder / "config.json"
         sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
         sessions.append(provenance(config.seed))
-        write_json(path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions})  # makes the folder a run
+        write_json(path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions})  # The folder is now a run.
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -142,7 +142,7 @@ class TrainingRun:
         self.stopping = signal.Signals(number).name
 
     def _submit(self) -> None:
-        """Keep the workers busy while this process learns, unless too many results wait to be added."""
+        """Submit episodes so that all workers stay busy, unless too many results wait to be added."""
         slots = self.pool.slots
         most = 1 if self.pool.in_process else 4 * slots + 16
         while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
@@ -186,8 +186,8 @@ class TrainingRun:
     def _evaluate(self) -> bool:
         """Drive a round of the evaluation if one is due, and return whether a round was completed.
 
-        The run is saved first, because an error in a trial ends the run. If the time is limited, the default parameters
-        come last, as they may drive for minutes. With several seeds, only several.py drives the default parameters.
+        The run is saved first, because an error in a trial ends the run. If the time is limited, the robot's default
+        parameters are evaluated last, because this may take minutes. With several seeds, several.py evaluates them.
         """
         limited, finished = self.config.minutes > 0.0, self.finished
         default = self.config.seeds == 1 and (finished or not limited)

@@ -1,8 +1,8 @@
-"""Trainings with several seeds, of which the best policy is kept: `train.py --seeds 3`.
+"""Trainings with several seeds, whose best policy is kept: `train.py --seeds 3`.
 
 The result of a training depends on its seed. Runs with several seeds share the time or a dataset, and their best
 policies drive the same fresh courses. The policy with the lowest mean score is compared with the robot's default
-parameters on other fresh courses, so that no course of the selection is part of the verdict.
+parameters on other fresh courses, so that the selection does not bias the verdict.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
 def _driven(
     config: TrainConfig, out: Path, worlds: str, others: Sequence[str], policies: Mapping[str, Path]
 ) -> pd.DataFrame:
-    """Evaluate methods and policies {name: file} with the settings of the run's evaluations; return paired_trials."""
+    """Evaluate methods and policies {name: file} with the run's evaluation settings, and return paired_trials()."""
     shutil.rmtree(out, ignore_errors=True)  # results of earlier policies, before a --resume
     out.mkdir(parents=True)
     files = {name: out / f"{name}.safetensors" for name in policies}

@@ -1,6 +1,6 @@
 """Replay buffer: a ring of observations from which learner.py draws n-step transitions.
 
-One row holds s_t, a_t and r_t. s_{t+1} is the next row, so that no observation is stored twice. An episode of T
+One row holds s_t, a_t and r_t. s_{t+1} is in the next row, so that no observation is stored twice. An episode of T
 transitions takes T + 1 rows, the last of which has no action. Scans are stored as uint8 (TransitionLayout). The paper's
 five million transitions, 13 per episode, take 4.3 GB.
 """
@@ -73,10 +73,11 @@ class Replay:
             rows[bad] = rng.integers(0, len(self), len(bad))
 
     def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return n-step rewards (B,) from `rows` on, discounts (B,), and rows (B,) of the observations after them.
+        """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) of the observations that follow.
 
-        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount is gamma^steps, or 0 if a
-        terminal state was reached. A truncated episode is bootstrapped from its last observation.
+        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the value
+        that follows is gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped from its last
+        observation.
         """
         after = rows.copy()
         total = np.zeros(len(rows), np.float64)
@@ -97,7 +98,7 @@ class Replay:
     def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """Return the stored observations of `rows`, the first `mirrored` of them with left and right exchanged.
 
-        Mirroring reverses beams and negates angles. The parameters stay, because robot and planner are symmetric.
+        Mirroring reverses beams and negates angles, but keeps parameters, because robot and planner are symmetric.
 
         Returns:
             scan (B, beams) uint8 in steps of the layout (TransitionLayout.step), and rest (B, k) float32.

@@ -18,13 +18,13 @@ class TransitionLayout:
     """Sizes of the parts of an observation and an action. Its vars() are stored as JSON.
 
     Attributes:
-        scan: Number of beams, in [-1, 1], stored as multiples of `step` (uint8). With the paper's cap of 2 m, a step
-            is 7.8 mm, a sixth of a costmap cell.
+        scan: Number of beams, whose values in [-1, 1] are stored as multiples of `step` (uint8). With the paper's cap
+            of 2 m, a step is 7.8 mm, a sixth of a costmap cell.
         rest: Number of further entries (phi, theta), stored as float32.
-        action: Number of entries of an action, in [-1, 1], float32.
-        scans: Number of scans, one after the other, among which the beams are divided.
-        odd: Indices in the rest of the entries whose sign changes when left and right are exchanged.
-        hidden: Number of last entries that only the critics receive.
+        action: Number of entries of an action (float32 in [-1, 1]).
+        scans: Number of successive scans into which the beams are divided.
+        odd: Indices, counted after the scans, of the entries that change sign when left and right are exchanged.
+        hidden: Number of trailing entries that only the critics receive.
     """
 
     scan: int = 720
@@ -43,17 +43,17 @@ class TransitionLayout:
 
     @property
     def mirror(self) -> Optional[Mirror]:
-        """Effect of exchanging left and right on an observation; None for an observation without a scan."""
+        """Left-right reflection of an observation; None for an observation without a scan."""
         return Mirror.of(self.scan, self.rest, self.scans, self.odd) if self.scan and self.rest else None
 
     @property
     def policy_mirror(self) -> Optional[Mirror]:
-        """Effect of exchanging left and right on the policy's part of an observation."""
+        """Left-right reflection of the policy's part of an observation."""
         return self.mirror and Mirror(*(entries[: self.seen] for entries in self.mirror))
 
     @property
     def seen(self) -> int:
-        """Number of entries, the first ones, that the policy receives."""
+        """Number of leading entries that the policy receives."""
         return self.size - self.hidden
 
     @property
@@ -73,7 +73,7 @@ class TransitionLayout:
 
 @dataclass
 class Trajectory:
-    """T transitions with T + 1 observations: s' of a transition is s of the next one and stored once.
+    """T transitions with T + 1 observations: s' of a transition is s of the next transition and stored once.
 
     Attributes:
         scan: (T+1, beams) uint8.

@@ -10,7 +10,7 @@ from training.common.options import Options, option
 
 
 class TD3Options(Options):
-    """Options of TD3 and of its extensions here."""
+    """Options of TD3 and of the extensions in td3.py."""
 
     model_config = ConfigDict(title="TD3")
 

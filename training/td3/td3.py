@@ -1,10 +1,10 @@
-"""TD3 (Fujimoto et al. 2018), the paper's learner: a policy and two separate critics, each of 3 x 512 units.
+"""TD3 (Fujimoto et al. 2018), the paper's algorithm: a policy and two separate critics, each of 3 x 512 units.
 
-The learner passes batches from the replay buffer. This module knows nothing of robots, files or processes.
+training/learner passes batches from the replay buffer. This module knows nothing of robots, files or processes.
 Defaults are the paper's. If the paper gives no value, they are those of its authors' code. Deviations:
   batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise.
   n_step 4 (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the returns.
-Unlike in the authors' code, time limits are bootstrapped and target noise is in action units
+Unlike in the authors' code, values are bootstrapped at time limits, and target noise is in action units
 (docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
 """
 
@@ -28,9 +28,9 @@ ACTOR_LR = 3e-4  # learning rate of the policy
 POLICY_DELAY = 2  # critic updates per policy update
 TAU = 0.005  # share of the online networks that is mixed into the target networks at each policy update
 TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and clipping bound of the noise on target actions
-INNER = 0.95  # largest initial action of a policy that starts at a parameter set: tanh still has a gradient there
-SMALL_START = 0.01  # factor on the initial weights of the last layer of a policy that starts at a parameter set
-CRITIC_WARM_UP = 2000  # updates during which the policy is frozen because fresh critics would spoil it
+INNER = 0.95  # bound on the action that begin_at() makes a policy return, so that tanh still has a gradient
+SMALL_START = 0.01  # factor of begin_at() on the initial weights of the policy's last layer
+CRITIC_WARM_UP = 2000  # updates during which a given policy is frozen, because untrained critics would spoil it
 Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
@@ -38,12 +38,12 @@ class MLP(nn.ModuleList):
     """Linear layers with ReLU between them; state_dict() names them "0.weight" (out, in), "0.bias" (out,), "1.weight".
 
     Args:
-        inputs: width of the input.
-        hidden: widths of the hidden layers.
-        outputs: width of the output.
-        layer_norm: normalise each hidden layer (without gain and shift) before its ReLU. In critics, this bounds the
-            extrapolation to actions that were never tried, so that learning remains stable with several gradient steps
-            per transition (Ball et al. 2023; Nauman et al. 2024).
+        inputs: Width of the input.
+        hidden: Widths of the hidden layers.
+        outputs: Width of the output.
+        layer_norm: Whether to normalise each hidden layer before its ReLU, without gain and shift. In critics, this
+            bounds the extrapolation to actions that were never tried, so that learning remains stable with several
+            gradient steps per transition (Ball et al. 2023; Nauman et al. 2024).
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, layer_norm: bool = False):
@@ -91,7 +91,7 @@ class TD3:
         options: Hyperparameters.
         seed: Seed of the initial weights.
         device: Torch device, such as "cuda:0".
-        mirror: Effect of exchanging left and right on the policy's observation; None if unknown.
+        mirror: Left-right reflection of the policy's observation; None if unknown.
         hidden: Number of entries at the end of an observation that only the critics receive.
 
     Raises:
@@ -123,7 +123,7 @@ class TD3:
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
         self.networks = nn.ModuleDict({"actor": self.actor, "critics": self.critics})
         self.networks.update({"actor_target": self.actor_target, "critic_targets": self.critic_targets})
-        self.policy = self.actor  # policy that actors drive with: the running average if it is enabled
+        self.policy = self.actor  # network that the actor processes get: self.actor, or its running average if enabled
         if options.policy_ema_decay:
             self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), ACTOR_LR, fused=True)
@@ -144,8 +144,8 @@ class TD3:
         """Take over a policy's weights (see actor_weights) and freeze the policy for the critic warm-up.
 
         Args:
-            weights: weights of the policy.
-            what: source of the weights, for the error message.
+            weights: Weights of the policy.
+            what: Source of the weights, for the error message.
 
         Raises:
             ApplrError: The layers differ.
@@ -156,7 +156,7 @@ class TD3:
 
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
-        """Make a gradient step of the critics, and every POLICY_DELAY-th time also of the policy and the targets."""
+        """Update the critics. Every POLICY_DELAY-th call also updates the policy and the target networks."""
         self.updates += 1
         self._update_critics(batch)
         if self.updates % POLICY_DELAY == 0:
@@ -197,7 +197,7 @@ class TD3:
         if o.preactivation_l2 > 0.0:
             loss = loss + o.preactivation_l2 * z.square().mean()
         self.actor_optimizer.zero_grad()
-        loss.backward(inputs=list(self.actor.parameters()))  # skip the gradients of the critic
+        loss.backward(inputs=list(self.actor.parameters()))  # skips the critic's gradients
         self.actor_optimizer.step()
         self.losses["actor_q"] = q.detach().mean()
 
@@ -214,7 +214,7 @@ class TD3:
 
     # -- acting ------------------------------------------------------------------------------------
     def actor_weights(self) -> Weights:
-        """Return copies of the actors' weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
+        """Return a copy of the policy's weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
 
         With options.symmetric, the policy and its mirror image are stacked along the first axis of each tensor.
         """
@@ -229,14 +229,14 @@ class TD3:
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a state. Learning rates stay those of this run. what: name of the source, for errors.
+        """Restore a checkpoint's state from the source `what`, but keep this run's learning rates.
 
         Raises:
             ApplrError: The layers differ.
         """
         theirs = state["networks"]
         average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
-        theirs = {**average, **theirs}  # Without a running average, one starts from the policy.
+        theirs = {**average, **theirs}  # If `state` has no running average, it starts from the policy.
         _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})

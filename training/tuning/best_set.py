@@ -1,6 +1,6 @@
-"""Search for the best parameter set of a robot within a time: CMA-ES in two simulators, a last race, and pruning.
+"""Search for the best parameter set of a robot in a given time: CMA-ES in two simulators, a last race, and pruning.
 
-tune_robot.py runs the search, search.py has its parts.
+tune_robot.py runs the search. Its algorithms are in search.py.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from training.tune_robot import TuneOptions
 
 # ends of the stages as shares of the time: search in the kinematic simulator, search in pybullet, race of the best
-# sets, pruning; the rest is left to the verdicts
+# parameter sets, pruning; the verdicts take the rest
 COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PRUNE_SHARE = 0.25, 0.62, 0.74, 0.86
 SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}  # arguments of search()
 COARSE, FINE = "kinematic", "pybullet"  # simulators of the first part of the search, and of everything after it
 LIMIT_OPTIMAL_TIMES = 10.0  # time limit of a drive of the search, in optimal times of the longest course
-FINALISTS = 5  # number of generations whose means enter the last race; the winner of a generation is often just lucky
-PRUNE_BLOCKS = 6  # largest number of blocks of drives that decide on reverting a parameter
+FINALISTS = 5  # number of generations whose means enter the last race, instead of winners, which are often just lucky
+PRUNE_BLOCKS = 6  # largest number of blocks of trials that decide on reverting a parameter
 LINES_S = 10.0, 15.0  # time until the first progress line, and interval between further lines [s]
-DRAWN: Dict[str, Any] = {  # randomisation of the drives; the ground stays that of the robot
+DRAWN: Dict[str, Any] = {  # randomisation of the drives, except of the ground
     **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
     **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
 }
@@ -52,7 +52,7 @@ show = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
-    """Return the trial settings of a search in some worlds, still without the simulator."""
+    """Return the trial settings of a search in these worlds; best_set() adds the simulator."""
     farthest = max(world.course.route_m for *_, world in worlds)
     rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE, "loaded": True, "randomisation": DRAWN}
     return TrialSettings(
@@ -68,13 +68,13 @@ def best_set(
     table: Trials,
     clock: Clock,
 ) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
-    """Return the best parameter set (n,) in some worlds, and what each changed parameter saves (prune_parameters).
+    """Return the best parameter set (n,) in these worlds, and the savings of each changed parameter (prune_parameters).
 
     Args:
         options: Options of the command.
-        settings: Trial settings without the simulator (drives_of).
+        settings: Trial settings from drives_of().
         worlds: [(name, specification, world), ...].
-        first: Parameter sets (k, n) at which the search begins (warm_starts).
+        first: Parameter sets (k, n) with which the search begins, from warm_starts().
         table: Table that keeps the trials.
         clock: Clock that ends each stage.
 
@@ -136,10 +136,10 @@ def best_set(
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Return parameter sets (k, n) to begin with: the defaults, the set of the robot, and sets of included robots.
+    """Return initial parameter sets (k, n): the defaults, the robot's static.json, and those of included robots.
 
-    Each set is also tried half-way to the robot's default parameters. Sets of other robots are scaled to its size and
-    speed. Parameters outside the dimensionless encoding keep their position within the range.
+    Each parameter set is also tried half-way to the robot's defaults. Parameter sets of other robots are scaled to the
+    robot's size and speed. Parameters outside the dimensionless encoding keep their position within the range.
     """
     space, starts = space_of(robot), [space_of(robot).theta0]
     for other in (robot, *(load(name) for name in NAMES if name != robot.name)):

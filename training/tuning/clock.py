@@ -13,11 +13,11 @@ T = TypeVar("T")
 class Clock:
     """Wall time of a search over all its sessions.
 
-    The table of trials keeps each reading. A continued search therefore repeats its decisions, finds its trials in the
-    table, and goes on where it was stopped.
+    The table of trials stores each reading. A continued search therefore repeats its decisions, finds its trials in the
+    table, and goes on from where it was stopped.
 
     Args:
-        table: Table that keeps the readings.
+        table: Table that stores the readings.
         name: Name of the readings in the table.
         seconds: Time budget of the whole search [s].
     """
@@ -37,7 +37,7 @@ class Clock:
         return self._readings[self._asked - 1] / self._seconds
 
     def until(self, share: float, blocks: Iterable[T]) -> Iterator[T]:
-        """Yield blocks until this share of the time has passed, but at least one block."""
+        """Yield blocks, at least one, until this share of the time has passed."""
         for number, block in enumerate(blocks):
             if number and self.spent() >= share:
                 return

@@ -29,28 +29,28 @@ if TYPE_CHECKING:
 
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
-# Its distance biases count {unit}.
+# Its distance biases are per {unit}.
 """
 UNITS = {
-    TRAJECTORY: "cells, as the C++ planner does unless it was unlucky at its start\n# (docs/howto/cpp_move_base.md)",
-    "DWAPlannerROS": "metres, as the C++ planner does",
+    TRAJECTORY: "costmap cell, as in C++ if meter_scoring is false\n# (docs/howto/cpp_move_base.md)",
+    "DWAPlannerROS": "metre, as in C++",
 }
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Write a parameter set {name: value} as JSON for this package's methods, and as YAML for any move_base."""
+    """Write a parameter set {name: value} as JSON for this package, and as YAML for any move_base."""
     head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
 def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> pd.DataFrame:
-    """Drive the robot's default parameters and the tuned set in some worlds, and return the paired trials of both.
+    """Drive the robot's default parameters and the tuned parameter set in `worlds`, and return the paired trials.
 
     Args:
         options: Options of the command.
         worlds: Worlds that the search did not use.
-        drives: Folder with static.json, the tuned set.
+        drives: Folder with static.json, the tuned parameter set.
         monitor: "with" or "without" the collision monitor; also the name of the trials' folder in `drives`.
     """
     robot = options.robot
@@ -65,12 +65,12 @@ def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str)
 def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a table of the changed parameters: both values, saving per course [s], and meaning.
 
-    The saving of a parameter is the time lost per course if it alone is reverted to its default. The table has the mean
-    with its 95 % confidence interval, in which failures weigh heavily, and the median.
+    The saving of a parameter is the time lost per course if only this parameter is reverted to its default. The table
+    has the mean with its 95 % confidence interval, on which failures weigh heavily, and the median.
 
     Args:
         robot: Robot that was tuned.
-        values: {name: value} of the tuned set.
+        values: Tuned parameter set {name: value}.
         saved: {name: (mean, low, high, median)} of the savings (prune_parameters).
     """
     import pandas as pd

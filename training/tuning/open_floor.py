@@ -1,9 +1,9 @@
-"""Test drives on open floor, with which check_robot.py ends and ./applr tune begins.
+"""Test drives on open floor, at the end of check_robot.py and at the beginning of ./applr tune.
 
 Four courses are driven with planner and collision monitor, each until move_base reports that its goal is reached:
 straight on, a turn on the spot, around a box, and through a door. If a course fails, one parameter at a time is changed
-and driven on the same floor. The first change with which all courses succeed is the remedy. A planner that only stands
-before the door gets a remark, not an error, because the defaults of DWAPlannerROS have this limit.
+and driven on the same floor. The first change with which all courses succeed is the remedy. A planner that fails only
+by standing before the door gets a remark, not an error: DWAPlannerROS does so with its default parameters.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NO_REMEDY = "no change of a single planner parameter helps: compare footprint, b
 STANDS = f"it turns or stands, and has not arrived after {LIMIT_S:g} s"
 REASON_SHARE = 0.1  # share of a drive above which an event counts as the reason of a failure
 SEED = 1
-FACTORS = (  # changes of parameters of the robot's space, in the order of the attempts
+FACTORS = (  # (parameter, factor on its value), in the order of the attempts
     *(("occdist_scale", 0.1), ("occdist_scale", 0.01), ("sim_time", 1.5), ("sim_time", 0.6), ("max_vel_x", 0.5)),
     *(("goal_distance_bias", 3.0), ("path_distance_bias", 0.3), ("vx_samples", 3.0)),
 )
@@ -83,7 +83,7 @@ class Floor(Episode):
         return "it touches something, and " * outcome.collided + self._why(outcome)
 
     def _called_within(self, cycle: Any, state: Any) -> Optional[float]:
-        """Return the planner's tolerance [m] once it has also turned to the goal's heading, else None."""
+        """Return the goal tolerance [m] once the planner has also turned to the goal's heading, else None."""
         return self._tolerance if cycle.result is not None and cycle.result[0] == "succeeded" else None
 
     def _cycle(self) -> Tuple[Any, Any]:
@@ -140,7 +140,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
 
 
 def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
-    """Yield changes of one parameter at a time, in words, and the robot with each change."""
+    """Yield changes of a single parameter: the change in words, and the robot with this change."""
     tree, space = robot.all_parameters(), {parameter.name: parameter for parameter in robot.space}
     wanted: List[Tuple[List[Tuple[str, str]], float]] = []
     for parameter, factor in ((space[name], factor) for name, factor in FACTORS if name in space):

@@ -1,4 +1,4 @@
-"""Search for one parameter set: races between sets on common trials, CMA-ES by their ranks, and pruning.
+"""Search for a parameter set: races of parameter sets on common trials, CMA-ES on the ranks, and pruning.
 
 In each generation, new sets race through the same newly drawn worlds with the same seeds, and CMA-ES gets their ranks.
 """
@@ -17,17 +17,17 @@ from training.evaluation.periodic import CHOOSING
 from training.evaluation.score import summary
 from training.evaluation.trial import Trial, seed_of
 
-BLOCK = 8  # number of trials between two tests of a race
+BLOCK = 8  # number of trials per set between two tests of a race
 LEAST = 0.05  # smallest saving per course for which a parameter stays changed [s]
 
 Block = List[int]  # indices of the worlds that each set drives once
-# Evaluates sets (k, n) in the worlds of a block and returns the results of each; takes a keyword seed unless bound.
+# Function that evaluates sets (k, n) in the worlds of a block and returns each set's results; may take a keyword seed
 Evaluate = Callable[..., Sequence[Sequence[Any]]]
 Cost = Callable[[Any], float]
 
 
 class Raced(NamedTuple):
-    """Parameter set theta (n,) after a race: its index among the starters, the results of its trials, their costs."""
+    """Parameter set theta (n,) after a race: its index among the starting sets, results and costs of its trials."""
 
     place: int
     theta: np.ndarray
@@ -43,7 +43,7 @@ class Raced(NamedTuple):
 def plan_sets(
     space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, block: Block, seed: int, simulator: str
 ) -> List[List[Trial]]:
-    """Return the trials of each set (k, n) in the worlds of a block, with the same seed for all sets in a world.
+    """Return the trials of each of `sets` (k, n) in the worlds of a block. In a world, all sets have the same seed.
 
     Trials are named after set and simulator. Their seeds differ from those of evaluate.py.
     """
@@ -72,16 +72,16 @@ def search(
     Args:
         space: Parameter space of the sets.
         worlds: Number of worlds.
-        rounds: Functions that evaluate the sets of each generation; the search ends with them.
-        starts: Sets (n,), at least one. The distribution begins around the first set; all enter the first generation.
+        rounds: A function per generation that evaluates its sets. The search ends after the last function.
+        starts: Sets (n,), at least one. All enter the first generation, whose distribution is around the first set.
         cost: Function that returns the cost of a result.
         seed: Seed of candidates, worlds and trials.
         sigma: Standard deviation of the first generation, with parameters scaled to [-1, 1].
         population: Number of sets in a generation.
-        worlds_per_set: Number of worlds of a generation's race. All sets drive a quarter of them, the better half
-            another quarter, and the better half of those the rest.
+        worlds_per_set: Number of worlds of a generation's race. All sets drive a quarter of the worlds, the better half
+            of the sets another quarter, and the better half of these the rest.
     """
-    import cma  # not at the top: cma imports scipy.stats and matplotlib
+    import cma  # slow, because it imports scipy.stats and matplotlib
 
     middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # CMA-ES must not begin on the bounds.
     options = {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9}
@@ -103,7 +103,7 @@ def search(
 def prune_parameters(
     space: Space, run: Evaluate, theta: np.ndarray, blocks: Callable[[], Iterable[Block]], cost: Cost
 ) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
-    """Revert parameters of a set (n,) to the robot's defaults if nothing is lost, the least changed parameters first.
+    """Revert parameters of a set (n,) to the robot's defaults if nothing is lost, beginning with the least changed.
 
     Nothing is lost if neither the mean nor the median of the paired costs rises by LEAST. The median is tested as well,
     because a few failures dominate the mean.
@@ -116,8 +116,8 @@ def prune_parameters(
         cost: Function that returns the cost of a result.
 
     Returns:
-        The pruned set, and for each parameter that stays changed the rise of the cost without the change [s]: the mean,
-        the ends of its 95 % interval, and the median.
+        The pruned set, and, for each parameter that stays changed, by how much the cost rises without the change [s]:
+        mean, ends of its 95 % interval, and median.
     """
     theta = space.clip(theta)
     saved: Dict[str, Tuple[float, ...]] = {}
@@ -139,17 +139,17 @@ def prune_parameters(
 def race(run: Evaluate, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, halve: bool = False) -> List[Raced]:
     """Race sets (k, n) through the same trials, block after block.
 
-    After each block, sets that a paired test finds clearly worse than the leader drop out (the idea of F-race).
+    After each block, sets that are clearly worse than the leader by a paired test drop out, similar to F-race.
 
     Args:
         run: Function that drives the sets still in the race in the trials of a block.
         sets: Parameter sets, at least one.
-        blocks: Blocks of trials in their order; each is requested when the block before is driven.
+        blocks: Blocks of trials in order. A block is requested once the block before it is driven.
         cost: Function that returns the cost of a result; less is better.
         halve: Whether at most half of the sets, rounded up, stay after each block (successive halving).
 
     Returns:
-        The sets, best first: sets that stayed longer come first, sets that dropped out together are sorted by cost.
+        The sets, best first: first those that stayed longest; sets that dropped out together are sorted by cost.
     """
     racing = [Raced(place, theta, [], np.zeros(0)) for place, theta in enumerate(sets)]
     dropped: List[Raced] = []
@@ -170,6 +170,6 @@ def race(run: Evaluate, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, h
 
 
 def blocks_of(worlds: int, seed: int) -> List[Block]:
-    """Return the indices of all worlds, in an order drawn with the seed, in blocks of BLOCK."""
+    """Return the indices of all worlds, shuffled with the seed, in blocks of BLOCK."""
     order = np.random.default_rng(seed).permutation(worlds).tolist()
     return [order[i : i + BLOCK] for i in range(0, len(order), BLOCK)]

@@ -1,4 +1,4 @@
-"""Work of an actor: a training episode with exploration noise, submitted by train.py."""
+"""Task of an actor process: a training episode with exploration noise, submitted by train.py."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import Layers, forward, layers_of
 from training.replay.trajectory import Trajectory
 
-TRAINING, WORLDS = 0, 2  # first number of the seeds of training episodes, and of their worlds
+TRAINING, WORLDS = 0, 2  # first entry of the seeds of training episodes, and of their worlds
 INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps
 
 
 @dataclass(frozen=True)
 class Collect:
-    """Order for a training episode, whose randomness comes only from the run's seed and the episode's number.
+    """Training episode to drive. Its randomness comes only from the run's seed and the episode's number.
 
     Attributes:
         episode: Number of the episode.
@@ -37,12 +37,12 @@ class Collect:
 
 @lru_cache(maxsize=1)
 def environment(env: Callable[..., Any], options: str) -> Any:
-    """Return an environment of the class `env`, made once per process with `options`, keyword arguments as JSON."""
+    """Return an environment of the class `env` with `options` (keyword arguments as JSON), made once per process."""
     return env(**json.loads(options))
 
 
 def policy_layers(weights: bytes) -> Layers:
-    """Return the layers of a policy for policy/actor.py from the safetensors that the learner sends (actor_weights)."""
+    """Return the layers of a policy from TD3.actor_weights() in safetensors, as the learner sends them."""
     return layers_of(unpack(weights, "weights")[0])
 
 

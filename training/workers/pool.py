@@ -1,8 +1,8 @@
 """Pool of workers with the interface of concurrent.futures, which replaces workers that die or hang.
 
 A worker is a child process, which ends when its socket is closed, or runs tasks on a Ray cluster (ray.py).
-ProcessPoolExecutor is unsuitable: one death ends all workers, no worker can be killed, and Python 3.11 waits forever
-for a worker that was killed while a message was in its pipe (gh-94777). pebble's pool ends if an idle worker dies.
+ProcessPoolExecutor is unsuitable: if a worker dies, all workers end; no worker can be killed; and Python 3.11 waits
+forever for a worker killed while a message was in its pipe (gh-94777). pebble's pool ends if an idle worker dies.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class CallFailed(Exception):
 
 
 class WorkerDied(Exception):
-    """Death of a worker, or expiry of its time to answer; the message gives the cause."""
+    """Worker that died, or did not answer in time; the message gives the cause."""
 
 
 class Pool(ThreadPoolExecutor):
-    """Pool of workers, with one thread of this process per worker to wait for its answers.
+    """Pool of workers. A thread of this process waits for the answers of each worker.
 
     Args:
-        workers: Number of workers. 0 executes each call in this process when submitted, which makes runs repeatable.
+        workers: Number of workers. With 0, submit() executes each call in this process, which makes runs repeatable.
         ray_address: HOST:PORT of a Ray cluster, "local" to start a cluster here, or "" for child processes.
         seconds: Time without an answer after which a worker counts as hung [s].
 
@@ -107,7 +107,7 @@ class Pool(ThreadPoolExecutor):
         self._disconnect()
 
     def _call(self, function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
-        """Execute a call in a free worker and return its answer. Raises CallFailed."""
+        """Execute a call in a free worker and return its answer. Raise CallFailed if it fails."""
         for _ in range(DEATHS_PER_CALL):
             worker = self._free.get()
             try:
@@ -123,7 +123,7 @@ class Pool(ThreadPoolExecutor):
         raise CallFailed(f"its worker died {DEATHS_PER_CALL} times: see the messages above")
 
     def _replacement(self, worker: Any, death: WorkerDied) -> Any:
-        """Start a worker in place of a dead one. Raises CallFailed if the pool is closed."""
+        """Start a worker in place of a dead one. Raise CallFailed if the pool is closed."""
         worker.end()
         with self._lock:
             if self._closed:
@@ -151,7 +151,7 @@ class ChildProcess:
             )
 
     def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
-        """Return the result of attempt() in the process. Raises WorkerDied."""
+        """Return the result of attempt() in the process. Raise WorkerDied if there is none in time."""
         try:
             self._connection.send((function, args))
             if self._connection.poll(seconds):

@@ -16,14 +16,14 @@ def connect(address: str, workers: int) -> Any:
     """Return the module ray, connected to a cluster.
 
     Args:
-        address: address of the cluster, or "local" to start a cluster on the loopback interface, without a dashboard.
-        workers: number of cores of a local cluster.
+        address: Address of the cluster, or "local" to start a cluster on the loopback interface, without a dashboard.
+        workers: Number of cores of a local cluster.
 
     Raises:
         ApplrError: No cluster answers.
     """
     if address == "local":
-        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: admits no other host
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported; admits no other host
     else:
         _check_address(address)
     import ray
@@ -42,14 +42,14 @@ def connect(address: str, workers: int) -> Any:
 
 
 class RayWorker:
-    """Runs calls on a cluster one after the other. Each call waits until a node has a free core."""
+    """Worker that runs calls on a cluster one after the other. Each call waits until a node has a free core."""
 
     def __init__(self, ray: Any):
         self._ray, self._task = ray, None
         self._attempt = ray.remote(num_cpus=1, max_retries=0)(attempt)
 
     def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
-        """Return the result of attempt() on a node. Raises WorkerDied."""
+        """Return the result of attempt() on a node. Raise WorkerDied if there is none in time."""
         self._task = self._attempt.remote(function, args)
         try:
             return self._ray.get(self._task, timeout=seconds)

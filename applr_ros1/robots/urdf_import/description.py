@@ -141,14 +141,14 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
 
 
 def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
-    """Return radius [m], width [m] and centre (3,) of a wheel; 0 for a size that its collision shapes do not define."""
+    """Return radius, width and centre (3,) of a wheel [m]; 0 for a size that the collision shapes do not define."""
     parts = urdf.parts(joint)
     shapes = [corners for name in parts for corners in urdf.shapes(name)]
     low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
     length, width, height = high - low
     if len(shapes) < sum(len(urdf.links[name].collisions) for name in parts) or abs(length - height) >= 0.1 * height:
         return 0.0, 0.0, urdf.pose(joint.child)[:3, 3]
-    # The width of a sphere is not that of the wheel.
+    # A wheel modelled as a sphere has no known width.
     return float(height / 2), float(width) if width < 0.9 * height else 0.0, (low + high) / 2
 
 
@@ -164,7 +164,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
     low, high = (end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max))
     problem = "" if shapes else "no fixed collision shapes above the axles are known"
     if urdf.lost:
-        problem = f"{', '.join(sorted(urdf.lost))} is missing (put its package beside that of the URDF)"
+        problem = f"{', '.join(sorted(urdf.lost))} is missing (put its package beside the package of the URDF)"
     elif shapes and low[2] < axle - base.get("wheel_radius", inf) + CLEARANCE_M:
         problem = "the fixed collision shapes reach down to the ground, as casters do"
     elif shapes and high[1] - low[1] < base["track"] / 2:
@@ -187,7 +187,7 @@ def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description:
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
     """Fill the section laser with its pose, and with the settings of Gazebo's ray sensor on its link.
 
-    By default, the laser is the link `sensor_frame` of the costmap's source, or that of the only ray sensor.
+    By default, the laser is the link `sensor_frame` of the costmap's source, or the link of the only ray sensor.
     """
     sensors: Dict[str, List[Any]] = {}
     for holder in urdf.xml.findall("gazebo"):

@@ -35,7 +35,7 @@ class Parameters:
 
     Attributes:
         files: (path, namespace below move_base) in the order of loading.
-        tree: Nested values of the files, as move_base has them.
+        tree: Nested values of the files, relative to move_base's namespace.
         full: Nested values with all defaults filled in.
         added: Parameters that robot.yaml must give in addition to the files.
         limits: Limits in the controller's file, by field of robot.yaml's section base.
@@ -67,7 +67,7 @@ class Parameters:
         return branch(self.tree, namespace(str(self.full["base_local_planner"])))
 
     def footprint(self) -> np.ndarray:
-        """Return the outline (n, 2) [m] of the files, empty if there is none."""
+        """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
         given = any("robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap")))
@@ -87,7 +87,7 @@ class Parameters:
         return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
 
     def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
-        """Return the changes for a simulated robot, which only publishes the laser scan on a topic.
+        """Return the changes for a simulated robot, whose only sensor data is the laser scan on `topic`.
 
         Returns:
             Nested observation_sources of the layers that use other topics as well, and these topics.
@@ -169,7 +169,7 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     elif controllers:
         parameters.limits, parameters.driven = _limits(controllers[0]), _driven(controllers[0])
     present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
-    # If the files do not name the planner, the launch file does.
+    # The files do not name the planner: a launch file, which is not read, does.
     if "base_local_planner" not in parameters.tree and present == [LOCAL_PLANNERS[1]]:
         parameters.added["base_local_planner"] = present[0]
     parameters.tree = merged(parameters.tree, parameters.added)

@@ -1,4 +1,4 @@
-"""Reader of a URDF or xacro file: tree of joints, poses, and corners of collision shapes.
+"""Reader of a URDF or xacro file: tree of joints, poses, and vertices of collision shapes.
 
 description.py derives a robot's wheels, outline and laser from the file.
 """
@@ -41,7 +41,7 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
     except Exception as error:  # An expression may raise any exception.
         raise ApplrError(
             f"{path}: xacro fails: {' '.join(str(error).split())}; give arguments as NAME:=VALUE and put packages "
-            "beside its own, or give the robot's URDF: rosparam get -p /robot_description > robot.urdf"
+            "beside this file's package, or give the expanded URDF: rosparam get -p /robot_description > robot.urdf"
         ) from error
 
 
@@ -54,7 +54,7 @@ class UrdfFile:
         base: Link of the base frame.
         links: yourdfpy's links by name.
         joints: yourdfpy's joints by name.
-        moving: Joints that move a link relative to the base frame, by link, nearest first.
+        moving: For each link, the movable joints between it and the base frame, nearest to the link first.
         lost: Missing collision meshes.
     """
 
@@ -118,7 +118,7 @@ class UrdfFile:
         return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
 
     def shapes(self, link: str) -> List[Array]:
-        """Return the corners (n, 3) [m] of each collision shape of a link in the base frame, without missing meshes."""
+        """Return the vertices (n, 3) [m] of each collision shape of a link in the base frame, except missing meshes."""
         shapes = []
         for collision in self.links[link].collisions:
             corners = self._corners(collision.geometry)
@@ -128,7 +128,7 @@ class UrdfFile:
         return shapes
 
     def _corners(self, shape: Any) -> Any:
-        """Return the corners (n, 3) [m] of a shape in its own frame. Add a missing mesh to `lost`, and return none."""
+        """Return the vertices (n, 3) [m] of a shape in its frame. A missing mesh has none and is added to `lost`."""
         import trimesh
 
         if shape.box is not None:

@@ -146,7 +146,7 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
 
 
 def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
-    """Return the limits of the local planner as proposals for those of the base, which cannot be lower."""
+    """Return the local planner's limits as proposals for the base's limits, which cannot be lower."""
     hints: Dict[Tuple[str, str], Tuple[Any, str]] = {}
     for field, names in (
         ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),

@@ -30,7 +30,7 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
 ) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
-    """Return weights for policy/actor.py, and their accuracy. Scans are augmented by mirroring, rotation and noise.
+    """Return weights for policy/actor.py, and the accuracy. Training scans are augmented (mirrored, rotated, noisy).
 
     Args:
         scans: (n, beams) scans as returned by inputs().
@@ -53,12 +53,12 @@ def train(
 
 
 def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout) -> Dict[str, np.ndarray]:
-    import torch  # takes seconds, which --help need not wait for
+    import torch  # takes seconds; --help does not import it
 
     from training.td3.td3 import MLP
 
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # The threads of such a small network only wait for each other.
+    torch.set_num_threads(1)  # Several threads are slower for such a small network.
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     net = MLP(layout.beams, [HIDDEN], contexts)

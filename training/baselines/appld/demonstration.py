@@ -1,6 +1,6 @@
-"""Demonstration: commands of a demonstrator with the poses and scans recorded at the same time.
+"""Demonstration: commands of a demonstrator, and the poses and scans recorded at the same times.
 
-APPLD (appld.py) reads a demonstration from a bag, recorded while a person drove the robot or by demonstrate.py with the
+APPLD (appld.py) reads it from a bag. The bag was recorded while a person drove the robot, or by demonstrate.py with the
 scripted demonstrator.
 """
 
@@ -28,17 +28,17 @@ class Demonstration:
     """Demonstration at instants of about 50 ms, one per control cycle, from the first to the last command.
 
     Attributes:
-        name: file name of the bag.
+        name: File name of the bag.
         time: (n,) time [s].
-        scan: angle of the first range, angle between ranges [rad], minimum and maximum range [m].
+        scan: Angle of the first range, angle between ranges [rad], minimum and maximum range [m].
         ranges: (n, m) float32 [m], unprocessed ranges of the laser.
         seen: (n, 720) float32 [m], ranges resampled for a policy; other robots have other numbers of beams.
         pose: (n, 3) x, y [m], yaw [rad] by odometry.
         twist: (n, 2) v [m/s], w [rad/s] by odometry.
         command: (n, 2) v [m/s], w [rad/s].
-        goal: (x, y, yaw) in the frame of the odometry.
-        source: demonstrator and place.
-        robot: robot that drove.
+        goal: (x, y, yaw) [m, m, rad] in the frame of the odometry.
+        source: Demonstrator and place.
+        robot: Robot that drove.
     """
 
     name: str
@@ -116,7 +116,7 @@ def _instants(bag: Bag, robot: Robot) -> Demonstration:
 
 
 def _beats(stamps: np.ndarray) -> np.ndarray:
-    """Return the indices of the scans to use: the nearest one to each planner cycle, if the laser's rate differs."""
+    """Return the indices of the scans to use: all, or one per planner cycle if the laser is faster than the planner."""
     period, due, chosen = int(CONTROL_PERIOD * SECOND), int(stamps[0]), []
     for i, when in enumerate(stamps.tolist()):
         if when >= due - period // 5:
@@ -126,7 +126,7 @@ def _beats(stamps: np.ndarray) -> np.ndarray:
 
 
 def _commands(at: np.ndarray, values: np.ndarray, when: np.ndarray) -> np.ndarray:
-    """Return the latest command (n, 2) by the end of each instant, or 0 if the command is older than HELD."""
+    """Return the latest command (n, 2) at the end of each instant, or zeros if that command is older than HELD."""
     last = np.searchsorted(at, when + int(0.9 * CONTROL_PERIOD * SECOND), side="right") - 1
     fresh = (last >= 0) & (when - at[last] < HELD * SECOND)
     return np.where(fresh[:, None] & np.isfinite(values[last]), values[last], 0.0)

@@ -21,8 +21,8 @@ from training.baselines.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
 
 TURN_WEIGHT = 0.25  # weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
-PULL = 1e-3  # weight of the squared distance of actions from theta_0, which decides between equally good sets
-LONGEST = 100  # largest number of replayed instants of a segment
+PULL = 1e-3  # weight of an action's mean squared distance from that of theta_0, which decides between equal losses
+LONGEST = 100  # largest number of instants of a segment that are replayed
 SETTLE = 5  # number of ignored instants after a change of parameters
 
 
@@ -42,10 +42,10 @@ class Fit:
 
     Attributes:
         theta: (n,) best parameters.
-        loss: Mean weighted squared error of the best parameters.
-        loss_theta0: Mean weighted squared error of the default parameters.
-        rms_v_w: Root mean square error of the planner's (v, w) with the best parameters [m/s, rad/s].
-        rms_v_w_theta0: Root mean square error with the default parameters [m/s, rad/s].
+        loss: Mean weighted squared error of the commands with the best parameters.
+        loss_theta0: Mean weighted squared error with the default parameters.
+        rms_v_w: Root mean square errors of the commands (v, w) with the best parameters [m/s, rad/s].
+        rms_v_w_theta0: Root mean square errors with the default parameters [m/s, rad/s].
         replays: Number of evaluated parameter sets.
         instants: Number of instants in which each parameter set was replayed.
     """
@@ -76,7 +76,7 @@ def clock(i: int) -> float:
 
 
 def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
-    """Return a Stretch for each span, after leading the planner along the whole demonstration with theta_0."""
+    """Return a Stretch for each segment, from a replay of the whole demonstration with theta_0."""
     planner, parts, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
     send(space.requests(space.theta0), planner)
     step(planner, d, 0)
@@ -93,7 +93,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
 
 
 def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
-    """Return the planner's (v, w) minus the demonstrator's, (k, 2), at the k instants that count."""
+    """Return the errors (k, 2) of the planner's commands (v, w) at the k instants that are not ignored."""
     planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
     send(space_of(d.robot).requests(theta), planner)
     given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])

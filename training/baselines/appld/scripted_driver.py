@@ -18,7 +18,7 @@ from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
 SPACING = 0.05  # distance between points of the route [m]
-WANTED = 0.9  # distance below which obstacles push the Jackal's route away [m]
+WANTED = 0.9  # distance below which obstacles push the route away, for the Jackal [m]
 LOOKAHEAD_S = 0.35  # increase of the lookahead distance with the speed [s]
 SIDEWAYS = 0.8  # maximum lateral acceleration [m/s^2]
 
@@ -37,8 +37,8 @@ class Demonstrator:
         base, laser, scale = robot.base, robot.laser, robot.world_scale
         self.slow = min(0.3, 0.5 * base.max_speed)  # speed in the narrowest passages [m/s]
         self.fast = min(1.2, 0.9 * base.max_speed)  # speed without obstacles nearby [m/s]
-        self.narrow = 0.7 * scale  # free distance up to which the speed is `slow` [m]
-        self.wide = 2.0 * scale  # free distance from which on the speed is `fast` [m]
+        self.narrow = 0.7 * scale  # largest free distance at which the speed is `slow` [m]
+        self.wide = 2.0 * scale  # smallest free distance at which the speed is `fast` [m]
         self.turn = min(1.5, 0.8 * base.max_yaw_rate)  # maximum yaw rate [rad/s]
         self.gain = min(0.8, base.max_acceleration)  # acceleration [m/s^2]
         self.brake = min(1.6, base.max_acceleration)  # deceleration [m/s^2]
@@ -70,10 +70,10 @@ class Demonstrator:
         return self._smooth(v, max(-self.turn, min(self.turn, v * curvature)))
 
     def _room(self, ranges: np.ndarray, bearing: float) -> float:
-        """Return the free distance [m] in a scan (beams,): the smaller of two values.
+        """Return the free distance [m] in a scan (beams,).
 
-        One is the free distance ahead, in a band slightly wider than the robot. The other is twice the free distance to
-        the sides.
+        It is the smaller of the free distance ahead, in a band slightly wider than the robot, and twice the free
+        distance to the sides.
         """
         ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
         along, across = ranges * np.cos(self._beams - bearing), np.abs(ranges * np.sin(self._beams - bearing))
@@ -90,8 +90,8 @@ class Demonstrator:
 def route(world: World, wanted: float = WANTED) -> np.ndarray:
     """Return points (k, 2) [m] every SPACING metres from start to goal.
 
-    The points form an elastic band along the reference path of the course, which is alternately straightened and pushed
-    away from obstacles nearer than `wanted` [m].
+    The reference path of the course is treated as an elastic band: alternately straightened, and pushed away from
+    obstacles nearer than `wanted` [m].
     """
     course = world.course
     finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]
@@ -112,7 +112,7 @@ def _resampled(points: np.ndarray) -> np.ndarray:
 
 
 def _away(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
-    """Return (k, 2) directions from the nearest obstacle, times the missing part of the wanted distance."""
+    """Return vectors (k, 2) away from the nearest obstacle. Their length is what its distance lacks to `wanted` [m]."""
     offsets = [points[:, None, :] - world.cylinders[None, :, :2]]
     gaps = [np.hypot(offsets[0][..., 0], offsets[0][..., 1]) - world.cylinders[:, 2]]
     for x, y, yaw, size_x, size_y in world.boxes:

@@ -47,7 +47,7 @@ class Contexts:
 
 def features(demonstration: Demonstration) -> np.ndarray:
     """Return FEATURES (n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot."""
-    import pandas  # slower to import than all modules that --help needs
+    import pandas  # slow to import; --help does not need it
 
     layout = layout_of(demonstration.robot)
     cap = layout.range_cap  # range beyond which space counts as open [m]
@@ -65,9 +65,9 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     """Return the contexts of one or more demonstrations.
 
     Changepoints minimise the squared error about each segment's mean features plus a penalty per changepoint. This is
-    the likelihood of normal features with the penalty of BIC, a maximum-likelihood replacement for the Bayesian CHAMP
-    of the APPLD paper. Ward's method then clusters the segments into at most `most` contexts. With 0, every segment is
-    a context of its own, as in the APPLD paper.
+    the likelihood of normal features with the penalty of BIC, and replaces the Bayesian CHAMP of the APPLD paper.
+    Ward's method then clusters the segments into at most `most` contexts. If `most` is 0, every segment is a context of
+    its own, as in the APPLD paper.
     """
     import pandas
 
