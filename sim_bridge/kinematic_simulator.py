@@ -184,9 +184,9 @@ def _press(
 ) -> Tuple[float, float, float, bool]:
     """Return the velocity (u, s, w) after the impulses of n contacts, and whether any contact pressed.
 
-    Normal impulses prevent an approach beyond the gap and resolve a share UNDO of an overlap. Coulomb friction acts
-    with WHEEL_RUB at wheels and BODY_RUB at the body. The front or back of a wheel also rubs up or down the obstacle,
-    which leaves less friction against lateral motion.
+    Normal impulses limit the approach to the gap and resolve a share UNDO of an overlap. Coulomb friction acts with
+    coefficient WHEEL_RUB at wheels and BODY_RUB at the body. The front or back of a wheel also rubs up or down the
+    obstacle, which leaves less friction against lateral motion.
     """
     mass, inertia = scalars[m.MASS], scalars[m.YAW_INERTIA]
     push, hold = np.zeros(n), np.zeros(n)

@@ -36,14 +36,14 @@ class Mechanics:
     """Numbers and arrays that the simulators derive from the description of a robot.
 
     Attributes:
-        mass, com, body_com: Total mass [kg], its centre (x, y), and the centre of the body in the base frame [m].
+        mass, com, body_com: Total mass [kg]; centres of mass of robot and body in the base frame [m].
         body_inertia, wheel_inertia: Moments of inertia about x, y, z [kg m^2].
         base_height: Height of the base frame above the ground [m].
-        scalars: Numbers (SCALARS,) for the kernels, in the order above.
+        scalars: Numbers (SCALARS,) for the kernels, in the order of the indices MASS to EDGE_SHIFT.
         supports: Driven wheels in the order of geometry.wheel_places, then casters, (n, COLUMNS): position X, Y, LOAD
             at rest [N], SIDE of the wheel or CASTER, SHARE of a wheel's friction, load transfer SHIFT_X, SHIFT_Y per
             acceleration (along LEVER_X, LEVER_Y), position BASE_X, BASE_Y relative to the body's centre of mass.
-        parts: Rectangles (k, 4) of the outline, the body and then the wheels.
+        parts: Rectangles (k, 4) of the outline: x, y, half length, half width [m]; the body, then the wheels.
     """
 
     mass: float
@@ -120,6 +120,6 @@ def _supports(robot: Robot, com: Tuple[float, float], loads: np.ndarray) -> Tupl
     if base.wheels == 4:  # Wheels in a rectangle share the load transfer equally.
         supports[:, [SHIFT_X, SHIFT_Y]] = -np.sign(places)
         return supports, [2.0 * base.wheelbase, 2.0 * base.track]
-    centred = places - places.mean(axis=0)  # These are the smallest loads that balance a moment.
+    centred = places - places.mean(axis=0)  # These are the smallest load changes that balance a moment.
     supports[:, [SHIFT_X, SHIFT_Y]] = -centred
     return supports, [float(value) or 1.0 for value in (centred**2).sum(axis=0)]

@@ -1,6 +1,6 @@
 """Node /sim_bridge: a simulated robot with the ROS interface of the real robot.
 
-Start it with `rosrun applr_ros1 sim_bridge.py`. Names are those of the robot's description, here the Jackal's.
+Start it with `rosrun applr_ros1 sim_bridge.py`. Names come from the robot's description; these are the Jackal's.
 
 Published topics: /clock (100 Hz); front/scan at the laser's rate; odometry/filtered, /tf, /tf_static, imu/data,
 collision, ~collision, ~ground_truth (frame world) at the odometry's rate; ~obstacles (latched), ~movers.

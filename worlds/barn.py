@@ -130,7 +130,7 @@ def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> Cells:
 
 
 def draw_path(filled: Cells, rng: np.random.Generator) -> Optional[Ints]:
-    """Draw a path (k, 2) of cells from a random free row of the first column to one of the last; None if there is none.
+    """Draw a path (k, 2) of cells between random free rows of the first and last column, or None if there is none.
 
     The largest region that touches the first column must also be the largest that touches the last column.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from applr_ros1.common.arrays import Array, Ints
 
 Cell = Tuple[int, int]
-Cells = NDArray[np.bool_]  # (rows, columns) of a grid
+Cells = NDArray[np.bool_]  # mask (rows, columns) of a grid's cells
 
 MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # moves in steps of 45 degrees
 LENGTHS = tuple(math.hypot(*m) for m in MOVES)

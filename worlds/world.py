@@ -1,8 +1,8 @@
 """World: static and moving obstacles on a plane, and the course through them.
 
 Plain data, except for the positions of moving obstacles, which are interpolated between key frames like a Gazebo
-PoseAnimation. Every part reads these classes, and `worlds.load` creates them. Frame: BARN's, x to the right, y forward,
-metres, radians.
+PoseAnimation. All packages read these classes, and `worlds.load` creates them. The frame is BARN's: x to the right, y
+forward, in metres and radians.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -
     )
 
 
-# Odometry error allowed at the goal [m], and as a share of the route: .55 m on 10 m in Gazebo, 1.3 m on 20 m here
+# Odometry error allowed at the goal: in [m], and as a share of the route. Seen: .55 m on 10 m (Gazebo), 1.3 m on 20 m.
 ODOMETRY_OFF_M, ODOMETRY_OFF_SHARE = 0.5, 0.08
 MAP_REACH_M = 19.7  # reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
 
@@ -145,8 +145,8 @@ class Course:
     def arrived(self, x: float, y: float, called_within: Optional[float] = None) -> bool:
         """Return True if a robot at the true position (x, y) has arrived. All decisions about success use this method.
 
-        - Finish line: the paper's in BARN's worlds (y = 10). The paper only writes that the physical course is driven
-          from end to end, so the line and the circle of that course are our own.
+        - Finish line: y = 10 m in BARN's worlds, as in the paper. The paper only writes that the physical course is
+          driven from end to end, so the line and the circle of that course are our own.
         - Circle around the goal: 1 m in the BARN Challenge, or the tolerance given in a world file.
         - Planner's report, if the course has no finish of its own: the planner decides by odometry, so the true
           position may be off by the allowed error of the odometry.

@@ -177,7 +177,7 @@ class SeenSpace:
         corner: (2,) int64, floor(x / CELL_M) and floor(y / CELL_M) of the lowest cell of the window.
 
     Args:
-        radius: distance from the robot within which obstacles are remembered [m]; the grid covers at least this.
+        radius: distance from the robot within which obstacles are remembered [m]; the grid covers at least this circle.
     """
 
     def __init__(self, radius: float):

@@ -1,6 +1,6 @@
 """Collision monitor: scanner check, scan matching, obstacle memory, observed space and stopping distance combined.
 
-Scans update the state of CollisionMonitor, and this state decides about commands. Training calls it in process.
+Scans update the state of CollisionMonitor, and this state decides about commands. Training uses the class directly.
 """
 
 import math
@@ -27,7 +27,7 @@ STOP_WITHIN_M = 2.0  # longest stopping distance that is allowed; faster command
 BLOCKED_M_S, BLOCKED_RAD_S = 0.05, 0.15  # velocities below which a limited command counts as blocked [m/s, rad/s]
 TINY_SPEED = 1e-6  # speed below which a command counts as zero [m/s, rad/s]
 BEATS = 10  # number of latest command intervals that are kept
-LATE_S = 0.05  # delay of a command that does not yet count as silence, and delay of a stop to the wheels [s]
+LATE_S = 0.05  # tolerated delay of a command, and largest delay of a stop on its way to the wheels [s]
 BRAKING_S = 0.1  # longest time between two commands to a braking base, whether or not the planner sends one [s]
 GRIPPING_S = 0.1  # time within which a braking base must be able to reach its turn rate [s]
 AHEAD_OF_CLOCK_S = 0.1  # largest lead of a stamp over the clock; a larger one means that the clock was set back [s]
@@ -88,7 +88,7 @@ class CollisionMonitor:
         more_scans: names of further lasers. Only the first laser corrects the pose (ScanMatcher).
 
     Attributes:
-        fastest: (v [m/s], w [rad/s]) that stop within STOP_WITHIN_M and within a full turn if the inputs are fresh.
+        fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn, on fresh inputs.
         ages: ages of the latest scan, pose and twist at the last command [s].
         silence: time after a command at which the base must be braked() unless another command arrives [s].
     """
@@ -120,7 +120,7 @@ class CollisionMonitor:
         self.motion.clear()
         self.ages = (0.0, 0.0, 0.0)
         self._pose: Tuple[float, Optional[Pose]] = 0.0, None  # stamp [s] of the last change of the pose, and the pose
-        self._brakes = False  # whether the friction limit keeps v of the last output from its command
+        self._brakes = False  # whether the friction limit changed v of the last output
         self._asked: Optional[float] = None  # time of the last command [s]
         self._beats: Deque[float] = deque(maxlen=BEATS)  # intervals between the last commands [s]
         self._given = -math.inf, 0.0, 0.0  # time [s], v and w of the last output
@@ -133,7 +133,7 @@ class CollisionMonitor:
     def add_scan(self, scan: LaserScan, name: str = "") -> str:
         """Check a scan in the odometry frame, add it to the memory, and return its fault, or "" if it has none.
 
-        `name` is the name of its laser, "" for the first. An unknown name registers a further laser.
+        `name` is the name of the scan's laser, "" for the first. An unknown name registers a further laser.
         """
         laser = self._lasers.get(name) or self._lasers.setdefault(name, _Laser(self.settings))
         if laser.stamp is not None and scan.stamp < laser.stamp:
@@ -219,7 +219,7 @@ class CollisionMonitor:
             turning: measured turn rate [rad/s], None if it is unknown.
         """
         (then, was, turned), (v, w) = self._given, command
-        if was * measured > 0.0 and now >= then:  # Otherwise the base stands or already moves the other way.
+        if was * measured > 0.0 and now >= then:  # Otherwise the base stands still or already moves the other way.
             left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
             if left > 0.0 and v * math.copysign(1.0, was) < left:
                 if v == 0.0 and w == 0.0:

@@ -290,8 +290,8 @@ def lines(ranges: Array32, beams: Beams) -> Array:
 def _beam_near(surface: Array, beams: Beams, x: float, y: float, last: float) -> float:
     """Return the fractional index of the beam towards the point x, y [m] in the scanner's frame, starting at `last`.
 
-    The result equals that of beam_at(), which is slower. Each step moves to the beam at the computed angle to the
-    current beam; a short series replaces the arc tangent.
+    Agrees with beam_at(), which is slower. Each step goes to the beam at the angle between the current beam and the
+    point. A short series replaces the arc tangent.
     """
     i = int(last)
     for _ in range(3):

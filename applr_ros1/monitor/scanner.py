@@ -43,7 +43,7 @@ class ScannerCheck:
         """Forget all scans, for instance after the odometry was reset."""
         self._last: Any = None  # Image of the last scan with hits
         self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
-        self._doubts = False  # whether any beam is doubted
+        self._doubts = False  # whether there is a failed sector
         self._forget_image()
 
     def fault(self, scan: LaserScan) -> str:

@@ -131,7 +131,7 @@ def on_arc(v: float, command_v: float, command_w: float, turned: float) -> float
 
 @kernel
 def _is_free_every_way(rows: Array, motion: Motion, scale: float) -> bool:
-    """Return whether a command is free for every possible response of the turn rate.
+    """Return whether a command is collision-free for every possible response of the turn rate.
 
     The base may turn as commanded at once, faster, still as measured, or not at all, and thus leave the arc.
     """

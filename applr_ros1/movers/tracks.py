@@ -21,9 +21,9 @@ from applr_ros1.movers.slip import VOTES, shift, slip
 MAX_TRACKS = 192  # largest number of tracks
 # Columns of a track. ID: identifier, 0 for an empty row. TX, TY: centre [m]. VX, VY: velocity [m/s]. PP, PV, VV:
 # variance of the position, covariance of position and velocity, variance of the velocity. TR: radius [m]. BORN, SEEN,
-# EVIDENT: stamps of the first cluster, the last cluster, the last evidence of motion [s]. EVIDENCE, TIMES: its duration
-# [s], its number of scans. GONE: number of scans that saw through the track. MOVES: 1 for a moving obstacle. HITS:
-# number of clusters. MX, MY: moving average of the centre [m].
+# EVIDENT: stamps of the first cluster, the last cluster, the last evidence of motion [s]. EVIDENCE, TIMES: duration
+# [s] and number of scans of the evidence. GONE: number of scans that saw through the track. MOVES: 1 for a moving
+# obstacle. HITS: number of clusters. MX, MY: moving average of the centre [m].
 ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, MOVES, HITS, MX, MY = range(19)
 COLUMNS = 19
 
@@ -47,7 +47,7 @@ AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
 SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
-LOST_S = 0.25  # time without a cluster after which a track of no moving obstacle ends [s]
+LOST_S = 0.25  # time without a cluster after which a static track ends [s]
 Scans = Tuple[Array32, Array]  # ranges and fans of FreeSpace: the kept scans
 
 
@@ -133,7 +133,7 @@ def has_moved(points: Array, history: Array, before: Scans, depth: Array32, fan:
 
     Args:
         points: (6,) three points of the cluster [m].
-        history: (SCANS, 6) their positions in the kept scans [m]; NaN for a scan without a cluster of the track.
+        history: (SCANS, 6) positions of the points in the kept scans [m]; NaN if the track had no cluster.
         before: kept scans of FreeSpace.
         depth: (n,) free depth of the latest scan's beams [m].
         fan: (10,) geometry of the latest scan.

@@ -70,8 +70,8 @@ def set_parameters(node: ApplrNode, message: Parameters) -> None:
 def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
     """Handle the service ~set_method. given: Result of started_with().
 
-    Anybody who reaches the ROS master can call this service. It therefore imports no code, except for the user-defined
-    method with which the node was started.
+    Anybody who reaches the ROS master can call this service. The service therefore imports no code, except for the
+    user-defined method with which the node was started.
     """
     spec = request.method or node.method.name
     try:

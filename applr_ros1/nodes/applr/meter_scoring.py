@@ -19,7 +19,7 @@ from applr_ros1.nodes.conversions import COST_FIELDS
 from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots.learned import TRAJECTORY
 
-PLANNER = TRAJECTORY  # name of the planner in question: DWAPlannerROS always counts per metre
+PLANNER = TRAJECTORY  # planner whose unit may vary: DWAPlannerROS always counts per metre
 # weights of a trajectory's cost: two biases that meter_scoring multiplies, and one that it does not
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 CLOSE = 0.002  # largest relative error of a cell's cost for a matching factor; float32 gives 1e-6
@@ -62,7 +62,7 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
 
 
 def multipliers_of(space: Space, factor: float, largest: float = 5.0) -> np.ndarray:
-    """Return the multipliers (n,) with which a planner of either kind drives the same on a parameter set per cell.
+    """Return the multipliers (n,) that convert a parameter set with biases per cell for a planner with this factor.
 
     The choice among trajectories depends only on the ratios of the three weights. If a bias would exceed its bound, all
     three weights are therefore divided by the same power of two.

@@ -1,8 +1,8 @@
 """The applr node: observation → method → parameters, every one or two seconds of ROS time (Algorithm 1 of the paper).
 
 Started by main.py, beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. The node decides while a goal is
-active. Between goals the planner has theta_0, so that every course starts with it. docs/reference/topics.md lists the
-node's topics.
+active. Between goals the planner has its default parameters theta_0, so that every course starts with theta_0.
+docs/reference/topics.md lists the node's topics.
 """
 
 from __future__ import annotations

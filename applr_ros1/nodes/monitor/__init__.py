@@ -1,2 +1,2 @@
-"""The node collision_monitor, between a source of velocities and the base, and its guard."""
+"""ROS node `collision_monitor`, between a source of velocity commands and the base, and its guard process."""
 # Imports monitor, robots and the shared modules of nodes.

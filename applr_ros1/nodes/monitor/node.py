@@ -1,9 +1,9 @@
 """ROS node `collision_monitor`, between move_base (or any other source of velocity commands) and the base.
 
 Started by guard.py. The node reads commands from cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor
-allows. If the next command is overdue, it brakes the base at its own rate, and then publishes zeros until the base has
-stood still for a second. If an exception occurs, it stops the base and reports this on /diagnostics. With ~escape, it
-makes small escape motions while move_base is stuck or blocked although its goal is active.
+allows. If the next command is overdue, the node itself sends braking commands, and then zeros until the base has stood
+still for a second. After an exception, the node stops the base and reports the exception on /diagnostics. With ~escape,
+the node makes small escape motions while move_base is stuck or blocked although a goal is active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of further lasers;
 default: those of the description), ~escape (false), and the fields of monitor/settings.py except body.

@@ -1,7 +1,7 @@
 """Compilation of all kernels of the robot's side, so that nodes start quickly afterwards.
 
-`./applr` runs this program if kernels may be missing, and so does `catkin_make install`. It prints the folder of the
-cache, which common/kernels.py describes.
+`./applr` runs this program if kernels may be missing, and so does `catkin_make install`. The program prints the
+folder of the cache, which common/kernels.py describes.
 """
 
 from __future__ import annotations

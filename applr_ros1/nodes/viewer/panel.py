@@ -1,6 +1,6 @@
 """The viewer's tab Drive, with the method and a slider for each parameter, and the texts of the page's status.
 
-Only the applr node sets parameters. The page uses its public topic and services.
+Only the applr node sets parameters. The page uses the node's public topic and services.
 """
 
 from __future__ import annotations
