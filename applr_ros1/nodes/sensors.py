@@ -127,7 +127,7 @@ class Sensors:
         if known is None or known.stamp.is_zero():
             return "no message has arrived"
         age = (rospy.get_rostime() - known.stamp).to_sec()
-        return f"the latest is stamped {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
+        return f"the latest message has stamp {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
 
     def clear_errors(self) -> None:
         """Clear the source errors."""

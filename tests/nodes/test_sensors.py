@@ -95,7 +95,7 @@ def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
     robot.tf(102.9)
     robot.scan(100.0)
     assert robot.sensors.observations() == {}
-    begin = "the latest is stamped 100.000, 3.00 s ago; transform odom <- base at 100.000: "
+    begin = "the latest message has stamp 100.000, 3.00 s ago; transform odom <- base at 100.000: "
     assert robot.sensors.describe_latest("scan").startswith(begin)
 
 

@@ -110,7 +110,7 @@ class Server:
             while not self.has(values) and time.monotonic() < until:
                 time.sleep(0.002)
             other = next((name for name in values if not self.has({name: values[name]})), "")
-            error = other and f"{self.name} holds {other} at {self.values.get(other)}, not {values[other]}"
+            error = other and f"{self.name}: {other} is {self.values.get(other)} instead of {values[other]}"
         except Exception as problem:  # The library raises an error of its own in place of the server's.
             answer = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
             error = f"{self.name}: {reason(answer)}"

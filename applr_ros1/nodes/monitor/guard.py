@@ -87,7 +87,7 @@ def _watch(out: rospy.Publisher) -> int:
         node.kill()
         return 0
     if heard < math.inf:
-        rospy.logerr("collision monitor: its process has ended; the base is stopped until roslaunch restarts it")
+        rospy.logerr("collision monitor: the node has ended; the base is stopped until roslaunch restarts the node")
         publish_zeros(out, LAST_ZEROS)
     return node.wait()
 

@@ -175,7 +175,7 @@ def main() -> None:
         type=float,
         required=True,
         metavar="METRES",
-        help="Free distance ahead. All sides need half a metre.",
+        help="Free distance ahead. On all other sides, half a metre must be free.",
     )
     add("--yes", action="store_true", help="Required: confirms a way free of people, and an emergency stop at hand.")
     add("--robot", default="jackal", help="Name or folder of the robot's description. Default: %(default)s.")
@@ -184,7 +184,7 @@ def main() -> None:
     add("--repeats", type=int, default=3, help="Number of runs of each kind. Default: %(default)s.")
     options = parser.parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
-        raise ApplrError("the robot would drive: give --yes when its way is free and the emergency stop is at hand")
+        raise ApplrError("the robot will drive: give --yes once its way is free and an emergency stop is at hand")
     if not options.free >= LEAST_WAY_M or options.repeats < 1:
         wrong = f"--free {options.free:g} --repeats {options.repeats}"
         raise ApplrError(f"{wrong}: give at least {LEAST_WAY_M:g} m and one run")

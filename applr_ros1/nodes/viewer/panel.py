@@ -122,7 +122,7 @@ class Panel:
         return done
 
     def doing(self, goal: Any) -> str:
-        """Return the state of move_base as text. goal: its GoalStatus, or None."""
+        """Return the state of move_base as text. goal: GoalStatus of the latest goal, or None."""
         if self._listener.age(STATUS) > SILENT_S:
             return "move_base does not answer"
         return "waiting for a goal" if goal is None else f"goal {GOAL_STATES[goal.status]}"
