@@ -1,4 +1,4 @@
-"""Lookup of tf transforms, for nodes that place sensor data."""
+"""Lookup of tf transforms, for nodes that transform sensor data."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_AHEAD_S = 3.0  # largest lead of a transform's stamp over the clock [s]; amc
 
 
 class Transforms:
-    """Buffer of tf, filled from the first lookup until `unsubscribe`. Errors are ObservationErrors of one line."""
+    """Buffer of tf, filled from the first lookup until `unsubscribe`. Failed lookups raise ObservationError."""
 
     def __init__(self) -> None:
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
@@ -42,7 +42,7 @@ class Transforms:
     def latest(
         self, target: str, source: str, now: rospy.Time, oldest: float = math.inf, most_ahead: float = MAX_AHEAD_S
     ) -> Any:
-        """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, or as in C++ the latest.
+        """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, else the latest one.
 
         Raises ObservationError if the transform is older than `oldest` [s], or more than `most_ahead` [s] ahead of now.
         """
