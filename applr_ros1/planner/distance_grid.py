@@ -3,9 +3,9 @@
 Used by both local planners. The rules are those of base_local_planner/map_grid.cpp. `settle` floods until the value
 of one cell is final, `complete` floods the whole map. Both give the same values.
 
-The border of walls around the map makes bounds tests unnecessary. With N = nx * ny, a cell holds its distance, N if it
-is a wall, or N + 1 ("unseen") if the flood has not reached it (yet). An extra cell, which the flood never reaches, is
-settled to complete the flood.
+A border of walls around the map makes bounds tests unnecessary. With N = nx * ny, a cell holds its distance, N if it is
+a wall, or N + 1 ("unseen") if the flood has not reached it (yet). The flood never reaches the extra cell after the last
+row, so settling this cell completes the flood.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def allocate(nx: int, ny: int) -> Grid:
 
 @kernel
 def reset(grid: Grid, cells: Data) -> None:
-    """Make costmap cells (ny, nx) of 253 and above walls and all others unseen, and empty the queue."""
+    """Reset the grid: cells (ny, nx) of cost 253 and above become walls, all others unseen. Empty the queue."""
     ny, nx = cells.shape
     distance = grid.distance
     wall = np.int32(nx * ny)
@@ -69,9 +69,9 @@ def start_at(grid: Grid, k: int) -> None:
 def start_at_plan(grid: Grid, scene: Any, plan: Data, whole: bool) -> Tuple[int, int]:
     """Start the flood at the plan (n, 2) [m], resampled to the map's resolution, and return its last cell (x, y).
 
-    The usable plan begins at the first point that is on the map and known, and ends before the next one that is not.
-    Without usable points, the result is (-1, -1). If `whole` is set, the flood starts at all of its cells, otherwise
-    only at the last one. map_grid.cpp:106, 141.
+    The usable plan begins at the first point on a known cell of the map and ends before the next point off the map or
+    on an unknown cell. Without usable points, the result is (-1, -1). If `whole`, the flood starts at all cells of the
+    usable plan, otherwise only at its last cell. map_grid.cpp:106, 141.
     """
     cells, resolution = scene.cells, scene.resolution
     goal_x = goal_y = -1
@@ -110,8 +110,8 @@ def _started(grid: Grid, x: int, y: int, whole: bool) -> Tuple[int, int]:
 def settle(grid: Grid, cell: int, limit: int) -> int:
     """Flood until `cell` is final and return its value: a distance, N for a wall, or N + 1 if it is unseen.
 
-    Unseen means that the flood is complete without reaching the cell, or, if ends[0] < ends[1], that its distance
-    exceeds `limit`. The flood is 4-connected, one step per cell, and never enters walls. map_grid.cpp:222.
+    A cell is unseen if its distance exceeds `limit` (then ends[0] < ends[1]) or if the complete flood does not reach
+    it. The flood is 4-connected, one step per cell, and never enters walls. map_grid.cpp:222.
     """
     distance, queue, ends, nx, ny = grid
     unseen = nx * ny + 1
@@ -150,7 +150,7 @@ def settle(grid: Grid, cell: int, limit: int) -> int:
 
 @kernel
 def at_least(grid: Grid, cell: int, limit: int) -> int:
-    """Return the value of `cell` (N for a wall), or limit + 1 if the flood would exceed the limit to reach it."""
+    """Return the value of `cell` (N for a wall), or limit + 1 if its distance exceeds `limit` [cells]."""
     value = settle(grid, cell, limit)
     return limit + 1 if value > grid.nx * grid.ny and grid.ends[0] < grid.ends[1] else value
 
@@ -161,7 +161,7 @@ def final_distance(grid: Grid, cell: int) -> int:
     n = grid.nx * grid.ny
     stride = grid.nx + 2
     value = settle(grid, cell, n + 1)
-    if value == n:  # The flood touches a wall only if it reaches one of its neighbours.
+    if value == n:  # The flood touches a wall only if it reaches a neighbour of the wall.
         for neighbour in (cell - 1, cell + 1, cell - stride, cell + stride):
             if settle(grid, neighbour, n + 1) < n:
                 break

@@ -5,8 +5,8 @@ obstacles behind the robot, and samples no forward velocity until it has backed 
 the robot would stand there forever. If the monitor stops the robot closer to an obstacle than the planner's footprint
 allows, the planner finds no command at all.
 
-The state machine asks an Escape in each control cycle. Without reports of a monitor, or with planner fidelity
-"cpp-like", the Escape does nothing. Next to a C++ move_base, the monitor uses an Escape (monitor/stalled_planner.py).
+The state machine asks an Escape for a motion in each cycle, and gets none without reports of a monitor or with planner
+fidelity "cpp-like". With a C++ move_base, the monitor itself runs an Escape (monitor/stalled_planner.py).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Escape:
     def __init__(self) -> None:
         self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
         self._next = 0  # index of the next motion
-        self.is_held = False  # whether the robot has not been free since its first escape motion
+        self.is_held = False  # True from the first escape motion until the robot counts as free (PASSED)
         self.restart()
 
     def restart(self) -> None:

@@ -1,4 +1,4 @@
-"""Factory for the costmaps and the local planner of MoveBase, built from its parameters. Called by move_base.py."""
+"""Factory of the costmaps and the local planner of MoveBase, from move_base's parameters. Called by move_base.py."""
 
 from __future__ import annotations
 

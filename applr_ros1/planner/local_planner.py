@@ -23,8 +23,8 @@ class LocalPlanner(abc.ABC):
     in m. A planner keeps state between calls (plan, latches, flags), which `reset` clears.
 
     Attributes:
-        remembers_reached: whether a goal once reached stays reached until the next plan or reconfigure, because C++'s
-            move_base reads the flag only in its next cycle. Otherwise move_base asks again in every cycle.
+        remembers_reached: whether goal_reached stays True until the next plan or reconfigure. The C++ move_base reads
+            this flag only in its next cycle. Planners that do not remember it test the goal again in every cycle.
         goal_reached: whether the last compute_velocity found the goal reached.
         cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if there was none.
     """

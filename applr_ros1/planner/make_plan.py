@@ -30,8 +30,8 @@ def reachable_near(
 ) -> np.ndarray:
     """Return the points (n, 2) [m] near the goal that navfn can reach, in the order in which C++ tries them.
 
-    C++ plans to each point of growing squares around the goal. Its step is three cells, or less for a smaller
-    tolerance, and is summed in float32. One flood here removes the unreachable points.
+    C++ plans to one point after another on growing squares around the goal. Points and squares are three cells apart,
+    or `tolerance` if it is smaller, summed in float32. Here, one flood first removes the unreachable points.
     """
     sx, sy = costmap.world_to_map(start[0], start[1])
     if sx < 0:
@@ -53,7 +53,7 @@ def reachable_near(
 
 
 def _on_map(centre: float, offsets: np.ndarray, origin: float, length: float) -> Tuple[np.ndarray, ...]:
-    """Return the coordinates centre -+ offsets on the map along one axis, with indices and signs of the offsets."""
+    """Return those coordinates centre -+ offsets [m] that are on the map, with indices and signs of their offsets."""
     index = np.arange(len(offsets))
     value = np.concatenate([centre - offsets[1:], centre + offsets])
     index, sign = np.concatenate([index[1:], index]), np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))])

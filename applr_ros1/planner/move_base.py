@@ -1,7 +1,7 @@
 """move_base without ROS, advanced in steps: costmaps, planners, recoveries, parameters and requests.
 
 The ROS node and the training environment step the same class. It runs in one thread and has neither a clock nor a
-random source: the time is an argument of each call, the seed one of `reset`. state_machine.py handles the goals.
+random source: time and seed are arguments. state_machine.py handles the goals.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class MoveBase:
     Args:
         params: nested ROS parameter tree. Missing parameters have their defaults (planner/parameters).
         planner: planner fidelity, see variant.py.
-        seed: int or sequence of ints. Until the first reset, it decides what "drawn" gives and when a C++-like
-            planner is late.
+        seed: int or sequence of ints that, until the first reset, seeds the choice if `planner` is "drawn", and the
+            late plans of a "cpp-like" planner (state_machine.LATE).
 
     Attributes:
         local_planner_name: namespace of the local planner.
@@ -55,7 +55,7 @@ class MoveBase:
         self._planner = planner
         self._seed = seed
         self._maps: Dict[str, StaticMap] = {}
-        self._outlines: Dict[str, np.ndarray] = {}  # unpadded footprints (n, 2) [m] received by topic
+        self._outlines: Dict[str, np.ndarray] = {}  # by costmap: unpadded footprint (n, 2) [m] from its topic
         self._build()
 
     # -- components ------------------------------------------------------------------------------------------
@@ -81,7 +81,7 @@ class MoveBase:
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
-        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame, as of the last step
+        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame in the global one, last step
         for topic, given in self._maps.items():
             self._show_map(topic, given)
         for name in self._outlines:
@@ -181,7 +181,7 @@ class MoveBase:
         return next((layer.parameters.map_topic for layer in layers if layer.is_waiting), "")
 
     def set_map(self, given: StaticMap, topic: str = "") -> None:
-        """Set the map of static layers that listen to `topic` (default: first of map_topics). It survives a reset.
+        """Set the map of static layers that listen to `topic` (default: first of map_topics). A reset keeps the map.
 
         Raises:
             ApplrError: the map cannot be used. Nothing is changed.
@@ -216,7 +216,7 @@ class MoveBase:
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Apply changed occupancies (h, w) int8 at cell (x, y) of a topic's map. ApplrError if they are off the map."""
+        """Write occupancies (h, w) int8 into a topic's map from cell (x, y) on; raise ApplrError if they leave it."""
         for costmap in self.costmaps.values():
             costmap.update_map(topic, x, y, cells)
         if self.map_topics.get(topic):
@@ -266,7 +266,7 @@ class MoveBase:
         cycle.updated = local, world
 
     def _place_maps(self) -> None:
-        """Give each static layer the pose of its costmap in a map that is in the other costmap's frame."""
+        """Set the placement of each static layer whose map is in the frame of the other costmap."""
         world, local = self._global_frames
         local_origin = self.local_origin or (0.0, 0.0, 0.0)
         placements = (self.global_costmap, local, inverse(local_origin)), (self.local_costmap, world, local_origin)
@@ -316,7 +316,7 @@ class MoveBase:
         return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"])
 
     def make_plan(self, start: Pose, goal: Pose, tolerance: float = 0.0) -> np.ndarray:
-        """Return a plan (n, 3) to the goal, or to the first reachable point of growing squares around it (make_plan).
+        """Return a plan (n, 3) to the goal, or to the first reachable point on growing squares around the goal.
 
         The plan is (0, 3) if nothing within `tolerance` [m] can be reached. While a goal is active, the node refuses
         the service and this method leaves the costmaps unchanged.
@@ -356,7 +356,7 @@ class MoveBase:
 
         As in C++, each call of a costmap's server clears the costmap, even with unchanged values, and makes its update
         due at once (Costmap2DROS::reconfigureCB). A costmap whose size comes from a static layer's map is not cleared.
-        Calls of the layers' servers and of all others leave both costmaps unchanged.
+        Calls of all other servers, those of the layers included, clear nothing.
 
         Raises:
             ParameterError: a value is invalid. All values are rejected.
@@ -376,7 +376,7 @@ class MoveBase:
         return dict(new)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:
-        """Return the start-up values of a server: theta_0 as far as the parameter files set it."""
+        """Return the start-up values of a server, as set by the parameter files."""
         return self._config.start_up(server)
 
     def set_footprint(self, name: str, vertices: Iterable[Sequence[float]]) -> None:

@@ -27,12 +27,12 @@ class ObservationRouter:
         local_costmap: costmap in which the robot drives. The robot stops when one of its sources falls silent.
         global_costmap: costmap of the global planner.
         timeout: age of the latest message at which a source counts as silent [s], 0 to disable. It applies to laser
-            scans and clearing sources, because other sources may have nothing to report. Predictions that old are
-            forgotten instead, whereas C++ would mark them forever.
+            scans and clearing sources, because other sources may have nothing to report. Predictions of that age
+            are dropped instead, whereas C++ would mark them forever.
 
     Attributes:
         data_types: data types of all sources by topic, those of the local costmap first.
-        ray_origins: frames at whose origins the rays start, by topic, for the sources that name one.
+        ray_origins: sensor_frame, at whose origin the rays start, by topic, for sources that have one.
     """
 
     def __init__(self, local_costmap: Costmap, global_costmap: Costmap, timeout: float):

@@ -14,7 +14,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 
-NEAR = 1.0  # distance from which on leading points of the plan are pruned [m]
+NEAR = 1.0  # smallest distance from the robot at which a leading point is pruned [m]
 
 
 def half_size(costmap: Any) -> float:
@@ -26,17 +26,17 @@ def half_size(costmap: Any) -> float:
 def cut_plan(
     plan: np.ndarray, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None
 ) -> Tuple[np.ndarray, int]:
-    """Return the part (k, 3) of the plan that a robot at x, y [m] follows, in the costmap's frame, and `dropped`.
+    """Return the part (k, 3) of the plan that the robot follows, in the costmap's frame, and how many points to prune.
 
-    The part reaches from the first point within `limit` [m] up to and including the first point beyond it.
+    The part reaches from the first point within `limit` [m] up to and including the first point beyond `limit`.
 
     Args:
         plan: poses (n, 3).
         x: x coordinate of the robot in the costmap's frame [m].
         y: y coordinate of the robot in the costmap's frame [m].
         limit: radius around the robot [m].
-        prune: whether to drop the leading points that are NEAR or farther away. The caller then removes `dropped`
-            points from the front of the stored plan, even if the cut begins later.
+        prune: whether to drop the leading points that are NEAR or farther away. The caller then removes as many points
+            from the front of the stored plan, even if the cut begins later.
         local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if they are the same.
     """
     if local_origin is None:
@@ -51,7 +51,7 @@ def cut_plan(
 
 @kernel
 def within(plan: Data, x: float, y: float, limit: float) -> Tuple[int, int]:
-    """Return (first, last), so that plan[first:last] is the part to keep."""
+    """Return (first, last): plan[first:last] reaches from the first point within `limit` to the first one beyond."""
     n = plan.shape[0]
     first = 0
     while first < n and _squared_distance(plan, first, x, y) > limit * limit:

@@ -18,14 +18,14 @@ PATIENCE = 4.0  # time limit of a rotation as a multiple of its unhindered time 
 
 
 class ClearCostmapRecovery:
-    """Clearing of obstacles outside a square around the robot, in both costmaps, global first.
+    """Recovery that clears obstacles outside a square around the robot, in both costmaps, global first.
 
-    Unlike C++, it clears the obstacle layer whatever its name is. The last scan stays and marks again.
+    Unlike C++, it clears all obstacle layers, whatever their names. The next update marks the latest scan again.
 
     Args:
         name: name of the behaviour.
         side: side of the square [m].
-        like_cpp: clear nothing, as C++ does on the Jackal: it looks for "obstacles" but the layer is "obstacles_layer".
+        like_cpp: whether to clear nothing. C++ clears only "obstacles", but the Jackal's layer is "obstacles_layer".
     """
 
     def __init__(self, name: str, side: float, like_cpp: bool = False):
@@ -33,7 +33,6 @@ class ClearCostmapRecovery:
 
     def start(self, now: float, pose: Pose) -> None:
         """Begin at time `now` [s]. The behaviour has no state."""
-        pass
 
     def step(
         self,
@@ -54,10 +53,10 @@ class ClearCostmapRecovery:
 
 
 class RotateRecovery:
-    """Anticlockwise rotation in place, one full turn (rotate_recovery.cpp:93). Its limits are read only once.
+    """Recovery that rotates once anticlockwise in place (rotate_recovery.cpp:93). Its limits are read only at start-up.
 
-    Half a turn and a full turn are detected within `tolerance`, as in C++ at its 20 Hz, and also if a slower control
-    rate steps over them. With like_cpp, a rotation that does not complete goes on forever.
+    Half a turn and a full turn count as reached within `tolerance`, as in C++ at 20 Hz, and also if a lower control
+    rate skips these yaws. With like_cpp, a rotation that does not complete goes on forever.
     """
 
     def __init__(self, name: str, planner: Dict[str, Any], sim_granularity: float = 0.017, like_cpp: bool = False):

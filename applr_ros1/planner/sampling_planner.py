@@ -1,8 +1,8 @@
 """Common base of the two local planners that sample velocities, trajectory/ and dwa/.
 
-It consists of the base class with parameters and memory between cycles, the choice of a cycle, clouds of costs for
-display, and angles handled as in C++ ROS, to the last bit. A heap orders the samples by the lower bound of their cost,
-and equal ones by sampling order.
+Contains the base class with parameters and memory between cycles, the choice of a cycle, clouds of costs for display,
+and angle functions equal to those of C++ to the last bit. A heap orders the samples by the lower bound of their cost,
+and samples with equal bounds by their number.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from applr_ros1.planner.costmap.grid import INSCRIBED
 
 Triple = Tuple[float, float, float]  # pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s]
 RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an array (count, 3)
-LARGEST_TURN = 0.5  # largest turn per step for closed forms [rad], because the chord formula fails near a full turn
+LARGEST_TURN = 0.5  # largest turn per step in closed forms [rad]; the chord formula fails near a full turn
 
 
 class Record:
-    """Type of one record of PARAMETERS or STATE in a kernel, where its fields are attributes."""
+    """Type of one record of PARAMETERS or STATE in a kernel, with the fields as attributes."""
 
     if TYPE_CHECKING:
 
@@ -68,7 +68,7 @@ def small_turn(a: float) -> Tuple[float, float]:
 
 @kernel
 def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
-    """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
+    """Restore the heap of sample numbers (lowest key, then lowest number on top) after the key of heap[i] grew."""
     sample = heap[i]
     while 2 * i + 1 < count:
         child = 2 * i + 1
@@ -93,7 +93,7 @@ def record(reals: str, integers: str, after: str = "") -> np.dtype:
 
 
 def floats(values: Iterable[float]) -> Triple:
-    """Return three numbers as floats, because the kernels are compiled for these types only."""
+    """Return three numbers as floats, the only number type for which the kernels are compiled."""
     a, b, c = (float(value) for value in values)
     return a, b, c
 
@@ -128,7 +128,7 @@ class Choice:
 
 
 class SamplingPlanner:
-    """Base class of planners that sample one velocity per cycle. A subclass defines records and bounds, and searches.
+    """Base class of planners that choose one of many sampled velocities per cycle. Subclasses define the search.
 
     Attributes:
         PARAMETERS, STATE: dtypes of the records that the kernels take.

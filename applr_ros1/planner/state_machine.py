@@ -5,7 +5,7 @@ copied. With planner fidelity "cpp-like" (variant.py), the defects that affect s
 
 - Finding a plan sets the state to controlling, even from clearing. As long as planning succeeds, a stuck robot gets
   its due recovery only in the rare cycle that no plan precedes.
-- Each new plan clears "goal reached" before it is read: the robot stands at its goal until a cycle without a new plan.
+- Each new plan clears "goal reached" before C++ reads this flag. The robot waits for a cycle without a new plan.
 - The rotation ends without a zero command.
 - recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no time limit.
 """
@@ -25,11 +25,11 @@ from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.recovery import Behaviour
 
-EARLY = 0.2  # share of a period by which a step may come early and still count, so that jitter skips no turn
+EARLY = 0.2  # share of a period by which a step may be early and still count, so that jitter skips no turn
 
 
 class Timer:
-    """Periodic timer that keeps its phase if polled often enough. Missed turns are skipped, 0 Hz is never due."""
+    """Periodic timer that keeps its phase if polled often enough. It skips missed turns, and is never due at 0 Hz."""
 
     __slots__ = ("_period", "_next")
 
@@ -68,9 +68,9 @@ NO_CONTROL, NO_PATH, OSCILLATING = (
     cause + " Even after executing recovery behaviors."
     for cause in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
 )
-NEARER = 0.5  # decrease of the distance to the goal from which on a recovery counts as progress [m]
+NEARER = 0.5  # smallest decrease of the distance to the goal that counts as progress [m]
 # Share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
-# It skipped due recoveries for 6 to 11 s and reported success 12 to 18 s late, so about one cycle in 200.
+# In trials, C++ began due recoveries 6 to 11 s late and reported success 12 to 18 s late: about one cycle in 200.
 LATE = 1.0 / 200.0
 
 
@@ -92,7 +92,7 @@ class Cycle:
 
 @dataclass
 class Components:
-    """Components that the state machine drives with.
+    """Components that the state machine uses.
 
     Attributes:
         plan: function from (start, goal) in the global frame to a plan (n, 3), which is (0, 3) if there is none.
@@ -153,7 +153,7 @@ class StateMachine:
         self._retries = 0
         self._oscillation_pose = (0.0, 0.0)
         self._last_plan = self._last_control = self._last_oscillation = 0.0
-        self._rounds, self._nearest = 0, math.inf  # starts of the first recovery since the least distance [m]
+        self._rounds, self._nearest = 0, math.inf  # starts of the first recovery since the least goal distance [m]
         self._escape = Escape()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
@@ -303,7 +303,7 @@ class StateMachine:
             self._last_control, cycle.command = now, command
             if self._trigger == CONTROLLING and not self._escape.is_held:
                 self._index = 0
-            # The flag is read in the same cycle, because in C++ the next new plan clears it first.
+            # The flag is read in the same cycle. C++ reads it in the next one, after a new plan may have cleared it.
             if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
                 self._end(cycle, "succeeded", REACHED)
             return
@@ -351,8 +351,8 @@ class StateMachine:
     def _rounds_are_over(self, global_pose: Any) -> bool:
         """Return whether the recoveries began recovery_rounds times without bringing the robot nearer to its goal.
 
-        In C++, each valid command restarts the sequence, without a limit. At an enclosed goal, each conservative reset
-        opens the maps. The robot then sets out, detects the obstacles again and returns to the first recovery.
+        In C++, each valid command restarts the sequence, without a limit. If the goal is enclosed, each conservative
+        reset clears the maps. The robot then sets out, detects the obstacles again and returns to the first recovery.
         """
         if self._index > 0:
             return False

@@ -1,7 +1,7 @@
 """Planner fidelity: this package's own planner, or one that reproduces defects of the C++ move_base.
 
-"ours" is this package's planner. "cpp-like" behaves like C++ if a defect of C++ affects success (state_machine.py,
-recovery.py). "drawn" draws one of the two at each reset.
+"ours" is this package's planner. "cpp-like" also reproduces the defects of the C++ move_base that affect the success
+rate (state_machine.py, recovery.py). "drawn" is a random choice between the two at each reset.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PLANNERS = (OURS, CPP_LIKE)
 
 
 def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
-    """Return the planner fidelity. The seed, an int or a sequence of ints, decides if `planner` is "drawn".
+    """Return `planner`, or if it is "drawn", a random fidelity that depends only on the seed.
 
     Raises:
         ApplrError: `planner` is unknown.
@@ -27,6 +27,6 @@ def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
 
 
 def generator(seed: Union[int, Sequence[int]], stream: int) -> random.Random:
-    """Return a random generator for one purpose (`stream`), from a seed that is an int or a sequence of ints."""
+    """Return a random generator that depends on the seed and on its purpose, numbered by `stream`."""
     numbers = [seed] if isinstance(seed, int) else [int(n) for n in seed]
     return random.Random(f"{stream} of {numbers}")

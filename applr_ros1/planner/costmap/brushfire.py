@@ -1,15 +1,16 @@
-"""Incremental brushfire of the inflation layer: the spread of the obstacles is kept and repaired when a few change.
+"""Incremental brushfire of the inflation layer: keeps the costs that obstacles spread, and repairs them after changes.
 
-Called by inflation_layer.InflationLayer. C++ spreads all obstacles anew in every update, along 4-neighbours, with a
-queue ordered by distance and first in first out within a distance. The source of a cell depends only on the sources of
-its neighbours at lower distances. When a few obstacles appear or disappear, only the cells that depend on them are
-evaluated again. The result is the same, cell for cell (tests/planner/costmap/test_inflation.py).
+Called by inflation_layer.InflationLayer. In every update, C++ spreads the costs of all obstacles anew, along
+4-neighbours from a queue ordered by distance, first in first out for equal distances. The source of a cell, the
+obstacle from which it is reached, depends only on the sources of neighbours nearer to an obstacle. If few obstacles
+change, only the cells that depend on them are evaluated again. The result equals that of C++, cell for cell
+(tests/planner/costmap/test_inflation.py). The reach is the inflation radius in cells.
 
 Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
-  level (uint8)  WALL on the padding, NONE if no obstacle reaches the cell, else 1 + index of the distance to the source
-  link (uint16)  code of the offset from the source, plus the direction of the last step << 12
+  level (uint8)  rank of the distance to the source, counted from SEED; WALL on the padding, NONE beyond every reach
+  link (uint16)  code (dy + reach) (2 reach + 1) + dx + reach of the offset from the source, last direction << 12
   cost (uint8)   cost of the level, 0 for NONE
-Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
+Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues neighbours.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from applr_ros1.planner.costmap.grid import Window
 WALL = 0  # level of the padding
 SEED = 1  # level of a lethal cell, the source of a spread
 NONE = 255  # level of a cell that no obstacle reaches
-MAX_REACH = 25  # maximum reach with levels in uint8 [cells]; beyond it InflationLayer recomputes the spread
+MAX_REACH = 25  # largest reach whose levels fit into uint8 [cells]; for more, InflationLayer recomputes all costs
 CODE = 4095  # mask of the offset code in a link
 Steps = Tuple[int, int, int, int]  # flat offsets of the four directions
 Spread = Tuple[Data, Data, Data, Data, Data, int]  # level, link, cost, step_level, cost by level, reach [cells]
@@ -36,8 +37,8 @@ Spread = Tuple[Data, Data, Data, Data, Data, int]  # level, link, cost, step_lev
 def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     """Return (step_level, distances) for a reach [cells].
 
-    step_level (codes * 4,) uint8 holds at [4 c + k] the level of the cell one step in direction k from offset code c,
-    or 0 if that cell is beyond `reach` or no further from the source. distances [cells] are by level, from SEED on.
+    step_level (codes * 4,) uint8: entry 4 c + k is the level of the cell one step in direction k from offset code c, or
+    0 if that cell is beyond `reach` or no further from the source. distances: distance [cells] by level, SEED first.
     """
     side = 2 * reach + 1
     axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
@@ -54,10 +55,10 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
 
 @kernel
 def seed_changes(base: Data, level: Data, rect: Window, around: Window, changed: Data) -> int:
-    """Write the padded cells that become or cease to be seeds into `changed`; return their number.
+    """Write the flat indices of cells that become or cease to be seeds into `changed`; return their number.
 
-    Seeds are the cells of value 254 of base (ny, nx) within `rect`, in row order. `around` must contain `rect` and all
-    earlier seeds. Returns -1 if `changed` is too short.
+    The seeds are now the lethal cells (254) of `base` (ny, nx) within `rect`. Changes are listed row by row. `around`
+    must contain `rect` and all earlier seeds. Return -1 if `changed` is too short.
     """
     (x0, y0, xn, yn), (ax0, ay0, axn, ayn) = rect, around
     count = 0
@@ -93,10 +94,10 @@ def _any_seed(levels: Data) -> np.uint8:
 
 @kernel
 def _enqueue(queue: Data, used: int, entry: int, level: int) -> int:
-    """Append an entry (4 cell + direction) to the queue of a level; return the number of entries used.
+    """Append an entry (4 cell + direction) to the queue of a level; return the new number of entries.
 
-    The rows of queue (4, m) int32 are the entries, the next entry of the same level, and the first and last entry of
-    each level. They share one array because numba counts references per array, which would cost more than the work.
+    The rows of queue (4, m) int32 are: entry; index of the next entry of the same level; by level, index of the first
+    and of the last entry. One array has all four, because numba's counting of references to arrays takes long.
     """
     queue[0, used] = entry
     queue[1, used] = -1
@@ -110,7 +111,7 @@ def _enqueue(queue: Data, used: int, entry: int, level: int) -> int:
 
 @kernel
 def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
-    """Spread the `count` cells in `seeds`, in row order, over empty arrays; return False if `queue` is too short."""
+    """Spread costs from the first `count` cells of `seeds` into empty arrays; return False if `queue` is too short."""
     level2, link, cost, step_level, level_cost, reach = spread
     width = level2.shape[1]
     level = level2.reshape(-1)
@@ -158,7 +159,7 @@ def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
 
 @kernel
 def _earlier(level: Data, link: Data, steps: Steps, n1: int, k1: int, n2: int, k2: int) -> bool:
-    """Return True if C++ enqueued the step k1 from n1 before the step k2 from n2, both of the same level."""
+    """Return whether C++ enqueued step k1 from cell n1 before step k2 from n2. Both lead to the same level."""
     while True:
         if n1 == n2:
             return k1 < k2
@@ -174,7 +175,7 @@ def _earlier(level: Data, link: Data, steps: Steps, n1: int, k1: int, n2: int, k
 
 @kernel
 def _remove_subtree(level: Data, link: Data, cost: Data, steps: Steps, root: int, lost: Data, count: int) -> int:
-    """Reset `root` and all cells reached through it to NONE and append them to `lost`; return the new count."""
+    """Reset `root` and all cells reached through `root` to NONE, and append them to `lost`; return its new length."""
     lost[count] = root
     level[root] = NONE
     cost[root] = 0
@@ -195,9 +196,9 @@ def _remove_subtree(level: Data, link: Data, cost: Data, steps: Steps, root: int
 
 @kernel
 def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -> bool:
-    """Add or remove the padded cells in `changed` as seeds and evaluate all cells that depend on them again.
+    """Add the first `count` cells of `changed` as seeds, or remove those that are seeds. Repair all dependent cells.
 
-    Returns False if `queue` or `lost` (m,) int64 is too short. The arrays then have to be rebuilt.
+    Return False if `queue` or `lost` (m,) int64 is too short. The arrays then have to be rebuilt.
     """
     level2, link, cost, step_level, level_cost, reach = spread
     width = level2.shape[1]

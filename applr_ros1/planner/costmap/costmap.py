@@ -34,7 +34,7 @@ class LayerDescription:
         name: name in the parameter files.
         parameters: settings of the layer.
         sources: observation sources of an obstacle layer.
-        default: value of cells that an obstacle layer has not observed, 0 or 255; None for the costmap's value.
+        default: value of cells that an obstacle layer has not observed, 0 or 255; None for the costmap's default.
     """
 
     name: str
@@ -51,14 +51,14 @@ class Costmap:
         origin: (2,), lower corner of cell (0, 0) [m].
         size: (nx, ny) [cells].
         version: counter that grows whenever a cell or the origin changes.
-        window: (x0, y0, xn, yn) of the last update, which a publisher sends; None if nothing was updated.
+        window: cells (x0, y0, xn, yn) that the last update wrote, for publishing; None if it wrote none.
 
     Args:
         size_x_m, size_y_m, resolution, origin: geometry [m], until the map of a static layer replaces it.
         rolling: whether the map moves with the robot.
         footprint: padded vertices (n, 2) [m].
         track_unknown: whether cells are unknown until a layer observes them.
-        obstacles, inflation: settings of the default layers, an obstacle layer with one laser below an inflation layer.
+        obstacles, inflation: settings of the default layers: an obstacle layer with one laser below an inflation layer.
         layers: layers from the lowest to the highest, in place of the default ones.
     """
 
@@ -143,7 +143,7 @@ class Costmap:
         return self.inflation_layers[0]
 
     def set_footprint(self, footprint: Union[np.ndarray, Sequence[Sequence[float]]]) -> None:
-        """Set the padded footprint (n, 2) [m]; the next update is a full pass."""
+        """Set the padded footprint (n, 2) [m]; the next update inflates the whole map."""
         self.footprint = np.array(footprint, dtype=np.float64).reshape(-1, 2)
         self.inscribed_radius, self.circumscribed_radius = footprints.radii(self.footprint)
         for layer in self.inflation_layers:
@@ -174,14 +174,14 @@ class Costmap:
                 layer.take(given)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Apply changed occupancies (h, w) int8 from cell (x, y) on; raise ApplrError if they are not on the map."""
+        """Write occupancies (h, w) int8 into a map from cell (x, y) on; raise ApplrError if they leave the map."""
         for layer in self.static_layers:
             p = layer.parameters
             if p.map_topic == topic and p.subscribe_to_updates:
                 layer.take_update(x, y, cells)
 
     def update(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
-        """Update all layers and the master for a pose (x, y [m], yaw [rad]) and a new cloud of the first source."""
+        """Update layers and master for a pose (x, y [m], yaw [rad]) and, if given, a new cloud of the first source."""
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
             raise ApplrError("robot pose of a costmap update is (%g, %g, %g): give finite numbers" % (x, y, yaw))

@@ -113,7 +113,7 @@ def radii(vertices: np.ndarray) -> Tuple[float, float]:
 def footprint_cost(cells: Data, ox: float, oy: float, resolution: float, vertices: Data, pose: Pose) -> float:
     """Return the largest cost on `cells` (ny, nx) under the outline of `vertices` (n, 2) [m] at a pose (x, y, yaw).
 
-    If an edge is illegal, return OFF_MAP, ON_UNKNOWN or ON_LETHAL of the first such edge. costmap_model.cpp:47.
+    If edges are illegal, return the code of the first one: OFF_MAP, ON_UNKNOWN or ON_LETHAL. costmap_model.cpp:47.
     """
     x, y, yaw = pose
     ny, nx = cells.shape
@@ -180,9 +180,9 @@ def fill_footprint(
 ) -> bool:
     """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; return success.
 
-    If `whole`, nothing is written if a vertex is off the map or there are fewer than three vertices, as in
-    Costmap2D::setConvexPolygonCost. Otherwise, as in FootprintHelper::getFootprintCells, only the edges before the
-    first vertex off the map are drawn, and a footprint of at most one point covers the centre's cell.
+    If `whole`, write nothing if a vertex is off the map or if there are fewer than three vertices, as in
+    Costmap2D::setConvexPolygonCost. Otherwise, if a vertex is off the map, draw only the edges before it, as in
+    FootprintHelper::getFootprintCells. A footprint of at most one point then covers the centre's cell.
     """
     x, y, yaw = pose
     ny, nx = grid.shape

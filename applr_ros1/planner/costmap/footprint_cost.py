@@ -15,7 +15,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
-UNSURE = 300  # cost of an outline so close to a cell border that rounding decides its cells
+UNSURE = 300  # cost of an outline with a vertex so close to a cell border that rounding decides its cell
 Outline = Tuple[Data, Data, float, float, float, Data, Data]  # see outline_of
 LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges are walked cell by cell
 
@@ -23,8 +23,8 @@ LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges 
 def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarray:
     """Return all lines of cells that an edge of the footprint (n, 2) [m] can cover on a map nx cells wide.
 
-    The table is (2 r + 1, 2 r + 1, r + 1) int32. [dy + r, dx + r] holds the flat offsets from the first cell of a line
-    to each cell of it, for the line to the cell dx, dy away. r is the longest edge [cells], at most LONGEST_TABLE.
+    The table is (2 r + 1, 2 r + 1, r + 1) int32, with r the longest edge [cells], at most LONGEST_TABLE. The row
+    [dy + r, dx + r] describes the line to the cell (dx, dy) away: flat offsets of its cells from its first cell.
     """
     edges = footprint - np.roll(footprint, -1, axis=0)
     longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1]))) if len(footprint) else 0.0
@@ -52,7 +52,7 @@ def on_border(f: float, margin: float) -> bool:
 
 @kernel
 def outline_of(scene: Any, footprint: Data) -> Outline:
-    """Return a footprint (n, 2) [m] and the scene's map for outline_cost. Built once, it saves time for each pose."""
+    """Bundle a footprint (n, 2) [m] and the scene's map for outline_cost, which saves time for each pose."""
     cells = scene.cells
     flat = cells.reshape(cells.shape[0] * cells.shape[1])
     return cells, flat, scene.ox, scene.oy, scene.resolution, footprint, scene.lines
@@ -63,7 +63,7 @@ def outline_cost(outline: Outline, x: float, y: float, c: float, s: float, cx: i
     """Return the largest cost under the footprint's outline at x, y and heading (cosine c, sine s); -1 if illegal.
 
     Returns UNSURE if a vertex is within `margin` cells of a cell border. Costs of legal poses equal those of
-    footprint.footprint_cost. The centre's cell (cx, cy) alone decides if there are fewer than three vertices.
+    footprint.footprint_cost. With fewer than three vertices, only the centre's cell (cx, cy) is tested.
     """
     cells, flat, ox, oy, resolution, footprint, lines = outline
     ny, nx = cells.shape

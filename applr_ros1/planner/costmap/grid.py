@@ -140,7 +140,7 @@ def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
 
 @kernel
 def merge(layer: Data, base: Data, maximum: bool, x0: int, y0: int, xn: int, yn: int) -> None:
-    """Replace cells of `base` in the window by known ones of the layer; if `maximum`, only lower or unknown cells."""
+    """Copy the layer's known cells in the window into `base`; if `maximum`, only over lower or unknown values."""
     unknown = np.uint8(UNKNOWN)
     for y in range(y0, yn):
         values = layer[y, x0:xn]

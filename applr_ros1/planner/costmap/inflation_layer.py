@@ -1,7 +1,7 @@
 """Inflation layer of a costmap: spreads decaying costs around lethal cells.
 
-Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp, where obstacles spread along 4-neighbours in order of
-distance, first in first out. A distance transform would give slightly other costs. brushfire.py does the spreading.
+Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp, where costs spread along 4-neighbours in order of
+distance (brushfire.py). A distance transform would give slightly different costs. A full pass updates the whole map.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, UNKNOWN, Bounds, Window, cell_distance, union
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
-EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
-FEW = 4096  # largest number of changed obstacle cells that are repaired; above it all costs are computed anew
+EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)  # bounds of a full pass [m]
+FEW = 4096  # largest number of changed obstacle cells for which costs are repaired instead of recomputed
 
 
 @dataclass
@@ -50,7 +50,7 @@ def _level_costs(distances: Tuple[float, ...], resolution: float, inscribed_radi
 
 
 class InflationLayer:
-    """Inflates obstacles into the master; keeps cost tables, pending full passes and the spread of the last update."""
+    """Layer that inflates obstacles. Keeps cost tables and the spread: the costs around the last update's obstacles."""
 
     def __init__(
         self, nx: int, ny: int, resolution: float, parameters: InflationParameters, name: str = "inflater_layer"
@@ -78,8 +78,8 @@ class InflationLayer:
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
         self._seen: Any = None
-        self._entries: Any = None  # queue of a reach beyond MAX_REACH, which cannot be repaired
-        self._spread: Any = None  # rectangle of the obstacles spread last; None if nothing is spread
+        self._entries: Any = None  # queue, used if the reach exceeds MAX_REACH
+        self._spread: Any = None  # rectangle of the obstacles in the spread; None if the spread is empty
         self._make_tables()
 
     def _make_tables(self) -> None:
@@ -97,7 +97,7 @@ class InflationLayer:
         self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
 
     def configure(self, parameters: InflationParameters) -> None:
-        """Take new parameters and schedule a full pass if the C++ layer does."""
+        """Apply new parameters; if they differ, schedule a full pass, as in C++."""
         if parameters != self.parameters:
             self.parameters, self.full_pass_due = parameters, True
             self._make_tables()
@@ -109,7 +109,7 @@ class InflationLayer:
         self.full_pass_due = True
 
     def update_bounds(self, bounds: Bounds, pose: Any = None, footprint: Any = None) -> Bounds:
-        """Return the bounds (min x, min y, max x, max y) [m], widened for any pose. inflation_layer.cpp:129."""
+        """Return the bounds (min x, min y, max x, max y) [m] of this and the last update, plus inflation_radius."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False
@@ -123,7 +123,7 @@ class InflationLayer:
         self.full_pass_due = False
 
     def roll(self, cx: int, cy: int) -> None:
-        """Move the spread with a map that has moved by (cx, cy) cells; drop the spread if it meets the border."""
+        """Shift the spread after the map has moved by (cx, cy) cells; remove the spread if it meets the border."""
         if self._spread is None:
             return
         r = self.reach
@@ -168,8 +168,8 @@ class InflationLayer:
     def update(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
         """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
 
-        `base` holds the cells before inflation: those of the layers below inside the window, those of the master
-        outside it. Returns the rectangle around all changes in the master, or None if nothing changed.
+        `base` holds the cells before inflation: inside the window those of the layers below, outside those of the
+        master. Returns the rectangle around all changes in the master, or None if nothing changed.
         """
         if not self.parameters.enabled or self.reach == 0:
             self._forget()
@@ -232,7 +232,7 @@ def _apply(
 ) -> Optional[Window]:
     """Write the inflated cells of the window into the master; return the rectangle of changes or None.
 
-    columns (nx,) is scratch. Rows are sliced so that the inner loop compiles to vector instructions.
+    columns (nx,) is scratch memory. Rows are sliced so that the inner loop compiles to vector instructions.
     """
     x0, y0, xn, yn = window
     lowest = np.uint8(0 if inflate_unknown else 252)  # An unknown cell takes only costs above this.

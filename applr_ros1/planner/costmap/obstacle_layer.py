@@ -29,7 +29,7 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map,
 )
 
-Rays = Tuple[Any, ...]  # rays of one cloud and how they clear and mark, see _observe
+Rays = Tuple[Any, ...]  # rays of one cloud with ranges and heights, see _observe
 
 
 @dataclass
@@ -43,7 +43,7 @@ class ObstacleParameters:
 
 
 class ObstacleLayer:
-    """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m].
+    """Obstacle layer with its own grid `cells` (ny, nx) uint8 of 0, 254 and 255 and its own `origin` (2,) [m].
 
     Args:
         nx, ny, resolution, origin: size [cells], resolution and origin [m] of the costmap.
@@ -80,7 +80,7 @@ class ObstacleLayer:
         self.resolution = float(resolution)
         self.cells = np.full((ny, nx), self.default, np.uint8)
         self.origin = np.array(origin, dtype=np.float64)
-        self._extra: Optional[Bounds] = None  # bounds that a recovery cleared since the last update
+        self._extra: Optional[Bounds] = None  # bounds of the area that a recovery has cleared since the last update
 
     def configure(self, parameters: ObstacleParameters) -> None:
         """Take new parameters; they take effect at the next update."""
@@ -97,7 +97,7 @@ class ObstacleLayer:
         self.buffers[0].take(cloud, cloud.stamp)
 
     def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
-        """Roll, clear and mark; return the bounds (min x, min y, max x, max y) [m], widened by possible changes."""
+        """Roll, clear and mark; return the bounds (min x, min y, max x, max y) [m], widened to all possible changes."""
         if self.rolling:
             grid.roll(self.cells, self.origin, self.resolution, pose[0], pose[1], self.default)
         touched = self._bounds
@@ -145,7 +145,7 @@ class ObstacleLayer:
         return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
 
     def reset(self) -> None:
-        """Reset all cells to the default value. The latest scan is kept and marks again."""
+        """Reset all cells to the default value. The next update marks the latest scan again."""
         self.cells[:] = self.default
 
     def clear_outside(self, pose: Pose, side: float) -> None:
@@ -189,7 +189,7 @@ def _touch_footprint(footprint: Data, pose: Pose, bounds: Data) -> None:
 
 @kernel(error_model="numpy")
 def _observe(cells: Data, origin: Data, res: float, rays: Rays, clearing: bool, marking: bool, bounds: Data) -> None:
-    """Clear along all rays, then mark all points, and widen bounds (4,) by both.
+    """If `clearing`, clear along all rays; if `marking`, then mark all points. Widen bounds (4,) to all changes.
 
     rays: points (n, 3), sensor position (x, y, z), scratch (n,) for the flat cell index of each point (-1 off the map),
     ranges (clearing, marking) [m], clearing range [cells], heights (lowest, highest, highest to mark) [m].
@@ -287,7 +287,7 @@ def _clear_rays(cells: Data, ox: float, oy: float, res: float, rays: Rays, bound
             continue
         dx = wx - sx
         dy = wy - sy
-        if dx * dx + dy * dy >= safely_near:  # Otherwise the factor is 1.
+        if dx * dx + dy * dy >= safely_near:  # The factor of nearer end points is 1.
             f = min(1.0, raytrace_range / math.hypot(dx, dy))
             dx *= f
             dy *= f
@@ -295,7 +295,7 @@ def _clear_rays(cells: Data, ox: float, oy: float, res: float, rays: Rays, bound
         min_y = min(min_y, sy + dy)
         max_x = max(max_x, sx + dx)
         max_y = max(max_y, sy + dy)
-        if end == last:  # The line of cells is the same as the last one.
+        if end == last:  # The last ray has cleared the same line of cells.
             continue
         last = end
         dy_cells = end // nx - y0

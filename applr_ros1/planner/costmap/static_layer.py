@@ -1,4 +1,4 @@
-"""Static layer of a costmap: writes the map of a topic (map_server, SLAM) under or over other layers.
+"""Static layer of a costmap: writes a received map (of map_server or SLAM) under or over other layers.
 
 Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes size and origin of
 the map; a rolling costmap shows the part of the map that it covers.
@@ -60,7 +60,7 @@ class StaticParameters:
     use_maximum: bool = False  # whether only known cells with a higher cost are written
     lethal_cost_threshold: int = 100  # lowest occupancy of a lethal cell
     unknown_cost_value: int = -1  # occupancy of an unknown cell
-    trinary_costmap: bool = True  # whether all other cells are free instead of at a cost in proportion to occupancy
+    trinary_costmap: bool = True  # whether other cells are free; otherwise their cost is proportional to occupancy
 
 
 def interpretation(p: StaticParameters) -> np.ndarray:
@@ -78,7 +78,7 @@ def interpretation(p: StaticParameters) -> np.ndarray:
 
 
 class StaticLayer:
-    """Grid of costs with the resolution and origin of the map.
+    """Static layer with a grid of costs that has the resolution and origin of the map.
 
     Args:
         rolling: whether the costmap moves with the robot.
@@ -118,7 +118,7 @@ class StaticLayer:
         self.parameters = parameters
 
     def accepts(self) -> bool:
-        """Return True if a new map is used; with first_map_only only the first one is."""
+        """Return whether a new map would be used. With first_map_only, only the first map is used."""
         return self.cells is None or not self.parameters.first_map_only
 
     def take(self, given: StaticMap) -> None:
@@ -128,7 +128,7 @@ class StaticLayer:
         self._due = self._all()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
-        """Replace the map's cells from (x, y) on by occupancies (h, w) int8; raise ApplrError if they leave the map."""
+        """Write occupancies (h, w) int8 into the map from cell (x, y) on; raise ApplrError if they leave the map."""
         h, w = cells.shape
         ny, nx = (0, 0) if self.cells is None else self.cells.shape
         if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
@@ -149,8 +149,8 @@ class StaticLayer:
     def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
         """Return the bounds (min x, min y, max x, max y) [m], widened by the cells to write.
 
-        A rolling costmap is written as a whole. C++ widens its bounds by the corners of the map instead, which miss the
-        costmap if the two have different frames.
+        A rolling costmap is written as a whole. C++ instead widens the bounds to the corners of the map, which may miss
+        the costmap if map and costmap have different frames.
         """
         if self.cells is None:
             return bounds

@@ -1,4 +1,4 @@
-"""Lower bounds of a sample's cost, without rolling it out step by step.
+"""Lower bounds of the samples' costs, computed without rolling out each sample step by step.
 
 search.py uses the bounds to skip samples that cannot win. A bound never exceeds the exact cost. The end of a trajectory
 comes from a closed form, whereas the exact poses are rounded to float32 in every step. A cell is therefore taken from
@@ -22,17 +22,17 @@ from applr_ros1.planner.sampling_planner import LARGEST_TURN, Record, Triple, si
 
 ROUNDING = 1.01 * 2.0**-24  # relative rounding error of one float32 value, plus a margin for the closed forms
 FORMULA = 1e-9  # error bound of the closed forms, whose actual error is about 1e-12 [m]
-AT_BORDER = -(1 << 40)  # marker for a pose too close to a cell border to decide on one of the cells
+AT_BORDER = -(1 << 40)  # index of a cell that is uncertain because the pose is too close to a cell border
 Pair = Tuple[float, float]
 Counts = Tuple[int, int, int]
-Cells = Tuple[int, int, int, int]  # cells (x, y) of the last point and of its nose
+Cells = Tuple[int, int, int, int]  # cells (x, y) of the last point and of its nose, forward_point_distance ahead
 
 
 @kernel
 def arc(dx: float, dy: float, turn: float, dt: float, moves: int) -> Tuple[float, float, float, float]:
-    """Return (x, y, cos, sin): displacement and heading change after equal moves of dt [s] and `turn` [rad] each.
+    """Return (x, y, cos, sin): displacement and heading change after `moves` moves of dt [s] and `turn` [rad] each.
 
-    dx, dy: velocity at the start, in the axes of the map. |turn| must not exceed LARGEST_TURN.
+    dx, dy: velocity at the start in the axes of the map [m/s]. |turn| must not exceed LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
@@ -46,9 +46,9 @@ def arc(dx: float, dy: float, turn: float, dt: float, moves: int) -> Tuple[float
 
 @kernel
 def arc_errors(pose: Triple, speed: float, w: float, sim_time: float, steps: int) -> Pair:
-    """Return bounds of the float32 trajectory's deviation from the closed form: position [m] and heading [rad].
+    """Return how far the float32 trajectory may deviate from the closed form: position [m] and heading [rad].
 
-    pose: start of the trajectory.
+    pose: start of the trajectory. speed, w: speed over ground [m/s] and turn rate [rad/s].
     """
     x, y, theta = pose
     length = speed * sim_time
@@ -58,7 +58,7 @@ def arc_errors(pose: Triple, speed: float, w: float, sim_time: float, steps: int
 
 @kernel
 def sure_cell(f: float, margin: float) -> int:
-    """Return the cell of a coordinate in cells, negative if below the map, AT_BORDER within `margin` of a border."""
+    """Return the index of the cell at coordinate f [cells], AT_BORDER if a border is within `margin` [cells]."""
     nearest = math.floor(f + 0.5)
     if abs(f - nearest) < margin:
         return AT_BORDER
@@ -69,10 +69,11 @@ def sure_cell(f: float, margin: float) -> int:
 def sure_end_cells(
     pose: Triple, heading: Pair, place: Triple, velocity: Sequence[float], sim_time: float, steps: int, ahead: float
 ) -> Cells:
-    """Return the cells (x, y) of the last point and of its nose, on or off the map, AT_BORDER if undecided.
+    """Return the cells (x, y) of the last point and of its nose, on or off the map. Uncertain indices are AT_BORDER.
 
-    pose: start. heading: cosine and sine of its yaw. place: origin of the map and 1 / resolution. velocity: dx, dy at
-    the start in the axes of the map, their norm, and w. ahead: distance of the nose. The velocity must be constant.
+    pose: start. heading: cosine and sine of the yaw at the start. place: origin of the map and 1 / resolution.
+    velocity: dx, dy at the start in the axes of the map, their norm, and w; it must be constant. ahead: distance of the
+    nose from the last point [m].
     """
     (x0, y0, _), (c, s), (ox, oy, per_cell), (dx, dy, speed, w) = pose, heading, place, velocity
     dt = sim_time / steps
@@ -96,7 +97,7 @@ def sure_end_cells(
 def exact_end_cells(p: Record, scene: Scene, start: Data, sample: Triple, steps: int) -> Cells:
     """Return the cells (x, y) of the last point and of its nose, each (-1, -1) if off the map.
 
-    The trajectory is computed step by step like in samples.roll_out.
+    The trajectory is computed step by step as in samples.roll_out.
     """
     ny, nx = scene.cells.shape
     ahead = p.forward_point_distance
@@ -122,8 +123,8 @@ def fill_bounds(
 ) -> int:
     """Fill bounds, occupied, keys and heap of `scratch`, and return how many samples may win.
 
-    axes: numbers of vx, vy and w. heading: its cosine and sine at the start. scaled: buffer for the footprint (n, 2).
-    The inner loop avoids passing arrays to other functions, because counting their references costs more than the rest.
+    axes: numbers of values. heading: cosine and sine of the yaw at the start. scaled: buffer for the footprint.
+    The inner loop passes few arrays to functions, because numba's counting of references would take most of the time.
     """
     (nx, ny, nw), (c, s) = axes, heading
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
@@ -233,10 +234,10 @@ def fill_bounds(
 
 @kernel
 def _limits_from_here(p: Record, grids: Grids, scene: Scene, start: Data, heading: Pair) -> Counts:
-    """Return the flood limits of path, goal and front grids for the bounds: not much beyond the robot's range.
+    """Return the distances [cells] up to which the path, goal and front grids are flooded for the bounds.
 
-    Cells behind walls might otherwise require a flood of the whole map. The limits are -1 if a critic other than the
-    obstacle critic rejects the robot's current pose, which is the first point of every sample.
+    They lie little beyond the robot's range, because cells behind walls might require a flood of the whole map. All are
+    -1 if the robot's current pose, the first point of every sample, is off the map or rejected by a grid's critic.
     """
     ny, nx = scene.cells.shape
     n = nx * ny
@@ -270,8 +271,8 @@ def probe(
 ) -> int:
     """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
-    The bound starts from `occupied`, and a cost above `allowed` ends the probe. The last pose is tested first, followed
-    by halves, quarters and eighths. scaled: footprint (n, 2) at the sample's speed.
+    The bound starts from `occupied`. The probe ends once the bound exceeds `allowed`. It tests the last pose, then the
+    poses at halves, quarters and eighths of the way. scaled: footprint (n, 2) at the sample's speed.
     """
     (c, s), (vx, vy, w) = heading, sample
     steps = samples.step_count(p, sample)
@@ -307,7 +308,7 @@ def probe(
 
 @kernel
 def _reach(footprint: Data) -> float:
-    """Return twice the largest coordinate [m] of the vertices (n, 2), which exceeds every vertex's distance."""
+    """Return an upper bound of the vertices' distances from the centre: twice the largest coordinate [m]."""
     reach = 0.0
     for i in range(footprint.shape[0]):
         reach = max(reach, abs(footprint[i, 0]), abs(footprint[i, 1]))

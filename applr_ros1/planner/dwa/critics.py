@@ -1,9 +1,9 @@
 """The seven critics of DWAPlannerROS in the order of the C++ planner, and their weighted sum.
 
-See docs/explanation/planner_dwa.md, sections 6 and 7. Section 7 describes the first critic, which bars a direction just
-left until the robot has moved on (OscillationCostFunction). A negative value rejects the trajectory. The search
-(search.py) evaluates only the few samples that may win. score_all_samples evaluates all of them for display, for tests,
-and to report why none is legal.
+See docs/explanation/planner_dwa.md, sections 6 and 7. Section 7 describes the first critic (OscillationCostFunction):
+after a reversal, it bars the previous direction until the robot has moved on. A negative value of a critic rejects the
+trajectory. The search (search.py) evaluates only the few samples that may win. score_all_samples evaluates all samples,
+for display and tests, and to report why no sample is legal.
 """
 
 import math
@@ -24,7 +24,7 @@ from applr_ros1.planner.sampling_planner import Record, Triple
 
 @kernel
 def is_barred(state: Record, velocity: Triple) -> bool:
-    """Return True if the flags bar this velocity. Zero is never barred."""
+    """Return whether the oscillation flags bar this velocity. Zero is never barred."""
     vx, vy, w = velocity
     return bool(
         (state.forward_pos_only and vx < 0)
@@ -38,9 +38,9 @@ def is_barred(state: Record, velocity: Triple) -> bool:
 
 @kernel
 def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
-    """Update the flags with the chosen velocity, and clear them once the robot has moved on from the last change.
+    """Update the oscillation flags with the chosen velocity. Clear them if the robot has moved on since a flag changed.
 
-    start (6,): pose and velocity of this cycle, float32 values.
+    start (6,): pose and velocity of this cycle, rounded to float32.
     """
     x, y, theta = start[0], start[1], start[2]
     vx, vy, w = velocity
@@ -79,7 +79,7 @@ def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
 def _turned(
     v: float, pos_only: float, neg_only: float, pos: float, neg: float
 ) -> Tuple[float, float, float, float, bool]:
-    """Return the four flags of one axis after its chosen velocity v, and whether v reverses the last direction."""
+    """Return the four flags of one axis after the chosen velocity v, and whether v reverses the last direction."""
     if v < 0:
         return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
     if v > 0:
@@ -89,7 +89,7 @@ def _turned(
 
 @kernel
 def clear(state: Record) -> None:
-    """Clear the flags of all directions. The pose of the last change stays."""
+    """Clear the flags of all directions. The pose of their last change is kept."""
     state.forward_pos_only = state.forward_neg_only = 0
     state.strafe_pos_only = state.strafe_neg_only = 0
     state.rot_pos_only = state.rot_neg_only = 0
@@ -100,9 +100,8 @@ def clear(state: Record) -> None:
 
 OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0  # values of rejecting critics
 NOTHING_LEGAL = -7.0  # cost of a cycle without a legal sample
-REFUSED = -1.0  # cost of a sample rejected by the generator
-# names of the critics in C++
-CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")
+REFUSED = -1.0  # cost of a sample rejected by the generator (samples.step_count)
+CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")  # names in C++
 ALL = len(CRITICS)
 HUGE = float(np.finfo(np.float64).max)
 
@@ -154,10 +153,10 @@ def critique(
 def total_cost(
     p: Record, state: Record, scene: Scene, grids: Grids, points: Data, velocity: Triple, best: float
 ) -> Tuple[float, int]:
-    """Return (cost, critic): the weighted sum of the critics and the one that ended the summation, ALL if none did.
+    """Return (cost, critic): the weighted sum of the critics, and the critic that ended the summation, ALL if none did.
 
-    If a critic rejects the trajectory, its value is the cost. A sum above a positive `best` also ends the summation,
-    and the cost is then this partial sum.
+    A critic that rejects the trajectory ends the summation, and its value is the cost. A sum above a positive `best`
+    also ends the summation, and the cost is this partial sum.
     """
     total = 0.0
     factors = weights(p)
@@ -178,9 +177,9 @@ def total_cost(
 
 @kernel
 def weighted_sum(p: Record, occupied: float, distances: Sequence[int], w: float) -> float:
-    """Return the cost of a trajectory that no critic rejects, summed from the critics' values in their order.
+    """Return the cost of a trajectory that no critic rejects, summed in the order of CRITICS.
 
-    distances (4,): values of the critics front, alignment, path and goal.
+    occupied: value of the obstacle critic. distances (4,): values of the critics front, alignment, path and goal.
     """
     front, alignment, path, goal = distances[0], distances[1], distances[2], distances[3]
     _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
@@ -190,7 +189,7 @@ def weighted_sum(p: Record, occupied: float, distances: Sequence[int], w: float)
 
 @kernel
 def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
-    """Return the largest cost under the scaled outline and the centre, or the sum over the points."""
+    """Return the largest cost at any point, or with sum_scores the sum of all costs; COLLIDES if a point is illegal."""
     cells = scene.cells
     ny, nx = cells.shape
     scaled = np.empty_like(scene.footprint)
@@ -213,7 +212,7 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
 
 @kernel
 def _on_grid(scene: Scene, grids: Grids, row: int, points: Data, ahead: float, stops: bool) -> float:
-    """Return the grid's value `ahead` [m] of the last point. All points must be on the map, with `stops` reachable."""
+    """Return the grid's value `ahead` [m] in front of the last point, or a negative value if a point is rejected."""
     ny, nx = scene.cells.shape
     grid = grid_of(grids, row)
     value = 0.0
@@ -227,7 +226,7 @@ def _on_grid(scene: Scene, grids: Grids, row: int, points: Data, ahead: float, s
             return OFF_MAP
         if not grids.facts[0]:
             value = HUGE  # The grid was never flooded.
-        elif stops or i == points.shape[0] - 1:
+        elif stops or i == points.shape[0] - 1:  # If `stops`, every point has to be reachable.
             distance = final_distance(grid, place(grid, cx, cy))
             if stops and distance >= nx * ny:
                 return IN_OBSTACLE if distance == nx * ny else UNREACHED
@@ -235,17 +234,20 @@ def _on_grid(scene: Scene, grids: Grids, row: int, points: Data, ahead: float, s
     return value
 
 
-# All samples of a cycle, one row per sample. velocities (m, 3): sampled vx, vy, w. stored (m, 3): velocity of the
-# trajectory. counts (m,): number of its points, 0 if the generator rejects it. ends (m, 3): its last point. critics
-# (m, 7): raw values of the critics. costs (m,): cost of the sample alone. shown (m,): cost in the search's order, whose
-# summation stops above the best so far. ended (m,): critic that stopped it, ALL if none did. points: x, y, theta and
-# shown cost of all trajectories whose shown cost is not negative, one after the other.
+# All samples of a cycle, one row per sample:
+#   velocities (m, 3)   sampled vx, vy, w
+#   stored, ends        velocity and last point (m, 3) of the trajectory
+#   counts (m,)         number of points, 0 if the generator rejects the sample
+#   critics, costs      unweighted values of the critics (m, 7), and their weighted sum (m,)
+#   shown (m,)          weighted sum in the search, which stops adding above the cost of the best sample so far
+#   ended (m,)          critic that ended this summation, ALL if none did
+#   points (k, 4)       x, y, theta and shown cost of all trajectories of non-negative shown cost, one after the other
 Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
 
 
 @kernel
 def score_all_samples(params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene) -> Samples:
-    """Score all samples of the last cycle. flags: record of the flags before that search."""
+    """Score all samples of the last cycle. flags: oscillation flags as they were before that cycle's search."""
     p, state, start = params[0], flags[0], scratch.start
     axes = sample_axes(p, scratch, scene.plan)
     m = axes[0] * axes[1] * axes[2]

@@ -1,8 +1,8 @@
 """Local planner DWAPlannerROS: follows a plan with the DWA planner, then stops and turns at its end.
 
 Called by MoveBase once per control cycle. See docs/explanation/planner_dwa.md: section 2 for the cut of the global plan
-(LocalPlannerUtil), section 8 for a cycle, and for stopping and turning at the goal (LatchedStopRotateController), for
-which all angles pass through a quaternion.
+(LocalPlannerUtil), section 8 for a cycle and for stopping and turning at the goal (LatchedStopRotateController). As in
+C++, angles pass through a quaternion.
 """
 
 import math
@@ -20,7 +20,7 @@ EMPTY = np.zeros((0, 3))
 
 
 class LocalPlan:
-    """Stored plan that is cut anew in every cycle. With `prune`, its front is removed permanently."""
+    """Stored global plan, cut anew in every cycle. Pruning removes poses at its front permanently."""
 
     def __init__(self) -> None:
         self.poses = EMPTY
@@ -39,9 +39,9 @@ class LocalPlan:
     def cut(self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None) -> np.ndarray:
         """Return the poses (k, 3) within `limit` [m] of the robot at x, y [m] and the next one, in the costmap's frame.
 
-        prune: drop the leading poses that are 1 m or farther away. As many are removed from the front of the stored
-        plan, even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame,
-        None if they are the same.
+        prune: drop the leading poses that are 1 m or farther away. The stored plan loses as many poses at its front,
+        even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if
+        the frames are the same.
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
@@ -57,7 +57,7 @@ class StopRotate:
     """Controller that stops the robot at the goal's position and then turns it to the goal's yaw.
 
     Args:
-        params: values of the DWAPlannerROS server by name, in force from now on.
+        params: values of the DWAPlannerROS server by name.
         period: control period [s].
         latches: whether a reached position stays reached until the next plan.
     """
@@ -73,7 +73,7 @@ class StopRotate:
         self._acceleration = [float(np.float32(params[name])) for name in LIMITS]
 
     def reset(self) -> None:
-        """Reset to a new object. A turn that has begun ends only here or at the goal's yaw, not with a new goal."""
+        """Reset to the state of a new object. A turn ends only here or at the goal's yaw, not with a new goal."""
         self.rotating = False
         self.latched = False
 
@@ -123,7 +123,7 @@ class StopRotate:
         return floats((-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period) for v, limit in pairs)
 
     def _turn(self, error: float, w: float) -> float:
-        """Return a turn rate [rad/s] that reduces `error` [rad] and from which the robot can still stop there."""
+        """Return a turn rate [rad/s] towards the goal's yaw, `error` [rad] away, at which the robot can still stop."""
         limit = self._acceleration[2]
         change = limit * self._period
         speed = min(max(self._clamped(abs(error)), abs(w) - change), abs(w) + change)
@@ -146,15 +146,15 @@ class Step(NamedTuple):
     phase: str
     cut: np.ndarray  # part (k, 3) of the plan that was followed
     cost: float = 0.0  # cost of the chosen or checked trajectory, negative if illegal
-    count: int = 0  # type: ignore[assignment]  # number of its points (tuple.count is not used)
+    count: int = 0  # type: ignore[assignment]  # number of that trajectory's points; hides tuple.count
     checked: Tuple[float, float, float] = STANDING  # command that was checked at the goal's position
 
 
 class DWALocalPlanner(LocalPlanner):
-    """Local planner DWAPlannerROS. The footprint is the costmap's of each cycle.
+    """Local planner DWAPlannerROS. Each cycle uses the current footprint of the costmap.
 
-    params: values of the server and static parameters of DWAPlannerROS by name. `reconfigure` applies all of the
-    server's at once. The control period, sum_scores, cheat_factor and the latch change only with a restart.
+    params: values of the server and static parameters of DWAPlannerROS by name. `reconfigure` applies all values of the
+    server at once. The control period, sum_scores, cheat_factor and the latch change only with a restart.
     """
 
     def __init__(self, params: Mapping[str, Any]):

@@ -27,7 +27,7 @@ class DWAPlanner(SamplingPlanner):
         params: values of the DWAPlannerROS server by name.
         sim_period: control period and width of the dynamic window [s].
         sum_scores: whether the obstacle critic adds the costs of all points instead of taking the largest.
-        cheat_factor: factor of the squared distance to the plan's end below which the nose-on-path critic is off.
+        cheat_factor: the nose-on-path critic is off within sqrt(cheat_factor) forward_point_distance of the plan's end.
 
     Raises:
         ParameterError: a parameter is invalid.
@@ -103,8 +103,8 @@ class DWAPlanner(SamplingPlanner):
     def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
         """Return (cost, number of points) of the trajectory towards a velocity (vx, vy, w) in the prepared cycle.
 
-        The grids are those of the last search. A velocity that the generator rejects has no points and no cost, and so
-        passes. As in C++, the flags are cleared.
+        The grids are those of the last search. A velocity that the generator rejects has no points and cost 0, so it
+        passes. As in C++, the oscillation flags are cleared.
         """
         clear(self._state[0])
         p, start = self._params[0], self._scratch.start
@@ -123,7 +123,7 @@ class DWAPlanner(SamplingPlanner):
         return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
 
     def refusals(self) -> Dict[str, int]:
-        """Count the samples that each critic rejected in the last search. "velocity limits" counts the generator's."""
+        """Count the samples that each critic rejected in the last search. "velocity limits": the generator's."""
         every = self.score_all_samples()
         counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
         by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))
@@ -139,7 +139,7 @@ class DWAPlanner(SamplingPlanner):
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre.
 
-        The cloud is for display. C++ appends zeros in place of the cells that are left out, unlike this planner.
+        The cloud is for display. C++ also appends a point of zeros for each cell that is left out.
         """
         if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)

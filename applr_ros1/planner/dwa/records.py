@@ -1,4 +1,4 @@
-"""Records that the kernels of the DWA planner share: parameters, memory, surroundings, grids, scratch memory."""
+"""Records shared by the kernels of the DWA planner: parameters, memory, surroundings, grids, scratch memory."""
 
 from collections import namedtuple
 
@@ -20,8 +20,8 @@ PARAMETERS = record(
     "vx_samples vy_samples vth_samples use_dwa sum_scores",
 )
 
-# Oscillation flags, and the pose (float32 values) at which one was last set. Flags of each axis: the only sign that is
-# allowed, and the sign that was driven last.
+# Oscillation flags, and the pose (float32 values) at which a flag was last set. Per axis, *_only flags mark the only
+# allowed sign, the others the sign of the last motion.
 STATE = record(
     "",
     "forward_pos_only forward_neg_only strafe_pos_only strafe_neg_only rot_pos_only rot_neg_only "
@@ -31,19 +31,19 @@ STATE = record(
 
 # Surroundings of the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
 # resolution [m], the padded footprint (n, 2) [m] and its line_offsets, the plan (k, 2 or 3) [m], and the plan of the
-# last cycle in which the nose-on-path critic was on.
+# last cycle in which the nose-on-path critic (ALIGNMENT) was on.
 Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan aligned_plan")
 
 PATH, GOAL, FRONT, ALIGNMENT = range(4)
 
 # Four distance grids (distance_grid.Grid), one per row of distances (4, size), queues (4, size) and ends (4, 2).
-# facts: [whether a search has taken place, row that the nose-on-path critic reads]. The row is PATH while the critic is
+# facts: (whether a search has taken place, row that the nose-on-path critic reads). The row is PATH while the critic is
 # on, because both grids are then the same.
 Grids = namedtuple("Grids", "distances queues ends nx ny facts")
 
-# Scratch memory of one cycle. xs, ys, ws: values of each axis. keys, bounds, occupied: lower bounds of each sample's
-# cost, of its four grid values and of its obstacle cost. heap: samples by key. probed: whether a sample was probed.
-# start (6,): pose and velocity as used.
+# Scratch memory of one cycle. xs, ys, ws: sampled values of vx, vy, w. keys, bounds, occupied: lower bounds of each
+# sample's cost, of its four grid values, and of its obstacle cost. heap: numbers of the samples, lowest key first.
+# probed: whether bounds.probe has tested a sample. start (6,): pose and velocity, rounded to float32.
 Scratch = namedtuple("Scratch", "xs ys ws keys bounds occupied heap probed start")
 
 
@@ -61,7 +61,7 @@ def grid_of(grids: Grids, row: int) -> Grid:
 
 
 def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scratch:
-    """Return scratch memory for these sample numbers. Each axis has at least two values and may need one extra."""
+    """Return scratch memory for these numbers of samples. An axis has at least two values and maybe an extra zero."""
     xs, ys, ws = (np.zeros(max(n, 2) + 1) for n in (vx_samples, vy_samples, vth_samples))
     n = len(xs) * len(ys) * len(ws)
     integers = np.zeros((n, 4), np.int32), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.uint8)

@@ -24,7 +24,7 @@ def single(value: float) -> float:
 
 @kernel(error_model="numpy")
 def sample_axes(p: Record, scratch: Scratch, plan: Data) -> Tuple[int, int, int]:
-    """Fill the values of the axes and return their numbers for vx, vy and w. w varies fastest over the samples.
+    """Fill the sampled values of vx, vy and w, and return their numbers. From sample to sample, w varies fastest.
 
     plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits the speed.
     """
@@ -46,23 +46,23 @@ def sample_axes(p: Record, scratch: Scratch, plan: Data) -> Tuple[int, int, int]
 
 @kernel
 def sample_of(scratch: Scratch, axes: Tuple[int, int, int], number: int) -> Triple:
-    """Return the sample (vx, vy, w) of this number."""
+    """Return the sample (vx, vy, w) with this number."""
     _, ny, nw = axes
     return scratch.xs[number // (nw * ny)], scratch.ys[number // nw % ny], scratch.ws[number % nw]
 
 
 @kernel
 def _window(least: float, most: float, velocity: float, change: float, n: float, values: Data) -> int:
-    """Fill the values of one axis between its limits and the velocities reachable from `velocity`."""
+    """Fill the sampled values of one axis: within its limits, and at most `change` away from `velocity`."""
     return spread(single(max(least, velocity - change)), single(min(most, velocity + change)), n, values)
 
 
 @kernel
 def spread(bottom: float, top: float, n: float, values: Data) -> int:
-    """Fill `values` from bottom to top in equal steps, including any zero between them, and return their number.
+    """Fill `values` from bottom to top in equal steps, adding a zero between different signs; return their number.
 
-    The values come from repeated addition, each rounded to float32 (velocity_iterator.h). There is one value if both
-    ends are the same, otherwise at least two. They descend if bottom is above top.
+    The values come from repeated addition, each rounded to float32 (velocity_iterator.h). There is one value if bottom
+    equals top, otherwise there are at least two. The values descend if bottom is above top.
     """
     if bottom == top:
         values[0] = bottom
@@ -97,7 +97,7 @@ def is_too_fast(p: Record, speed: float) -> bool:
 
 @kernel
 def least_turn(p: Record, speed: float) -> float:
-    """Return the minimum turn rate [rad/s] of samples of this speed over ground, or -1 if there is none."""
+    """Return the minimum turn rate [rad/s] of samples at this speed over ground, or -1 if none applies."""
     if p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans and p.min_vel_theta >= 0:
         return p.min_vel_theta
     return -1.0
@@ -143,7 +143,7 @@ def ramped(p: Record, sample: Triple, now: Triple, dt: float) -> Triple:
 
 @kernel
 def commanded(p: Record, start: Data, sample: Triple, steps: int) -> Triple:
-    """Return the velocity of a sample's trajectory: the sample, or without use_dwa one step of the ramp towards it."""
+    """Return the velocity of a sample's trajectory: the sample, or without use_dwa the first step of the ramp."""
     return sample if p.use_dwa else ramped(p, sample, (start[3], start[4], start[5]), p.sim_time / steps)
 
 

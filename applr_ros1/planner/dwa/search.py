@@ -66,14 +66,14 @@ def begin_floods(p: Record, grids: Grids, start: Data, scene: Scene, aligned: bo
     start_at_plan(grid_of(grids, FRONT), scene, front, False)
 
 
-NO_LIMIT = 1 << 60
+NO_LIMIT = 1 << 60  # obstacle cost that no probe exceeds
 
 
 @kernel(error_model="numpy")
 def find_best(
     params: Data, state: Data, grids: Grids, scratch: Scratch, scene: Scene, pose: Triple, velocity: Triple
 ) -> Tuple[Any, ...]:
-    """Run one cycle: preparation, floods, samples, winner, flags. params, state: one record each.
+    """Run one cycle: preparation, floods, samples, winner, flags. params, state: arrays of one record.
 
     Returns (cost, number of the sample, number of points, the sample, the trajectory's velocity, commanded w, whether
     nose-on-path is on). A negative cost means no valid command. Angles pass through a quaternion, then pose and

@@ -1,2 +1,2 @@
-"""Global planner navfn: a potential flooded from the robot, and the gradient path through it."""
+"""Global planner navfn: a potential propagated from the robot, and the gradient path through it."""
 # Imports costmap/ and common.

@@ -1,13 +1,13 @@
-"""Flood of navfn: grows the potential from the robot's cell until it reaches the goal's cell.
+"""Propagation ("flood") of navfn's potential from the robot's cell until the goal's cell is reached.
 
 Called by navfn.Navfn; the most expensive kernel of a control cycle. The flood visits cells in the order of C++ and
 rounds as C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). Only the work per cell differs,
 because it is bound by memory access:
-- A cell is two adjacent float32, its potential and the weight of a push to it. The weight is infinite for obstacles and
-  multiplied by 2^64 while the cell is listed, so that one comparison decides. The cost is computed from the weight.
-- A cycle runs over its list twice, first for the new potentials, then for the pushes. Pushes do not change potentials,
-  so the order of results is the same, and neither loop has a branch that the processor could mispredict.
-- Lines of sixteen potentials are noted when they are written, and only these lines are reset for the next flood.
+- A cell is two adjacent float32: its potential and its push weight (PUSH_WEIGHTS). The weight is infinite for obstacles
+  and multiplied by 2^64 while the cell is in a list, so one comparison decides whether to push the cell to a list.
+- A round runs over the current list twice, first for the new potentials, then for the pushes. Pushes do not change
+  potentials, so the result is the same, and neither loop has a branch that the processor could mispredict.
+- Lines of 16 potentials are recorded when written, and only these lines are reset for the next flood.
 Indices are uint64 so that numba does not add a wrap-around for negative ones.
 """
 
@@ -25,9 +25,9 @@ LIST_SIZE = 10000  # capacity of a propagation list [cells]; further cells are l
 LINE = 16  # number of potentials in a line
 LISTED = np.float32(2.0**64)  # factor of a listed cell's weight, which raises it above any potential
 UNLISTED = np.float32(2.0**-64)  # exact inverse of LISTED
-COST = np.float32(1.4142135 * 2.0**-64)  # factor from a listed cell's weight to its cost 1..253, after rounding
+COST = np.float32(1.4142135 * 2.0**-64)  # a listed cell's weight times this factor, rounded, is its cost 1..253
 
-# Increase of the potential by a push to a cell, by the cell's cost (256,). It is infinite if the cell takes no push.
+# Push weights by cost (256,): a cell is pushed to a list if its potential exceeds a neighbour's new potential by more.
 PUSH_WEIGHTS = np.full(256, np.inf, np.float32)
 PUSH_WEIGHTS[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
 Work = Tuple[Data, Data, Data, Data]  # field, lines, lists and before of flood()
@@ -36,7 +36,7 @@ _int = np.uint64
 
 
 def make_field(cells: int) -> np.ndarray:
-    """Return the field (2 n,) float32 of a map full of obstacles that no flood has reached: potential, weight, ...
+    """Return the field (2 n,) float32 of a map of unreached obstacles: potential and weight of one cell after another.
 
     n is the number of cells, rounded up to the groups of eight lines that reset() handles.
     """
@@ -51,7 +51,7 @@ def scratch(list_size: int = LIST_SIZE) -> Tuple[np.ndarray, np.ndarray]:
 
 @kernel
 def reset(field: Data, lines: Data) -> None:
-    """Reset the potentials of all noted lines to 1e10 and clear the notes."""
+    """Reset the potentials of all recorded lines to 1e10 and clear the records."""
     far = np.float32(1e10)
     groups = lines.view(np.uint64)
     for g in range(groups.shape[0]):
@@ -65,7 +65,7 @@ def reset(field: Data, lines: Data) -> None:
 
 @kernel
 def _push(field: Data, lists: Data, end: _int, k: _int, old: np.float32, new: np.float32) -> _int:
-    """List the cell at place k if the `new` potential of its neighbour may lower its `old` one; return the new end."""
+    """Push cell k to a list if its neighbour's `new` potential may lower its `old` potential; return the list's end."""
     weight = field[k + _int(1)]
     push = old > new + weight
     lists[end] = k
@@ -78,8 +78,8 @@ def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: i
     """Grow the potential from the cell `robot_` until `goal_` is reached.
 
     field is the float32 array of make_field(), with all potentials at 1e10 and infinite weights on the border. lines
-    uint8 are zeros, one per LINE cells. lists_ (3, m + 4) uint32 and before (8 m + 32,) float32 are scratch for lists
-    of m cells. Inside this function a cell is addressed by its place in the field, twice its index.
+    are uint8 zeros, one per LINE cells. lists_ (3, m + 4) uint32 and before (8 m + 32,) float32 are scratch memory for
+    lists of m cells. Inside this function a cell is addressed by its place in the field, twice its index.
     """
     far = np.float32(1e10)
     one = _int(1)
@@ -177,7 +177,7 @@ def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: i
 def _push_carefully(
     work: Work, starts: Starts, improved: _int, threshold: np.float32, row: _int, n_over: _int, room: _int
 ) -> Tuple[_int, _int]:
-    """Push the cells of one cycle when a list may become full; pushes to a full list are lost."""
+    """Push the cells of one round when a list may become full; pushes to a full list are lost, as in C++."""
     (field, lines, lists, before), (current, following, over) = work, starts
     n_following = _int(0)
     for i in range(improved):

@@ -22,10 +22,10 @@ FREE_COST = 50  # cost of a cell that is 0 in the costmap
 
 
 class Navfn:
-    """Plans paths on one Costmap.
+    """Global planner for one Costmap at a time.
 
-    Keeps navfn's cost array up to date with the costmap. Returns the last plan while no cell that the last flood read
-    has changed, and floods only the part of the map on which the plan depends (window.py).
+    Keeps navfn's cost array up to date with the costmap. The last plan is reused until a cell that the last flood read
+    has changed. A flood covers only the part of the map on which the plan depends (window.py).
     """
 
     def __init__(self, list_size: int = LIST_SIZE):
@@ -34,7 +34,7 @@ class Navfn:
         self._list_size = list_size
 
     def _attach(self, costmap: Costmap, allow_unknown: bool) -> None:
-        """Start anew with a costmap, all of which is converted at the next plan."""
+        """Start anew with a costmap. The next plan converts all of its cells."""
         nx, ny = costmap.size
         self._costmap, self._cells = costmap, costmap.cells
         self._allow_unknown = allow_unknown
@@ -79,8 +79,8 @@ class Navfn:
     ) -> np.ndarray:
         """Return a plan (n, 3) of x, y [m], yaw [rad] from `start` to `goal`, or (0, 3) if there is none.
 
-        Yaw is 0 except in the last pose, which has that of the goal. The robot's cell is freed in the live costmap, as
-        in C++.
+        Yaw is 0 except in the last pose, which has the goal's yaw. The robot's cell is freed in the costmap itself,
+        as in C++.
 
         Args:
             costmap: map to plan on.
@@ -115,7 +115,7 @@ class Navfn:
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
         self._version = costmap.version
         stale = changed and _convert(costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed)
-        # A tolerance searches around the goal, and short lists lose cells by their number: neither can be fenced.
+        # A tolerance reads cells around the goal, and short lists lose pushes when full: neither allows a fence.
         whole = tolerance > 0 or self._list_size < LIST_SIZE
         if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
             return
@@ -154,7 +154,7 @@ class Navfn:
 
 @kernel
 def _to_world(path: Data, n: int, ox: float, oy: float, res: float, plan: Data) -> None:
-    """Convert n traced points [cells], goal first, to the points [m] of a plan, robot first, without the half cell."""
+    """Convert n points [cells] of `path`, goal first, to points [m] of `plan`, robot first, as in C++."""
     for i in range(n):
         plan[i, 0] = ox + np.float64(path[n - 1 - i, 0]) * res
         plan[i, 1] = oy + np.float64(path[n - 1 - i, 1]) * res
@@ -206,7 +206,7 @@ def _convert(cells: Data, costs: Data, field: Data, allow_unknown: bool, extent:
 def _target(
     potential: Data, ox: float, oy: float, res: float, nx: int, ny: int, gx: float, gy: float, tolerance: float
 ) -> Tuple[int, float, float]:
-    """Return cell, x, y of the reached point nearest to the goal within a square of `tolerance` [m] around it.
+    """Return (cell, x, y) of the reached point nearest to the goal, at most `tolerance` [m] away along each axis.
 
     The cell is -1 if no point is reached. navfn_ros.cpp:262.
     """

@@ -152,7 +152,7 @@ def _truncate(v: F32) -> int:
 
 @kernel
 def _blend(g0: F32, g1: F32, g2: F32, g3: F32, dx: F32, dy: F32) -> F32:
-    """Interpolate the gradients of four cells; first products and sums are double, second products float32."""
+    """Interpolate the gradients of four cells, with double and float32 operations mixed as in C++."""
     a = 1.0 - np.float64(dx)
     p = F32(a * np.float64(g0) + np.float64(dx * g1))
     q = F32(a * np.float64(g2) + np.float64(dx * g3))

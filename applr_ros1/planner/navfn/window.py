@@ -1,12 +1,11 @@
-"""Fence around the part of the map that navfn's flood has to cover for a plan.
+"""Fence: rectangle of obstacle cells that limits navfn's propagation of the potential (flood.py).
 
-Called by navfn.Navfn. On a map that the laser fills, most cells have always been free, and a flood in all directions
-spends most of its time in them. The fence is a rectangle with a margin around the robot, the goal and every cell that
-was ever not free. Outside it every cell has the lowest cost, 50. A chain of updates that leaves the rectangle and comes
-back costs at least as much as one along its edge. So no cell outside has a lower potential than the edge cell beside
-it, and an update takes the lower of the two neighbours along each axis. Rounding affects only the outermost row of
-cells. A plan that comes near this row is traced again after a flood of the whole map.
-tests/planner/navfn/test_navfn.py compares both on many maps.
+Called by navfn.Navfn. A flood inside the fence gives the same plan as a flood of the whole map, in less time: on a map
+that only the laser fills, most cells have always been free. The fence surrounds the robot, the goal and every cell that
+was ever not free, with a margin. All cells outside have the lowest cost, 50, so a detour outside costs at least as much
+as a way along the inner edge. No outside cell can therefore lower the potential of the edge cell beside it. Rounding
+may change only the outermost row of cells inside. If a plan comes near this row, the whole map is flooded and the plan
+traced again. tests/planner/navfn/test_navfn.py compares plans with and without the fence on many maps.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from applr_ros1.planner.costmap.grid import Window
 from applr_ros1.planner.navfn.flood import PUSH_WEIGHTS
 
 MARGIN = 7  # distance from the fence to the cells that it encloses [cells]
-INNER = 4  # least distance from a fenced plan to the fence [cells]; tracing reads two cells around the plan
-LARGEST = 0.7  # share of the map above which a fence does not pay off
+INNER = 4  # smallest accepted distance of a plan from the fence [cells]; tracing reads two cells around the plan
+LARGEST = 0.7  # largest share of the map inside a fence; a larger fence saves no time
 
 
 def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Window]:
@@ -46,7 +45,7 @@ def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optio
 
 @kernel
 def set_fence(field: Data, costs: Data, nx: int, fence: Window, closed: bool) -> None:
-    """Turn the cells of the fence into obstacles if `closed`, or reset them to the cost array."""
+    """Make the fence's cells obstacles if `closed`, otherwise restore their weights from `costs`."""
     x0, y0, x1, y1 = fence
     for y in range(y0, y1 + 1):
         step = 1 if y in (y0, y1) else x1 - x0
@@ -57,7 +56,7 @@ def set_fence(field: Data, costs: Data, nx: int, fence: Window, closed: bool) ->
 
 @kernel
 def keeps_inside(path: Data, count: int, nx: int, ny: int, fence: Window) -> bool:
-    """Return True if `count` points of `path` (n, 2) [cells] keep INNER cells from the fence, except at the border."""
+    """Return whether `count` points of `path` [cells] stay INNER cells inside the fence. Map borders do not count."""
     x0, y0, x1, y1 = fence
     left = x0 + INNER if x0 > 0 else -1
     right = x1 - INNER if x1 < nx - 1 else nx

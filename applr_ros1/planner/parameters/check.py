@@ -36,7 +36,7 @@ USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
 def check(tree: Dict[str, Any]) -> List[str]:
-    """Return the errors of a nested parameter tree: invalid values or, if there are none, conflicting ones."""
+    """Return the errors of a nested parameter tree: invalid values or, if none is invalid, conflicting values."""
     try:
         errors, _ = _inspect(arranged(tree))
         return errors or list(_contradictions(_completed(tree)))
@@ -145,7 +145,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the same as `complete`, without a check for conflicts between values."""
+    """Return the same as `complete`, without checking for conflicts between values."""
     full: Dict[str, Any] = {}
     tree = arranged(tree)
     known = tables(tree)

@@ -12,15 +12,14 @@ from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag,
 
 MAX_CELLS = 16_000_000  # largest number of cells of a costmap, 200 x 200 m at 0.05 m
 
-# Columns: name, default, minimum, maximum, unit, description.
-# Flags, texts and lists have no bounds and no unit.
+# Columns: name, default, minimum, maximum, unit, description; only name, default, description for flags, texts, lists
 # fmt: off
 COMBINATION = (
     ("Overwrite", 0, "Known cells of this layer replace those of the costmap."),
     ("Maximum", 1, "The larger value of layer and costmap is kept."),
 )
 
-# Live, through dynamic_reconfigure: the costmap, its inflation layer, its obstacle layer
+# Parameters that dynamic_reconfigure can change: the costmap, its inflation, obstacle and static layers
 COSTMAP = (
     real("transform_tolerance", 0.3, 0.0, 10.0, "s", "Largest age of a robot pose that is still used."),
     real("update_frequency", 5.0, 0.0, 100.0, "Hz",
@@ -154,7 +153,7 @@ DATA_TYPES = ("LaserScan", "PointCloud2", "PointCloud")
 
 
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
-    """Yield a message for an impossible size and an invalid outline of a costmap."""
+    """Yield a message for an impossible size, and for an invalid footprint."""
     from applr_ros1.planner.costmap import footprint  # needs numpy
 
     width, height, resolution = (values[name] for name in ("width", "height", "resolution"))

@@ -1,9 +1,9 @@
 """Declarations of all parameters of move_base: name, type, bounds, default, unit and description.
 
 The rows are in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
-costmap_parameters.py. Here they are combined by dynamic_reconfigure server and name space. The .cfg files,
-docs/reference/parameters.md, the parameter check at start-up and MoveBase use them. Uses only the standard library
-because the .cfg files import it at build time without numpy.
+costmap_parameters.py. Here they are combined by dynamic_reconfigure server and name space, for the .cfg files,
+docs/reference/parameters.md, the parameter check at start-up and MoveBase. This file uses only the standard library
+because the .cfg files import it at build time, without numpy.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
 
-# Per section, a function that yields a message for each value that conflicts with others of the section.
+# Per section, a function that yields a message for each value that conflicts with another value of the section.
 CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
     "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
     "DWAPlannerROS": dwa_planner_parameters.contradictions,
@@ -74,17 +74,17 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
 
 
 def of_kind(kind: str) -> Tuple[str, ...]:
-    """Return all names, including older ones, of local planner parameters of a kind."""
+    """Return all names, older ones included, of the local planners' parameters of a kind (Parameter.kind)."""
     planners = ("TrajectoryPlannerROS", "DWAPlannerROS")
     declared = (p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
     return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
 
 
 def shapes_at_start(planner: str, server: str, name: str) -> bool:
-    """Return whether a local planner uses the start-up value of a live parameter in every cycle.
+    """Return whether a local planner keeps the start-up value of a parameter that dynamic_reconfigure can change.
 
-    Such a parameter has another effect by reconfigure than from a parameter file. For example, the costmaps take a new
-    footprint_padding, but TrajectoryPlannerROS keeps the outline of its start (trajectory_planner_ros.cpp:251).
+    A reconfigure of this parameter has another effect than a new value in a parameter file. For example, the costmaps
+    take a new footprint_padding, but TrajectoryPlannerROS keeps its first footprint (trajectory_planner_ros.cpp:251).
     """
     once = {each: p.once for p in SERVERS.get(server, ()) for each in p.names}
     return server == "local_costmap" and planner == OUTLINE and OUTLINE in once.get(name, ())

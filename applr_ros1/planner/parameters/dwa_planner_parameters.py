@@ -10,14 +10,13 @@ from typing import Any, Dict, Iterator
 
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, too_many_points, whole
 
-# Columns: name, default, minimum, maximum, unit, description.
-# Flags and texts have no bounds and no unit.
+# Columns: name, default, minimum, maximum, unit, description; only name, default, description for flags, texts, lists
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
 SLACK = 1e-4  # tolerance by which a sample may exceed a limit [m/s, rad/s]
 MOST_SAMPLES = 1_000_000  # largest number of samples in one cycle; more would fill the memory
 
-# Live, through dynamic_reconfigure
+# Parameters that dynamic_reconfigure can change
 DWA_PLANNER = (
     real("max_vel_trans", 0.55, 0.0, INF, "m/s",
         "Largest translational speed. Also the speed at which the footprint is enlarged most, see max_scaling_factor.",
@@ -63,8 +62,8 @@ DWA_PLANNER = (
     real("angular_sim_granularity", 0.1, 0.0, INF, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
     real("path_distance_bias", 0.6, 0.0, INF, "1/m",
-        "Cost weight of the distance between the end of a trajectory and the plan. If it is 0, trajectories through "
-        "cells that the robot cannot enter are no longer rejected by this distance.", kind="weight"),
+        "Cost weight of the distance between the end of a trajectory and the plan. If it is 0, the path critic is "
+        "off and does not reject trajectories through impassable cells.", kind="weight"),
     real("goal_distance_bias", 0.8, 0.0, INF, "1/m",
         "Cost weight of the distance between the end of a trajectory and the local goal.", kind="weight"),
     real("occdist_scale", 0.01, 0.0, INF, "",
@@ -91,8 +90,8 @@ DWA_PLANNER = (
     whole("vth_samples", 20, 1, INT_MAX, "",
         "Number of angular velocities sampled in a control cycle. 0 is taken as 1.", beyond="", kind="count"),
     flag("use_dwa", True,
-        "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
-        "within sim_time."),
+        "Whether only velocities that can be reached within one control period are sampled (dynamic window). If false, "
+        "velocities that can be reached within sim_time are sampled."),
     RESTORE,
 )
 
@@ -103,8 +102,8 @@ STATIC_DWA_PLANNER = (
     flag("sum_scores", False,
         "Whether the costs under all points of a trajectory are summed instead of taking the largest."),
     real("cheat_factor", 1.0, 0.0, INF, "",
-        "Factor of the squared distance to the end of the local plan below which the second point of "
-        "forward_point_distance is no longer kept near the plan."),
+        "The point ahead of the robot (forward_point_distance) is not kept near the plan within a distance of "
+        "sqrt(cheat_factor) * forward_point_distance from the end of the local plan."),
     flag("latch_xy_goal_tolerance", False,
         "No effect, as in the C++ node, which reads the parameter of this name from move_base instead."),
     flag("publish_cost_grid_pc", False,

@@ -61,7 +61,7 @@ VOXEL_LAYER = "costmap_2d::VoxelLayer"
 PREDICTED = "applr/predicted"  # topic of the predicted obstacle points
 # Costmap parameters that may also be given at move_base itself
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")
-# Layers (name, type) of a costmap without `plugins`; the static layer only with static_map
+# Layers (name, type) of a costmap without `plugins`. The static layer requires static_map.
 BEFORE_HYDRO = (
     ("static_layer", STATIC_LAYER),
     ("obstacle_layer", OBSTACLE_LAYER),
@@ -115,7 +115,7 @@ def replaced(tree: Dict[str, Any]) -> Iterator[str]:
 def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
     """Return the layer type that is used for an entry of a costmap's plugins, or "" if the entry is left out.
 
-    An obstacle layer replaces a layer whose type is not available if it has observation sources.
+    A voxel layer, or another layer of unavailable type with observation sources, becomes an obstacle layer.
     """
     sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(costmap, str(entry.get("name")))
     return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
@@ -128,7 +128,7 @@ def sources(layer: Dict[str, Any]) -> List[str]:
 
 
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the tree with the layers' parameters in the sections where C++ reads them; its costmaps are new dicts.
+    """Return a tree with the layers' parameters in the sections where C++ reads them. Its costmaps are new dicts.
 
     Without `plugins`, the list is added and the layers' parameters move from the costmap to the layers. With `plugins`,
     the values that layers inherit are copied to them. Sources get the ranges of the sections above them.
@@ -159,7 +159,7 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _with_older_names(tree: Dict[str, Any]) -> Any:
-    """Return the values of TrajectoryPlannerROS after those of older names have been applied as in C++.
+    """Return the values of TrajectoryPlannerROS, including values under older names that C++ still reads.
 
     With another local planner, rotations of recovery read the older names (rotate_recovery.cpp). TrajectoryPlannerROS
     reads an older name only for the slowest turn to the goal heading (trajectory_planner_ros.cpp) and writes the newer
@@ -176,7 +176,7 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
 
 
 def _add_predicted(layer: Dict[str, Any], base: str) -> None:
-    """Add a source of PREDICTED, with the parameters of the laser, if the layer has a laser that marks and clears."""
+    """Add a source for PREDICTED, with the parameters of the laser, if the layer has a laser that marks and clears."""
     own = [branch(layer, name) for name in sources(layer)]
     lasers = [s for s in own if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)]
     given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]
@@ -208,7 +208,7 @@ def _move_to_layers(costmap: Dict[str, Any]) -> None:
 
 
 def _arrange_sources(layer: Dict[str, Any], above: Sequence[Dict[str, Any]]) -> None:
-    """Give each source a topic and ranges, those of the nearest section above if it has none of its own."""
+    """Give each source a topic and ranges. A missing range comes from the nearest section above that has it."""
     for name in sources(layer):
         given = layer.get(name)
         own = layer[name] = dict(given) if isinstance(given, dict) else {}

@@ -18,8 +18,7 @@ from applr_ros1.planner.parameters.parameter import (
     whole,
 )
 
-# Columns: name, default, minimum, maximum, unit, description.
-# Flags, texts and lists have no bounds and no unit.
+# Columns: name, default, minimum, maximum, unit, description; only name, default, description for flags, texts, lists
 # fmt: off
 RECOVERY_TYPES = ("clear_costmap_recovery/ClearCostmapRecovery", "rotate_recovery/RotateRecovery")
 DEFAULT_RECOVERIES = [
@@ -32,7 +31,7 @@ DEFAULT_RECOVERIES = [
     )
 ]
 
-# Live, through dynamic_reconfigure
+# Parameters that dynamic_reconfigure can change
 MOVE_BASE = (
     text("base_global_planner", "navfn/NavfnROS",
         "Plugin name of the global planner. Only navfn is available."),
@@ -83,7 +82,7 @@ STATIC_MOVE_BASE = (
         "Half the side of the square that make_plan_clear_costmap clears."),
 )
 
-# Parameters of behaviours that clear the costmaps (besides reset_distance), and of those that rotate
+# Parameters of recovery behaviours that clear the costmaps (besides reset_distance), and of rotations
 CLEARING = (
     listing("layer_names", ["obstacles"],
         "No effect; accepted for parameter files of the C++ node. All obstacle layers are cleared, whatever their "

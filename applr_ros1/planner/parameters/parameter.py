@@ -15,8 +15,8 @@ INF = math.inf
 INT_MAX = 2147483647
 MOST_POINTS = 100_000  # largest number of points of one trajectory or turn; more would take minutes
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may also give as lists
-# Users that read a parameter only once, when they start: TrajectoryPlannerROS for all its cycles, both local planners,
-# the stop and turn of TrajectoryPlannerROS at its goal, and the recovery behaviours
+# Users that read a parameter only at start-up (Parameter.once): TrajectoryPlannerROS for all its cycles; both local
+# planners; TrajectoryPlannerROS for stopping and turning at its goal; the recovery behaviours
 OUTLINE, PERIOD, GOAL, RECOVERY = "TrajectoryPlannerROS", "the local planner", "the stop and turn at a goal", "recovery"
 _TYPES = {"bool": bool, "str": str, "list": list}
 _GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
@@ -39,10 +39,10 @@ class Parameter:
         aliases: older names that always have the same value.
         enum: (name, value, description) of each choice.
         not_zero: whether 0 is rejected although it lies within the bounds.
-        beyond: report about a start-up value out of bounds, which is clamped as in C++: "remark", "" for none, or
-            "error" if nothing can be driven with it.
-        kind: quantity, which decides the range of a learned parameter and the limit of a base: "speed" or "turn" of the
-            base, "length", "1/length", "time", "count" of samples, "weight" of a distance, or "" for others.
+        beyond: report about a start-up value out of bounds, which is clamped as in C++: "remark" (warning), "" (none),
+            or "error" if the robot cannot drive with the clamped value.
+        kind: quantity, from which the range of a learned parameter and the limit of a base follow: "speed" or "turn" of
+            the base, "length", "1/length", "time", "count" of samples, "weight" of a distance, or "" for others.
         older: names that the C++ node no longer reads.
         once: users that read the parameter only when move_base starts, so that a reconfigure does not affect them.
     """
@@ -79,13 +79,13 @@ class Parameter:
         return f"give {_GIVE[self.type]}"
 
     def reads(self, value: Any) -> bool:
-        """Return whether roscpp reads `value`; it ignores a value of another type and uses the default."""
+        """Return whether roscpp reads `value`. roscpp ignores values of another type and uses the default."""
         if self.type in ("double", "int"):
             return isinstance(value, (int, float)) and not isinstance(value, bool)
         return isinstance(value, (str, list) if self.name in TEXT_OR_LIST else _TYPES[self.type])
 
     def convert(self, value: Any, label: str = "") -> Any:
-        """Convert `value` without clamping; raise ParameterError for another type, NaN, infinity or an invalid 0."""
+        """Convert `value` without clamping. Raise ParameterError for another type, NaN, infinity or an invalid 0."""
         label = label or self.name
         number = self.type in ("double", "int")
         if not self.reads(value) or number and not math.isfinite(value):
@@ -97,11 +97,11 @@ class Parameter:
         return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds, too.
 
     def taken(self, value: Any, label: str = "") -> Any:
-        """Return the value that the node uses for `value`, converted and clamped; ParameterError as in `convert`."""
+        """Return `value` as the node uses it: converted and clamped. Raise ParameterError like `convert`."""
         return self.clamp(self.convert(value, label), label)
 
     def clamp(self, value: Any, label: str = "") -> Any:
-        """Clamp `value` to the bounds; raise ParameterError if the result is 0 although not_zero is set."""
+        """Clamp `value` to the bounds. Raise ParameterError if the result is 0 although not_zero is set."""
         if self.type not in ("double", "int"):
             return value
         moved = min(max(value, self.min), self.max)

@@ -20,10 +20,9 @@ from applr_ros1.planner.parameters.parameter import (
     whole,
 )
 
-# Columns: name, default, minimum, maximum, unit, description.
-# Flags, texts and lists have no bounds and no unit.
+# Columns: name, default, minimum, maximum, unit, description; only name, default, description for flags, texts, lists
 # fmt: off
-# Live, through dynamic_reconfigure
+# Parameters that dynamic_reconfigure can change
 TRAJECTORY_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
         "Forward acceleration limit of the trajectory simulation.", older=("acc_limit_x",),
@@ -66,15 +65,15 @@ TRAJECTORY_PLANNER = (
     whole("vx_samples", 20, 1, 300, "", "Number of forward velocities sampled in a control cycle.", kind="count"),
     whole("vtheta_samples", 20, 1, 300, "", "Number of angular velocities sampled in a control cycle.", kind="count"),
     real("heading_lookahead", 0.325, 0.0, 5.0, "m",
-        "Distance of the point at which a turn in place is scored, ahead of the robot in its heading after the turn."),
+        "Distance from the robot to the point at which a turn in place is scored, ahead of the robot after the turn."),
     flag("holonomic_robot", True,
         "No effect; kept for clients of the C++ node. A differential-drive base is always assumed."),
     real("escape_vel", -0.1, -2.0, 2.0, "m/s",
         "Forward velocity while backing out of a dead end; negative values drive backwards.",
         kind="speed", older=("backup_vel",)),
     flag("dwa", False,
-        "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
-        "within sim_time."),
+        "Whether only velocities that can be reached within one control period are sampled (dynamic window). If false, "
+        "velocities that can be reached within sim_time are sampled."),
     flag("heading_scoring", False,
         "Whether trajectories are scored by their heading relative to the plan instead of by their distance from it."),
     real("heading_scoring_timestep", 0.1, 0.0, 1.0, "s",
@@ -114,7 +113,7 @@ STATIC_TRAJECTORY_PLANNER = (
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
     """Yield a message for each value that conflicts with the others.
 
-    If heading_scoring is on, points are spaced in time, which equals a speed of 1.
+    With heading_scoring, points are sim_granularity [s] apart, as if at a speed of 1.
     """
     speeds = ("max_vel_x", "min_vel_x", "escape_vel", "heading_scoring")
     yield from too_many_points(values, "sim_granularity", speeds, values["sim_time"])

@@ -1,7 +1,7 @@
 """Search for the best forward sample of a cycle without rolling out the samples that cannot win.
 
 Called by sampling.py. Samples wait in a heap, ordered by a lower bound of their cost. The sample with the lowest bound
-is scored next, and the search ends when no bound beats the best cost. docs/explanation/planner.md, section 6.4.
+is scored next, and the search ends when no bound beats the best cost. See docs/explanation/planner.md, section 6.4.
 
 Poses for bounds come from closed forms, which differ from the exact poses by rounding errors. A cell is therefore used
 only if the pose is far enough from a cell border. A bound never exceeds the exact cost, and no result depends on the
@@ -22,16 +22,16 @@ from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, new_velocity, step_count
 
 Ground = Tuple[float, float, float, int, int]  # the map's origin (x, y) [m], resolution [m] and size [cells]
-MARGIN = 1e-6  # distance to a border from which on a cell is certain, with closed forms accurate to 1e-10 [cells]
+MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms are accurate to 1e-10 cells
 
 
 @kernel
 def ramp(
     p: Record, start: Data, c: float, s: float, vx: float, w: float, dt: float, moves: int
 ) -> Tuple[int, float, float, float, float]:
-    """Return (moves, x, y, c, s) when the sample (vx, w) first reaches its velocities, or after `moves` moves.
+    """Return (moves made, x, y, c, s) once the base has reached the sample (vx, w), at the latest after `moves` moves.
 
-    c, s: cosine and sine of the heading, at the start and at the end.
+    c, s: cosine and sine of the heading, as arguments at the start, as results at the end.
     """
     x, y, vx_i, vy_i, w_i = start[0], start[1], start[3], start[4], start[5]
     for i in range(moves):
@@ -53,9 +53,9 @@ def ramp(
 
 @kernel
 def along_arc(x: float, y: float, c: float, s: float, length: float, turn: float, n: int) -> Tuple[float, float]:
-    """Return (x, y) after n moves of `length` [m] and `turn` [rad] each, as the chord of the resulting polygon.
+    """Return the position after n moves of `length` [m] and `turn` [rad] each, by the chord of the polygon of moves.
 
-    c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
+    x, y: position at the start. c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
@@ -81,7 +81,7 @@ def exact_end(p: Record, start: Data, vx: float, w: float, steps: int) -> Tuple[
 
 @kernel(error_model="numpy")
 def end_cell(p: Record, ground: Ground, start: Data, c: float, s: float, vx: float, w: float) -> Tuple[int, int]:
-    """Return the cell (x, y) of the sample's last point, (-1, -1) off the map. c, s: cosine and sine at the start."""
+    """Return the cell of the sample's last point, (-1, -1) if off the map. c, s: cosine and sine of the heading."""
     ox, oy, resolution, nx, ny = ground
     steps = step_count(p, vx, 0.0, w)
     dt = p.sim_time / steps
@@ -102,8 +102,8 @@ def probe(
 ) -> int:
     """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
-    The bound starts from `occupied`, and a cost above `allowed` ends the probe. The last pose is tested first, followed
-    by halves, quarters and eighths.
+    The bound starts from `occupied`. The probe ends once the bound exceeds `allowed`. It tests the last pose, then the
+    poses at halves, quarters and eighths of the way. c, s: cosine and sine of the heading at the start.
     """
     steps = step_count(p, vx, 0.0, w)
     dt = p.sim_time / steps
@@ -138,8 +138,8 @@ def best_forward(
 ) -> Tuple[float, float, float, int]:
     """Return (cost, vx, w, number of points) of the best forward sample, or HUGE and no points if none is legal.
 
-    For each speed in `vs`, the samples are first w = 0, then all but the last of `ws`. The first of equal costs wins.
-    occupied: cost at the first pose, which all samples share.
+    Each speed in `vs` is combined first with w = 0, then with all values of `ws` but the last. Among equal costs, the
+    first sample wins. occupied: cost at the first pose, which all samples share.
     """
     _, _, bases, keys, heap, probed, _ = scratch
     nw = ws.shape[0]
@@ -181,10 +181,10 @@ def best_forward(
 def _bound(
     p: Record, scene: Scene, grids: Grids, scratch: Scratch, start: Data, vs: Data, ws: Data, occupied: int
 ) -> int:
-    """Fill bases (lower bounds of path and goal terms), keys (of costs) and heap. Return how many samples may win.
+    """Fill bases (lower bounds of path and goal terms), keys (lower bounds of costs) and heap; return the heap's size.
 
-    The floods continue until they reach the samples' last cells, but not much beyond the robot's range, because cells
-    behind walls might require a flood of the whole map.
+    The heap holds the samples that may win. The floods continue until they reach the samples' last cells, but only
+    little beyond the robot's range, because cells behind walls might require a flood of the whole map.
     """
     _, _, bases, keys, heap, probed, _ = scratch
     cells, ox, oy, resolution, _, _, _ = scene
@@ -193,7 +193,7 @@ def _bound(
     ny, nx = cells.shape
     n = nx * ny
     ground = ox, oy, resolution, nx, ny
-    exact = not p.simple_attractor and not p.heading_scoring  # Otherwise only the obstacle term is known here.
+    exact = not p.simple_attractor and not p.heading_scoring  # With these options only the obstacle term is known here.
     c = math.cos(start[2])
     s = math.sin(start[2])
     travel = (max(abs(start[3]), abs(vs[0]), abs(vs[-1])) + abs(start[4])) * p.sim_time / resolution

@@ -98,7 +98,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     ) -> Tuple[bool, Tuple[float, float]]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
-        goal_reached holds until the next plan or reconfigure. Read it at once: in C++, a new plan comes in between.
+        goal_reached holds until the next plan or reconfigure, so read it at once. In C++, a new plan may clear it.
         """
         self.cropped_plan, self._choice, self._is_blocked = EMPTY, None, False
         x, y, yaw = (float(v) for v in pose)
@@ -123,7 +123,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         self.planner.set_plan(cut)
         choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
-        if at_goal:  # The choice is ignored, but its floods are used below and its flags change as in C++.
+        if at_goal:  # The choice is ignored, but its floods are used below, and the flags change as in C++.
             ok, command = self._stop_or_turn((x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap)
             if ok:
                 self.cropped_plan = cut
@@ -146,7 +146,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         )
 
     def _turn(self, yaw: float, w: float, goal_yaw: float) -> float:
-        """Return a turn rate [rad/s] towards the goal's yaw from which the robot can still stop there."""
+        """Return a turn rate [rad/s] towards the goal's yaw at which the robot can still stop at this yaw."""
         error = angle_difference(yaw, goal_yaw)
         limit = self._acceleration[2]
         wanted = self._clamped(error)

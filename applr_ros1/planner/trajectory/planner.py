@@ -1,4 +1,4 @@
-"""Trajectory planner (findBestPath of base_local_planner, with dwa) that chooses one velocity per cycle.
+"""Trajectory planner (base_local_planner::TrajectoryPlanner) that chooses one velocity per cycle.
 
 local_planner.py builds a controller on it. The arithmetic is in sampling.py and its kernels.
 """
@@ -125,7 +125,7 @@ class TrajectoryPlanner(SamplingPlanner):
         return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
 
     def _scene_of(self, costmap: Costmap) -> Scene:
-        """Return the scene of this costmap. Grids and tables are renewed only if its size or resolution changes."""
+        """Return the scene of this costmap. Grids and tables are renewed only for a new size or resolution."""
         if not self._fits(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)

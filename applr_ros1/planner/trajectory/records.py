@@ -1,4 +1,4 @@
-"""Records that the kernels of the trajectory planner share: parameters, memory, surroundings, grids, scratch memory."""
+"""Records shared by the kernels of the trajectory planner: parameters, memory, surroundings, grids, scratch memory."""
 
 from collections import namedtuple
 
@@ -30,8 +30,9 @@ STATE = record(
 # Grids of one cycle. path, goal: distance_grid.Grid. within: (ny, nx) uint8, 1 under the robot's filled footprint.
 Grids = namedtuple("Grids", "path goal within")
 
-# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled velocities. start (6,): start of samples.
-# Per forward sample: bases, keys (lower bounds of path and goal terms, of the cost), heap, probed (whether probed).
+# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled vx and w. bases, keys: lower bounds of a
+# forward sample's path and goal terms, and of its cost. heap: numbers of the samples, lowest key first. probed: whether
+# forward.probe has tested a sample. start (6,): pose and velocity at which all samples start.
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
@@ -41,7 +42,7 @@ def allocate_grids(nx: int, ny: int) -> Grids:
 
 
 def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
-    """Return scratch memory for these sample numbers."""
+    """Return scratch memory for these numbers of samples."""
     n = vx_samples * vtheta_samples
     per_sample = np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.uint8)
     return Scratch(np.zeros(vx_samples), np.zeros(vtheta_samples), *per_sample, np.zeros(6))

@@ -3,8 +3,8 @@
 Called by planner.py once per control cycle. The choice equals that of the C++ planner to the last bit. The cycle
 begins with the two distance grids, which count steps to the path and to the local goal
 (base_local_planner/map_grid.cpp). At its end, a turn in place may replace the best forward sample
-(docs/explanation/planner.md, section 6.5). The conditions of a turn have no side effects, so the cheap ones come first
-and most turns are never rolled out.
+(docs/explanation/planner.md, section 6.5). The conditions of a turn have no side effects, so the cheap conditions come
+first, and most turns are never rolled out.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple
 
 @kernel
 def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
-    """Mark the cells within the robot and make them passable in the path grid."""
+    """Mark the cells under the robot's footprint (`within`) and make them passable in the path grid."""
     _, ox, oy, resolution, footprint, _, _ = scene
     ny, nx = grids.within.shape
     grids.within[:] = 0
@@ -75,11 +75,11 @@ WIDEST = 40  # largest radius around the robot that is searched for costs [cells
 def best_in_place(
     p: Record, state: Record, scene: Scene, grids: Grids, start: Data, ws: Data, dw: float, occupied: int, best: float
 ) -> Tuple[float, float, int]:
-    """Return (cost, w, number of points) of the turn that replaces a sample of cost `best`, or no points if none does.
+    """Return (cost, w, number of points) of the turn that replaces the best forward sample, no points if none does.
 
-    A turn must not cost more than the best sample so far, must be faster than the step `dw` of `ws`, and must not be
-    barred by `state`. It must end facing a cell on the map that is nearer the goal than for any turn accepted before.
-    occupied: cost at the first pose, which all turns share.
+    A turn must not cost more than the best sample or turn so far (at first `best`), must be faster than the step `dw`
+    of `ws`, and must not be barred by `state`. The cell heading_lookahead ahead of the turned robot must be on the map
+    and nearer to the goal than for all turns accepted before. occupied: cost at the first pose, which all turns share.
     """
     ny, nx = scene.cells.shape
     n = nx * ny
@@ -121,7 +121,7 @@ def best_in_place(
 
 @kernel(error_model="numpy")
 def _end(p: Record, start: Data, w: float) -> Triple:
-    """Return the exact (x, y, theta) of the last scored point of a turn in place. The position soon comes to rest."""
+    """Return the exact (x, y, theta) of the last scored point of a turn in place, which begins with braking."""
     steps = scoring.step_count(p, 0.0, 0.0, w)
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
@@ -137,7 +137,7 @@ def _end(p: Record, start: Data, w: float) -> Triple:
 
 @kernel
 def _distance_ahead(p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float) -> int:
-    """Return the goal distance `heading_lookahead` ahead of a pose, -1 if off the map or not below `limit`."""
+    """Return the goal distance heading_lookahead ahead of a pose; -1 if off the map or not below `limit`."""
     ny, nx = scene.cells.shape
     n = nx * ny
     ahead_x = x + p.heading_lookahead * math.cos(theta)
@@ -155,7 +155,7 @@ def _distance_ahead(p: Record, scene: Scene, grids: Grids, x: float, y: float, t
 
 @kernel(error_model="numpy")
 def _surroundings(p: Record, scene: Scene, start: Data) -> int:
-    """Return the largest cost that a turn in place from `start` can meet, NO_CEILING if unknown or illegal."""
+    """Return an upper bound of costs under a turn in place from `start`, NO_CEILING if unknown or lethal."""
     ny, nx = scene.cells.shape
     reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # braking distance
     reach = (reach + _farthest(scene.footprint)) / scene.resolution
@@ -176,7 +176,7 @@ def _surroundings(p: Record, scene: Scene, start: Data) -> int:
 def find_best_path(
     params: Data, state: Data, grids: Grids, scratch: Scratch, scene: Scene, pose: Triple, velocity: Triple
 ) -> Tuple[Any, ...]:
-    """Run one cycle: floods, samples, winner, flags. params, state: one record each.
+    """Run one cycle: floods, samples, winner, flags. params, state: arrays of one record.
 
     Returns (cost, vx, w, number of points, commanded vx, commanded w). A negative cost means no valid command.
     Pose and velocity are first rounded to float32, as in C++.
@@ -190,7 +190,7 @@ def find_best_path(
     ws = scratch.ws[: p.vtheta_samples]
     fill_evenly(least_vx, most_vx, vs)
     dw = fill_evenly(least_w, most_w, ws)
-    if ws.shape[0] == 1:  # C++ divides by zero here. A single turn passes its test only for a negative width.
+    if ws.shape[0] == 1:  # C++ divides by zero here. A single turn passes its test only if the window is inverted.
         dw = -np.inf if most_w < least_w else np.inf
 
     cost, best_vx, best_w, points = HUGE, 0.0, 0.0, 0
@@ -231,7 +231,7 @@ def velocity_window(p: Record, plan: Data, start: Data) -> Tuple[float, float, f
 
 @kernel
 def fill_evenly(least: float, most: float, values: Data) -> float:
-    """Fill `values` (n,) from `least` on in equal steps by repeated addition, and return the step (0 for one value)."""
+    """Fill `values` (n,) from `least` to `most` by repeated addition of a step; return the step (0 for one value)."""
     n = values.shape[0]
     step = (most - least) / (n - 1) if n > 1 else 0.0
     value = least

@@ -49,7 +49,7 @@ def advance(
 
 @kernel(error_model="numpy")
 def step_count(p: Record, vx: float, vy: float, w: float) -> int:
-    """Return the number of steps, at least 1, of the sample (vx, vy, w). The term of the turn ignores sim_time."""
+    """Return the number of steps, at least 1, of the sample (vx, vy, w). As in C++, sim_time does not affect turns."""
     if p.heading_scoring:
         return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
     speed = abs(vx) if vy == 0.0 else math.hypot(vx, vy)
@@ -58,13 +58,13 @@ def step_count(p: Record, vx: float, vy: float, w: float) -> int:
 
 @kernel
 def terms(p: Record, path_distance: float, goal_distance: float) -> float:
-    """Return the path and goal terms of a cost."""
+    """Return the sum of the path and goal terms of a cost."""
     return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
 
 
 @kernel
 def score(params: Data, scene: Scene, grids: Grids, start: Data, sample: Triple) -> Score:
-    """Return (cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
+    """Return (cost, number of points, end x, y, theta) of one sample, see score_below. params: array of one record."""
     return score_below(params[0], scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
 
 
@@ -76,7 +76,7 @@ def score_below(
 
     Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, COLLISION, NO_PATH, or PRUNED as
     soon as `base` (a lower bound of the path and goal terms) plus the obstacle term exceeds `bound`.
-    ceiling: upper bound of the cost that the footprint can meet on its way, NO_CEILING if unknown.
+    ceiling: upper bound of the costs under the footprint on its way, which saves tests; NO_CEILING if unknown.
     """
     vx, vy, w = sample
     cells, ox, oy, resolution, footprint, _, plan = scene
@@ -157,7 +157,7 @@ def roll_out(params: Data, start: Data, vx: float, w: float, points: Data) -> No
 
 @kernel
 def _heading_difference(scene: Scene, cx: int, cy: int, x: float, y: float, theta: float) -> float:
-    """Return the angle [rad] from the heading to the plan's farthest point in free sight, HUGE if none is in sight."""
+    """Return the angle [rad] from the heading to the farthest plan point in free sight, HUGE if there is none."""
     cells, ox, oy, resolution, _, _, plan = scene
     ny, nx = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
@@ -169,15 +169,15 @@ def _heading_difference(scene: Scene, cx: int, cy: int, x: float, y: float, thet
     return HUGE
 
 
-POINTS = 12  # number of points shown per trajectory, because showing all would take megabytes per message
+POINTS = 12  # largest number of points shown per trajectory; all points would take megabytes per message
 
 
 @kernel
 def score_all_samples(params: Data, scene: Scene, grids: Grids, scratch: Scratch) -> Tuple[Data, Data]:
     """Return (cloud, refused) of all forward samples of the last cycle. The search itself rolls out far fewer.
 
-    cloud (n, 4) has x, y, theta, cost of points of the legal samples, one sample after the other. Each has at most
-    POINTS points in even steps, including its last point. refused (2,) counts COLLISION and NO_PATH.
+    cloud (n, 4): x, y, theta, cost of up to POINTS points per legal sample, evenly spaced and including its last point.
+    refused (2,): numbers of samples of cost COLLISION and NO_PATH.
     """
     p = params[0]
     turns = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
