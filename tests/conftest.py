@@ -1,18 +1,18 @@
-"""Configuration of all tests: selection, distribution among processes, processor times, measurements of faults.
+"""Configuration of all tests: selection, distribution to processes, processor times, measurements of faults.
 
-A test that takes more than a quarter of an hour fails; tests marked `long` may take hours. No test is repeated after a
-failure: a test that fails on a busy machine has a defect.
+A test that takes more than a quarter of an hour fails, but tests marked `long` may take hours. Failed tests are not
+repeated: a test that fails only on a busy machine is defective.
 
-`./applr test` runs pytest-xdist. Tests of one file that start ROS nodes run in one process (`--dist loadgroup`), and so
-do the files of a folder whose conftest.py has a shared stack, because rospy supports one master per process. Between
-two groups, tests.support.ros_harness starts a new master and unregisters the topics of this process. Between two tests,
-it deletes the parameters of nodes that have ended.
+`./applr test` runs pytest-xdist. Because rospy supports one master per process, tests of one file that start ROS nodes
+run in one process (`--dist loadgroup`), as do all files of a folder whose conftest.py has a shared stack. Between two
+such groups, tests.support.ros_harness starts a new master and unregisters the topics of this process. Between two
+tests, it deletes the parameters of nodes that have ended.
 
 Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m` names them. Without
 `--all`, random comparisons run a part of their cases (tests/support/seeds.py). A file that imports a package that is
-not installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The report of a
-run lists the tests with the most processor time, including the processes that they start.
-`--faults-table=docs/results/faults.csv` writes the measurements of the tests of faults into that table.
+not installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The report
+lists the tests that took the most processor time, including the processes that they start.
+`--faults-table=docs/results/faults.csv` writes the measurements of the fault tests into that table.
 """
 
 import collections
@@ -29,12 +29,12 @@ import pytest
 
 from tests.support import seeds
 
-for number in (signal.SIGTERM, signal.SIGHUP):  # A cancelled job or a closed terminal must end like Ctrl-C,
+for number in (signal.SIGTERM, signal.SIGHUP):  # A cancelled job or closed terminal must act like Ctrl-C,
     if signal.getsignal(number) == signal.SIG_DFL:  # so that processes started by tests end as well.
         signal.signal(number, signal.default_int_handler)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # Children, which tests interrupt, would inherit this.
-# Several threads of torch or BLAS wait for each other on a busy machine and take 20 times as long.
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # Children would inherit the ignored SIGINT.
+# On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a single thread.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.move_base_stack")
@@ -84,14 +84,14 @@ def pytest_collection_modifyitems(config, items):
     items[:] = [item for item in items if not any(map(item.get_closest_marker, left))]
 
 
-def spent(last=[0.0]):  # noqa: B006 - the default keeps the last reading
+def spent(last=[0.0]):  # noqa: B006 - the list stores the last reading
     """Return the processor time [s] of this process and its finished children since the last call."""
     since, last[0] = last[0], sum(os.times()[:4])
     return last[0] - since
 
 
 def pytest_runtest_logstart():
-    spent()  # The time of collecting tests counts for no test.
+    spent()  # Discards the time since the previous test.
 
 
 @pytest.hookimpl(wrapper=True)
@@ -120,7 +120,7 @@ def pytest_runtest_teardown(item, nextitem):
 
 @pytest.fixture
 def measured(request):
-    """Return measured(what, value, unit), which records a measurement of this test for the table of faults."""
+    """Provide measured(what, value, unit), which records a measurement of this test for the table of faults."""
 
     def keep(what, value, unit):
         request.node.user_properties.append(("figure", (what, float(value), unit)))

@@ -1,8 +1,8 @@
 """Benchmarks for docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an idle machine.
 
 Each benchmark is a function that returns its value and unit. Planner and simulators run in one thread and are measured
-in processor time. Times of the C++ planners for similar scenarios are in tests/golden/FORMAT.md (1,620 and 15,700 us,
-inflation of 200 x 200 cells 179 us, navfn on 800 x 800 cells 1,076 us) and tests/golden_dwa/FORMAT_DWA.md (1,170 us).
+in processor time. For similar scenarios, the C++ planners take 1,620 us (planner_cycle_default), 15,700 us (_max),
+179 us (inflation) and 1,076 us (navfn) by tests/golden/FORMAT.md, and 1,170 us (DWA) by tests/golden_dwa/FORMAT_DWA.md.
 """
 
 import sys
@@ -33,7 +33,7 @@ BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 
 def planner_cycle_default():
-    """Measure one choice of a velocity with the Jackal's parameters, 6 x 20 samples."""
+    """Measure one choice of a velocity among 6 x 20 samples, with the Jackal's parameters."""
     return _trajectory_planner({})
 
 
@@ -55,7 +55,7 @@ def _trajectory_planner(changes, velocity=None):
 
 
 def dwa_planner_cycle():
-    """Measure one choice of the TurtleBot3 burger's navigation package: 861 samples of 1.5 s, 3 x 3 m."""
+    """Measure one choice with the TurtleBot3 burger's parameters: 861 samples of 1.5 s on a map of 3 x 3 m."""
     times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
         if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # A legal command exists.
@@ -66,7 +66,7 @@ def dwa_planner_cycle():
 
 
 def _of_samples(name, **samples):
-    """Return the scenarios of a golden set with these sample numbers."""
+    """Return the scenarios of a golden set with these numbers of samples."""
     scenarios = [scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"]
     return [scenario for scenario in scenarios if samples.items() <= scenario.inputs["params"].items()]
 
@@ -84,7 +84,7 @@ def _choice(planner, state, *scene):
 
 
 def control_cycle():
-    """Measure the mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
+    """Measure the mean time of MoveBase.step (scan, both costmaps, plan, control) with the Jackal's parameters."""
     mean, count = _time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled)
     return 1e3 * mean, "ms (mean over %d cycles)" % count
 
@@ -102,7 +102,7 @@ def navfn():
 
 
 def _time_in_drives(kind, name, counts, **parameters):
-    """Return the mean time [s] of a method's calls that count, and their number, from the best of three drives."""
+    """Return the mean time [s] and number of a method's calls for which counts() is true, in the best of 3 drives."""
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
@@ -158,7 +158,7 @@ def _drive(driven, theta, seconds=SECONDS):
 
 
 def td3_updates():
-    """Measure gradient steps, half of them with a policy update, and the sampling of their batches (4-step returns)."""
+    """Measure gradient steps, half of them with a policy update, including the sampling of batches (4-step returns)."""
     from training.learner.config import LearnerOptions
     from training.learner.learner import draw_batch
     from training.replay.buffer import Replay
@@ -174,7 +174,7 @@ def td3_updates():
 
 
 def sb3_td3_updates():
-    """Measure stable-baselines3's TD3.train at the same shapes, from prepared batches (no sampling)."""
+    """Measure TD3.train of stable-baselines3 with the same sizes, on prepared batches (without sampling)."""
     import gymnasium
     import stable_baselines3
     import torch

@@ -1,4 +1,4 @@
-"""Shared helpers: errors in one line, atomic files, angles and boxes, progress lines."""
+"""Tests of common: errors in one line, atomic files, angles and boxes, progress messages."""
 
 import builtins
 import math

@@ -1,6 +1,6 @@
 """Tests of the disk cache of machine code: its keys, privacy, and use by several processes at once.
 
-Each test starts fresh processes on a copy of kernels.py in a temporary package with two kernels.
+The tests start new processes that use a copy of kernels.py in a temporary package with two kernels.
 """
 
 import os
@@ -39,7 +39,7 @@ print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 
 @pytest.fixture
 def start(tmp_path):
-    """Return start(folder), which runs a process on the package in `folder` and writes a missing package first."""
+    """Return start(folder), which writes the package in `folder` if it is missing and starts a process with it."""
 
     def start(folder, **options):
         planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))
@@ -71,7 +71,7 @@ def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_p
     inner = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
     inner.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
     assert result(start("new")) == [7, 7.5, 2]
-    assert [result(start(name)) for name in ("new", "old")] == [[7, 7.5, 0], [6, 6.5, 0]]  # both are kept
+    assert [result(start(name)) for name in ("new", "old")] == [[7, 7.5, 0], [6, 6.5, 0]]  # both are in the cache
 
 
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):

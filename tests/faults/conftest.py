@@ -1,4 +1,4 @@
-"""Fixtures of the running stack that all tests of this folder share."""
+"""Fixtures with the running stack, which all tests of this folder share."""
 
 import os
 import signal
@@ -18,11 +18,11 @@ def running(tmp_path_factory):
     yield stack
     stack.relay.close()
     rospy.set_param("/use_sim_time", False)
-    for child in stack.nodes.values():  # roslaunch interrupts all nodes at once, too.
+    for child in stack.nodes.values():  # Interrupt all nodes before waiting for any, as roslaunch does.
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
     for name, child in stack.nodes.items():
-        assert child.process.wait(LONGEST) == 0, name + ":\n" + child.text  # A node that hangs prints its stack.
+        assert child.process.wait(LONGEST) == 0, name + ":\n" + child.text
 
 
 @pytest.fixture

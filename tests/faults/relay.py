@@ -1,4 +1,4 @@
-"""Relay between the simulated robot and the stack, which can drop, change and count messages.
+"""Relay of messages between the simulated robot and the stack. It can drop, change and count messages.
 
 The bridge publishes under /sim/... and reads commands from /sim/cmd_vel, and the stack uses the ordinary names. A test
 injects a fault by setting, for example, `relay.faults["scan"]` to a function message -> message, or None to drop the
@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import yaw_of
 
-BEGIN = 100.0  # initial offset of the stack's time to the simulator's, so that the stack's can be set back [s]
+BEGIN = 100.0  # initial offset of the stack's clock from the simulator's, so that tests can set it back [s]
 STREAMS = {  # (message type, source, destination) by name
     "clock": (Clock, "/sim/clock", "/clock"),
     "tf": (TFMessage, "/sim/tf", "/tf"),
@@ -34,10 +34,10 @@ class Relay:
 
     Attributes:
         faults: {stream: function message -> message or None}.
-        shift: Offset of every stamp and of the clock [s].
+        shift: Offset added to every stamp and to the clock [s].
         now, x, speed: Time, position and speed of the robot in the simulator [s, m, m/s].
         touched: Whether the robot has touched an obstacle.
-        aside: Lateral position and yaw of the robot [m, rad], both 0 on the straight way to the goal.
+        aside: Lateral position and yaw of the robot [m, rad]; both are 0 on the straight line to the goal.
         commands: Commands to the base as (wall time, v, w).
         planned: Commands of move_base as (wall time, v, w).
         driven: Simulated time of the latest nonzero command [s].

@@ -33,7 +33,7 @@ NODES = {
     "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
     "applr": ("_method:=applr", "_period:=%g" % PERIOD),
 }
-READY = {"collision_monitor": "/collision_monitor/action"}  # topics that show that silent nodes are up
+READY = {"collision_monitor": "/collision_monitor/action"}  # topics of nodes that print no "ready"
 
 
 def alley(path):
@@ -46,7 +46,7 @@ def alley(path):
 
 
 class Stack:
-    """The nodes as child processes by name, the relay, a client of move_base's action, and helpers of tests."""
+    """Nodes as child processes by name, relay, client of move_base's action, and helpers for tests."""
 
     PERIOD = PERIOD
 
@@ -98,7 +98,7 @@ class Stack:
         return not self.client.gh or self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE)
 
     def cancel_goal(self):
-        """Cancel the goal. Cancelling all goals uses another connection, and might cancel the next goal as well."""
+        """Cancel the latest goal. cancel_all_goals uses another connection, and might cancel the next goal as well."""
         if not self.goal_is_over:
             self.client.cancel_goal()
             self.until(lambda: self.goal_is_over, "the end of the goal")
@@ -121,8 +121,8 @@ class Stack:
     def stands_after(self, break_it, within=2.0, locks=False):
         """Call break_it() and return the simulated time until the robot is at rest [s].
 
-        Within `within` [s], the last nonzero command must be over and the speed below CREEP. If `locks`, the wheels
-        lock instead of braking gently, and may slip for seconds, so that only the commands count.
+        Within `within` [s], commands must be zero and the speed below CREEP. If `locks`, the wheels lock instead of
+        braking gently and may slip for seconds, so that only the commands are checked.
         """
         broken, kept = self.relay.now, Kept()
         break_it()

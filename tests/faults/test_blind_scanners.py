@@ -44,14 +44,14 @@ BLIND = {
 
 
 NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max though obstacles are in range")
-BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven when the fault begins: from the start to near the wall [m]
+BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven until the fault begins [m]
 
 
 def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
     """Drive at full speed towards the wall. Return (contact, time from the fault until rest [s] or None).
 
     Args:
-        fault: Function (scan, first scan's ranges) -> scan that makes the scanner blind.
+        fault: Function (scan, ranges of the first scan) -> scan that makes the scanner blind.
         blind_from: Distance driven when the fault begins [m].
         monitor: The collision monitor, None for none.
         late: Delay of scans and poses [s].
@@ -96,7 +96,7 @@ def test_a_robot_with_a_blind_scanner_stops_before_the_wall(kind, measured):
 @pytest.mark.fault("12b")
 @pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
 def test_late_transforms_and_odometry_cause_no_contact(late, late_twist):
-    """If the monitor ignored the ages, each of these drives would end in the wall."""
+    """Each of these drives would hit the wall if the monitor ignored the ages of its inputs."""
     assert not drive(None, math.inf, CollisionMonitor(), late, late_twist)[0]
 
 

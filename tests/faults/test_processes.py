@@ -1,4 +1,4 @@
-"""Nodes that freeze, die and come back while the robot drives, and parameters that others change."""
+"""Tests of nodes that freeze, die and restart while the robot drives, and of parameters that other clients change."""
 
 import time
 
@@ -19,7 +19,7 @@ STANDS = 1.5  # time from a fault to rest [s]: the reaction time, and 1.05 s of 
 
 @pytest.fixture
 def client(stack):
-    """Provide a client for the parameters, as the applr node has it."""
+    """Provide a parameter client like that of the applr node."""
     client = ReconfigureClient()
     wait_for(lambda: not client.connect(), "servers")
     yield client

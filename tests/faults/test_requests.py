@@ -1,4 +1,4 @@
-"""Invalid goals, and dangerous commands of a planner."""
+"""Tests of invalid goals, and of dangerous commands from a planner."""
 
 import math
 import threading

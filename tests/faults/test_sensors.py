@@ -1,4 +1,4 @@
-"""Failures of scan, odometry, tf and clock: the robot stops, reports the reason, and drives on after the failure."""
+"""Tests of failing scan, odometry, tf and clock: the robot stops, reports the reason, and drives on afterwards."""
 
 import math
 

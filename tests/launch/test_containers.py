@@ -1,4 +1,4 @@
-"""Container images: both are built by one script and run one command. CI builds the Docker image."""
+"""Tests that both container images are built by one script and run the same command. CI builds the Docker image."""
 
 import os
 import re

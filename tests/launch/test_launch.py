@@ -38,7 +38,7 @@ def inside(*command):
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
 def test_other_robots_bring_their_files_names_and_frames(name):
-    """The launch file also gives a prefix, and a value on top of the files."""
+    """The launch file also applies a frame prefix, and a parameter value that overrides the files."""
     robot, on_top = load(name), {"local_costmap": {"publish_frequency": 1.5}}
     tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
     assert check(tree) == []
@@ -76,7 +76,7 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
 
 @pytest.mark.slow
 def test_install_space(tmp_path):
-    """Executables, Python packages, generated configurations and data work from a folder without the devel space."""
+    """Executables, Python packages, generated configurations and data work from an install space alone."""
     build = """
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
@@ -129,7 +129,7 @@ def test_demo_reaches_the_goal(tmp_path):
 
 @pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
 def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
-    """The course's goal, 20 m away and outside the map, is moved onto the map; a given goal is sent unchanged."""
+    """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user is sent unchanged."""
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo_tool.worlds, "load", lambda _: world)
@@ -183,7 +183,7 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
 
 @pytest.mark.fault("23")
 def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
-    """All processes end within five seconds, not counting the time that they wait for a processor."""
+    """All processes end within five seconds, without the time for which they wait for a processor."""
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:

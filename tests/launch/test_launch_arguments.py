@@ -30,12 +30,12 @@ JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
 
 @pytest.fixture(autouse=True, scope="module")
 def each_command_once():
-    """Run the command by which a launch file describes its robot only once, because many tests share it."""
+    """Cache the output of the command with which launch files read a robot, because many tests need it."""
     whole = roslaunch.loader.Loader.param_value
     kept = {}
 
     def param_value(self, *given):
-        """Return the value of a parameter; given: verbose, name, type, value, textfile, binfile, command."""
+        """Return the value of a parameter. `given` is (verbose, name, type, value, textfile, binfile, command)."""
         if given[-1] is None:
             return whole(self, *given)
         return kept[given[-1]] if given[-1] in kept else kept.setdefault(given[-1], whole(self, *given))
@@ -148,7 +148,7 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         ours = [entry for entry in launched.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
         assert ours
         assert [entry for entry in ours if not entry.startswith(tuple(launched.cleared))] == [], name
-        if name.startswith("barn"):  # parameters outside of the nodes are set after the clearing
+        if name.startswith("barn"):  # Parameters outside of nodes are set after the clearing.
             assert launched.parameters["/move_base/global_costmap/width"] == 60
 
 
@@ -210,7 +210,7 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
 
 
 def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
-    """Any local user can write there, and so can a website in a browser."""
+    """Any local user, and any website in a browser, can write to the parameter server."""
     opened, there = [], []
 
     class Stack:

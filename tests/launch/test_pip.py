@@ -1,4 +1,4 @@
-"""Wheel of the package: one top-level package without name collisions, its program, and the same names in a clone."""
+"""Tests of the wheel: one top-level package without name collisions, its program, and equal names in a clone."""
 
 import ast
 import json
@@ -25,7 +25,7 @@ def run(*words, **options):
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """Return (folder of pip's installation, function that runs a program there beside packages of the same names)."""
+    """Return (folder of an installation by pip, function that runs a program there among packages of equal names)."""
     source, target, elsewhere = (tmp_path_factory.mktemp(name) for name in ("source", "target", "elsewhere"))
     for name in ("applr_ros1", *BESIDE):
         shutil.copytree(ROOT / name, source / name)

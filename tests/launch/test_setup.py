@@ -1,6 +1,6 @@
-"""Set-up by ./applr: missing parts are made, and an error is one line with a non-zero exit status.
+"""Tests of set-up by ./applr: it makes missing parts, and reports an error in one line with a non-zero exit status.
 
-The script runs from a copy in another folder, with stand-ins for system programs first on PATH. Nothing is installed.
+A copy of the script runs in another folder, with stand-ins for system programs first on PATH. Nothing is installed.
 """
 
 import os
@@ -51,7 +51,7 @@ class Clone:
 
     def quick(self, *words, **environment):
         """Run ./applr with a set-up that takes no time."""
-        stand_ins = {} if environment.get("before") else QUICK  # no files can be written, and the stand-ins exist
+        stand_ins = {} if environment.get("before") else QUICK  # `before` makes the clone read-only.
         return self(*words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment)
 
 
@@ -111,7 +111,7 @@ def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
 
 
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
-    """pip would count them as installed, and PYTHONHOME would break the interpreter. The command still gets both."""
+    """pip would count such packages as installed, and PYTHONHOME would break Python. ./applr exec passes both on."""
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
     assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
     assert clone.stdout == "/elsewhere\n"
@@ -124,7 +124,7 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
 
 
 def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
-    """An image made by root is such a clone."""
+    """A container image built by root contains such a clone."""
     how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
     read_only = ["unshare", "--mount", *["--map-root-user"] * (os.getuid() != 0), "sh", "-ec", how]
     if subprocess.run([*read_only, "true"], capture_output=True).returncode:
@@ -137,7 +137,7 @@ def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
 
 
 def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
-    # Short sleeps, because an interrupt just before a sleep reaches the shell alone, which ends after the sleep.
+    # Short sleeps: an interrupt just before a sleep reaches only the shell, which ends after the sleep.
     waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
     stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
     log = tmp_path / ".applr" / "setup.log"
@@ -151,7 +151,7 @@ def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
 def test_exec_starts_programs_and_has_no_options(clone):
     assert clone.quick("exec", "--", "echo", "-c")[0] == 0
     assert clone.stdout == "-c\n"
-    for word in ("-c", "usage"):  # neither taken for an option of the shell's exec nor for a function of the script
+    for word in ("-c", "usage"):  # not an option of the shell's exec, and not a function of the script
         line = "applr: exec %s: there is no such program, or it is not executable" % word
         assert clone.quick("exec", word) == (127, [line])
 
@@ -175,7 +175,7 @@ def test_without_network_the_error_of_apt_is_shown(clone):
 
 
 def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path):
-    """The stand-in for the compiler prints the folder after a line of a library, as the compiler does."""
+    """As the real compiler, its stand-in prints the cache folder after a line of a library."""
     machine_code = tmp_path / "machine code"
     (tmp_path / "sim_bridge").mkdir()
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 1")
@@ -202,7 +202,7 @@ def test_an_old_and_a_missing_python_are_refused(clone):
 
 @pytest.mark.parametrize("root", [True, False])
 def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
-    """apt installs python3, as root or through sudo, as in a container image of Debian; then the set-up goes on."""
+    """As in a Debian container, apt installs python3, as root or through sudo. The set-up then goes on."""
     python, calls = tmp_path / "python3", tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))

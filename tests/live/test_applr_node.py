@@ -1,4 +1,4 @@
-"""The applr node with a fake move_base: decisions, faults of docs/reference/faults.md, other robots, user's methods."""
+"""Tests of the applr node with a fake move_base: decisions, faults (docs/reference/faults.md), robots, methods."""
 
 import json
 import re
@@ -29,7 +29,7 @@ from tests.support.weights import make_weights
 pytestmark = pytest.mark.ros
 PERIOD = 0.2
 PLANNER = "/move_base/TrajectoryPlannerROS"
-HURRIED = {  # shorter periods and fewer searches than in the node, to save time
+HURRIED = {  # constants of the node that are replaced by shorter times and fewer searches
     "applr_ros1.nodes.applr.node.REPORT_S": 0.1,
     "applr_ros1.nodes.applr.meter_scoring.PATIENCE_S": 0.3,
     "applr_ros1.nodes.applr.reconfigure_client.MOST_SEARCHES": 3,
@@ -47,7 +47,7 @@ def robot():
 
 @pytest.fixture
 def stack(robot, tmp_path):
-    """Provide start(method, fake=[...], **private parameters) → (applr Child, fake move_base Child, its client)."""
+    """Provide start(method, fake=[...], **private parameters) → (applr Child, move_base Child, parameter client)."""
     ros, started, clients = session(), [], []
     robot.reset()
 
@@ -91,7 +91,7 @@ def reports(robot, message):
 
 
 def as_set(robot, client):
-    """Return whether the planner has the parameters of the latest decision."""
+    """Return whether the planner has the parameters of the latest decision in force."""
     return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
 
 
@@ -118,7 +118,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force")
     periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
     assert periods.sum() > 3.0
-    assert periods.min() < 1.25  # Some decisions are late on a busy machine.
+    assert periods.min() < 1.25  # Other decisions may be late on a busy machine.
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
     planner = client._servers[PLANNER.split("/")[-1]].values
@@ -280,7 +280,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     at = SPACE.names.index("sim_time")
     wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
     reports(robot, "switched off: set by hand")
-    two_periods(robot)  # An earlier request may still have been under way.
+    two_periods(robot)  # An earlier request may still be under way.
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value")
@@ -356,7 +356,7 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
 
 
 def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
-    """A policy's parameters are per cell, and are rescaled if cost_cloud shows that the planner counts per metre."""
+    """A policy's distance biases are per cell. They are rescaled if the cost_cloud belongs to a planner per metre."""
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
     robot.goal = "one"
@@ -366,7 +366,7 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     rows[:, 0] = 0.05 * rows[:, 0]
 
     def detected():
-        """Publish a cloud of the present parameters, and return whether the node has detected the unit."""
+        """Publish a cost cloud with the current parameters, and return whether the node has detected the unit."""
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
         publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
         time.sleep(0.1)
@@ -432,7 +432,7 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
-    end = robot.path[-1]  # The node started after the goal was published, so that the plan's end replaces it.
+    end = robot.path[-1]  # The node started after the goal was published, and uses the plan's end instead.
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
     def observed_with(*movers):

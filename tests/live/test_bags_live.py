@@ -1,6 +1,6 @@
 """Transitions from a live recording.
 
-Further steps (other bag formats, datasets, training, driving with the policy) are tested in tests/training.
+tests/training tests the further steps: other bag formats, datasets, training, driving with the policy.
 """
 
 import shlex

@@ -1,4 +1,4 @@
-"""The collision monitor as a ROS node with a fake Jackal: it stops at a wall, and for silent nodes and lasers."""
+"""Tests of the collision monitor's node with a fake Jackal: it stops at a wall, and if nodes or lasers are silent."""
 
 import os
 import re
@@ -45,7 +45,7 @@ def stack():
 
 
 def send(stack, v):
-    """Send one of twenty commands per second, and return the last speed commanded to the base [m/s]."""
+    """Send a command, wait a twentieth of a second, and return the last speed commanded to the base [m/s]."""
     jackal, commands, _ = stack
     commands.publish(twist(v, 0.0))
     time.sleep(0.05)
@@ -53,7 +53,7 @@ def send(stack, v):
 
 
 def drive(stack, v):
-    """Drive from far before the wall until the base has exactly this speed [m/s]."""
+    """Drive from a start far before the wall until the base has exactly the speed v [m/s]."""
     jackal, _, _ = stack
     wait_for(lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)), "the speed")
 
@@ -78,7 +78,7 @@ def test_drives_to_the_wall_and_stops_before_it(stack):
 
 @pytest.mark.fault("14d")
 def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured):
-    """The monitor publishes zeros at its own rate, so that a base without a time-out stops, too."""
+    """The monitor publishes zeros at its own rate, so that a base without a command time-out stops, too."""
     jackal, _, actions = stack
     drive(stack, 0.5)
     kept = Kept()
@@ -117,7 +117,7 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
 
 
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
-    """An earlier guard may have died with its node, and the base may have no time-out."""
+    """An earlier guard may have died together with its node, and the base may have no command time-out."""
     ros, commands = session(), []
     subscriber = rospy.Subscriber("/orphan/cmd_vel", Twist, lambda m: commands.append((m.linear.x, m.angular.z)))
     child = ros.node("collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere")
@@ -144,7 +144,7 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
 
 def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
-    stack[0].put((0.0, 0.0, 0.0))  # Later, an equal scan after the jump would count as a frozen one.
+    stack[0].put((0.0, 0.0, 0.0))  # If it jumped later, an equal scan would count as frozen.
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names)
     commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []

@@ -54,14 +54,14 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
-    """Drives with the Husky's static parameter set, although the costmap layers have other names than the Husky's."""
+    """The Husky's static parameter set is applied, although the costmap layers have other names than on the Husky."""
     master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))
 
     def has(theta):
-        """Return whether this parameter set was ever in force."""
+        """Return whether the parameter set theta was in force at any time."""
         wanted = space.requests(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 

@@ -1,4 +1,4 @@
-"""Gazebo's services on the simulated robot, and the loops of two real client programs."""
+"""Tests of Gazebo's services on the simulated robot, and of the call sequences of two client programs."""
 
 import math
 import time
@@ -82,7 +82,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
 
 
 def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
-    """Odometry does not jump with the robot, so that remembered obstacles must not block it at its new position."""
+    """Odometry does not jump with the robot, but remembered obstacles must not block the robot at its new position."""
     monitor = session().node("applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered")
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     monitor.until(lambda: publisher.get_num_connections())
@@ -150,7 +150,7 @@ def test_move_base_stops_without_warnings_while_time_is_paused(gazebo, move_base
 
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.long)])
 def test_the_training_loop_of_the_authors(gazebo, move_base, count):
-    """Every episode drives with its parameter, and nothing fails."""
+    """Every episode drives with its own parameter value, and no call fails."""
     training = Training(GazeboSimulation(START), GOAL)
     for n in range(count):
         speed = 0.3 + 0.1 * (n % 5)

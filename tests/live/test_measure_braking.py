@@ -1,4 +1,4 @@
-"""The braking measurement on the simulated Jackal in an open world."""
+"""Tests of measure_braking.py on the simulated Jackal in an open world."""
 
 import re
 import time
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 
 
 def measure(*options):
-    """Run the command. Return (exit status, output, time that a busy machine kept it waiting [s])."""
+    """Run the command. Return (exit status, output, time for which a busy machine let it wait [s])."""
     kept, child = Kept(), session().node("measure_braking", *options)
     wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
     return child.process.returncode, child.text, kept.waiting()

@@ -92,7 +92,7 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value,
 
 
 def test_a_lost_heartbeat_is_reported_once():
-    """This is the watchdog without a node. tests/faults/test_processes.py tests it in a running stack."""
+    """Test of the watchdog class alone. tests/faults/test_processes.py tests the watchdog in a running stack."""
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # There was no heartbeat yet.
     watch.heartbeat(100.0)

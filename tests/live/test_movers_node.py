@@ -1,4 +1,4 @@
-"""The movers node with a fake Jackal: its messages while a person walks by, and empty ones afterwards."""
+"""Test of the node movers with a fake Jackal: its messages while a person walks by, and empty messages afterwards."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ class Walker(FakeJackal):
 
     def _publish_pose(self, stamp):
         if self.walks:
-            self.y += 0.02 * self.way  # Called every 20 ms.
+            self.y += 0.02 * self.way  # This method is called every 20 ms.
             self.way = -self.way if abs(self.y) > 1.5 else self.way
         self.robot.circles = np.array([*WALL, (1.8, self.y, 0.25)])
         super()._publish_pose(stamp)

@@ -1,4 +1,4 @@
-"""A robot's stack in a namespace: names, frames, recording, replay."""
+"""Test of a robot's stack in a namespace: names, frames, recording, replay."""
 
 import math
 
@@ -34,7 +34,7 @@ LAUNCH = """<launch>
 
 
 def names_of(node):
-    """Return the topics and services of a node from the master."""
+    """Return the topics and services of a node, as the master lists them."""
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
     return {name for group in (publishers, subscribers, services) for name, nodes in group if node in nodes}
 

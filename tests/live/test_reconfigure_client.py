@@ -1,4 +1,4 @@
-"""The client for parameters with the five servers of a fake move_base."""
+"""Tests of the parameter client with the five servers of a fake move_base."""
 
 import time
 from collections import Counter
@@ -48,7 +48,7 @@ def client(connected, monkeypatch):
 
 
 def applied(client, theta):
-    """Return whether a parameter set comes into force, with time for a busy machine."""
+    """Return whether the parameter set theta comes into force, with a limit long enough for a busy machine."""
     return not client.apply(theta, LONGEST)
 
 
@@ -171,7 +171,7 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
     fake.thaw()
     wait_for(lambda: applied(client, SPACE.high), "the set after the calls that were given up")
     time.sleep(0.2)
-    assert np.array_equal(client.theta(), SPACE.high)  # None of the abandoned calls was applied.
+    assert np.array_equal(client.theta(), SPACE.high)  # No abandoned call was applied.
 
 
 @pytest.mark.fault("2")
@@ -218,7 +218,7 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
 
 
 def test_no_text_of_a_server_is_executed(tmp_path):
-    """dynamic_reconfigure's client would evaluate the edit_method of a parameter that it sets to a text."""
+    """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set to a text."""
     mark = tmp_path / "ran"
     evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
     evil.until("all up")

@@ -1,4 +1,4 @@
-"""The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, errors, lock step."""
+"""Tests of the simulated Jackal over ROS: topics, tf, commands, time-out, reset, change of world, errors, lock step."""
 
 import itertools
 import time
@@ -36,12 +36,12 @@ TOPICS = {
 
 
 def start(name, parameters):
-    """Start the bridge in a process of its own, and return the Child."""
+    """Start the bridge in a child process, and return its Child."""
     return session().node("sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items()))
 
 
 class Robot:
-    """Bridge in a process of its own, with its messages since the last `forget` and a publisher of commands."""
+    """Bridge in a child process, the messages since the last `forget`, and a publisher of commands."""
 
     def __init__(self, **parameters):
         self.received = {topic: [] for topic in TOPICS}
@@ -91,7 +91,7 @@ class Robot:
 
     @property
     def now(self):
-        """Simulated time [s]."""
+        """Latest simulated time [s]."""
         return self.received["/clock"][-1].clock.to_sec()
 
     def close(self):
@@ -234,7 +234,7 @@ def test_ends_on_interrupt(robot):
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
 def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
-    """The bridge waits for the planner only if it answers: when its cycle is due, or one tick earlier."""
+    """The bridge waits only for a planner that answers: when the planner's cycle is due, or one tick earlier."""
     from sim_bridge import ros_bridge
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)
@@ -245,7 +245,7 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     period, cycles = 1.0 / hertz, itertools.count(1)
 
     def wait_for(condition, patience):
-        """Return whether the planner has answered, which it does when its cycle is due."""
+        """Return whether the planner has answered. It answers when its cycle is due."""
         bridge.waits.append((bridge.simulator.state.time, plan()))
         return bridge.waits[-1][1]
 

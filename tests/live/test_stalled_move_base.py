@@ -1,6 +1,6 @@
 """Escape motions of the collision monitor for a move_base that makes none, such as the C++ one.
 
-One test uses this package's move_base without ~held_back, so that it makes no escape motions. The others use a fake.
+One test uses this package's move_base without ~held_back, which makes no escape motions. The others use a fake one.
 """
 
 import time
@@ -58,7 +58,7 @@ class MoveBase:
 
 
 def monitor(escape):
-    """Start the monitor's node. Return it with lists of its actions and diagnostics."""
+    """Start the monitor's node. Return the node and lists of its actions and diagnostics."""
     names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
     actions, statuses = [], []

@@ -1,4 +1,4 @@
-"""The viewer without a browser: access control, silent nodes, sliders, methods, subscriptions only for open pages."""
+"""Tests of the viewer without a browser: access control, silent nodes, sliders, methods, subscriptions."""
 
 import contextlib
 import http.client
@@ -104,7 +104,7 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
 
 
 def by_hand(element, value):
-    """Change an element of the page as viser does for a user."""
+    """Change an element of the page, as viser does when a user changes it."""
     element.value = value
     for callback in element._impl.update_cb:
         callback(SimpleNamespace(client=object(), target=element))

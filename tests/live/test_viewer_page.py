@@ -29,8 +29,8 @@ OPTIONS = [
     "--enable-unsafe-swiftshader",
 ]
 FEW_PIXELS = "fixedDpr=0.3"  # fixed pixel ratio; viser would otherwise try larger ones and freeze
-# Drawn in software, sixty frames per second would take the CPU time of the robot. Each frame still waits for the
-# browser's own callback: frames requested faster than they are drawn would block the page for minutes.
+# Rendering sixty frames per second in software would take the CPU time of the robot. Each frame still waits for the
+# browser's own callback: frames that are requested faster than drawn would block the page for minutes.
 TEN_FRAMES_A_SECOND = """
 const turn = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = draw => setTimeout(() => turn(draw), 100);
@@ -80,7 +80,7 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     reads(page, "parameters by hand")
 
     def chosen():
-        """Choose the policy. Return whether the applr node confirmed it, because a busy one may answer too late."""
+        """Choose the policy. Return whether the applr node has confirmed this; on a busy machine it may be too late."""
         page.get_by_role("combobox", name="parameters by").click()
         page.get_by_role("option", name="policy").click()
         with suppress(playwright.TimeoutError):
@@ -93,7 +93,7 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
 
 def test_the_robot_goes_to_a_click_and_stops(page):
     def stopped():
-        """Send a goal and stop. Return whether the goal was preempted, because it may have ended before."""
+        """Send a goal and stop. Return whether the goal was preempted; it may have ended before."""
         page.mouse.click(*AHEAD)
         reads(page, "goal active")
         page.get_by_role("button", name="Stop").click()

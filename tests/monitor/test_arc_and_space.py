@@ -1,4 +1,4 @@
-"""Motions in the collision monitor: arcs, forgotten points, lateral slip, contradictory odometry."""
+"""Tests of motions in the collision monitor: arcs, forgotten points, lateral slip, contradictory odometry."""
 
 import math
 from dataclasses import replace
@@ -23,8 +23,8 @@ HERE = (0.0, 0.0, 0.0)
 
 
 def test_creeping_and_stopping_follow_the_arc_of_the_command():
-    """The values are from a drive in which the robot went straight on out of a turn and hit a wall."""
-    monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # The turn rate equals the commanded one.
+    """The values are from a drive in which the robot left a turn straight ahead and hit a wall."""
+    monitor, turning = CollisionMonitor(), SETTINGS.turn_gain * -1.457  # turning exactly as commanded
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
     v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), turning)
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
@@ -71,14 +71,14 @@ def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
 
 
 def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts():
-    """The base turns at three times the command about a point .5 m ahead, and a rear corner reaches .7 m."""
+    """The base turns three times as fast as commanded about a point .5 m ahead, so that a rear corner reaches .7 m."""
     changed = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
     assert seen_all_around([(0.17, -0.7)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == SLOW
     assert seen_all_around([(0.17, -2.0)], changed).filter(0.0, HERE, (0.0, 0.0), (0.0, 1.0)).action == PASS
 
 
 def test_a_braking_base_may_leave_its_turn_outwards():
-    """In a steady left turn a post stands straight ahead, outside the paths of the commanded and of a faster turn."""
+    """In a steady left turn, a post straight ahead is outside the paths of the commanded turn and of a faster turn."""
     planes, turning, post = half_planes(SETTINGS.body), (1.0, 1.5), np.array([[0.65, -0.2]])
     rest = (planes, 0.03, turning, turning, (0.0, 0.15), (1.9, 3.3), EVERYTHING, (1.5, 1.35, 0.13, 0.0))
     assert 0.0 < safe_scale(post, *rest)[0] < 1.0
@@ -87,7 +87,7 @@ def test_a_braking_base_may_leave_its_turn_outwards():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_outline_may_swing_at_the_end_of_a_stop(side):
-    """A stop from .3 m/s or more may swing the yaw by .15 rad, and a rear corner by .05 m. Slower stops swing less."""
+    """A stop from .3 m/s or more may swing the body by .15 rad, and a rear corner by .05 m. Slower stops swing less."""
     planes, free = half_planes(SETTINGS.body), {}
     for speed in (0.15, 0.3, 0.6):
         for gap in np.arange(0.032, 0.07, 0.002):
@@ -144,7 +144,7 @@ def test_every_output_stays_on_the_arc_of_this_or_the_previous_command(commands)
 @pytest.mark.parametrize("radius", [0.02, 0.1], ids=["4 cm", "20 cm"])
 @pytest.mark.parametrize("forgets", ["time", "distance", "capacity"])
 def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
-    """The robot observes a post and turns its back to it. Once the post is forgotten, the robot may creep there."""
+    """The robot turns away from an observed post. Once it has forgotten the post, it may creep there."""
     if forgets == "capacity":
         monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1500)
     monitor, post = CollisionMonitor(), np.array([-0.65, 0.0])
@@ -158,13 +158,13 @@ def test_forgotten_points_become_unknown_space(radius, forgets, monkeypatch):
     cell = tuple(np.floor(edge[len(edge) // 2] / CELL_M).astype(int) % len(monitor.seen.cells))
     assert monitor.seen.cells[cell] == 1
     stamp, noise = 0.1, np.random.default_rng(0)
-    # The robot waits, goes 9 m away and returns, or observes too many points. Identical scans would be frozen.
+    # The robot waits, or drives 9 m away and back, or observes too many points. Identical scans would count as frozen.
     places = {"time": [0.0] * 4, "distance": [*np.arange(0.0, 9.1, 0.3), *np.arange(9.0, -0.1, -0.3)]}
     for x in places.get(forgets, [0.0] * 6):
         stamp += 100.0 if forgets == "time" else 0.1
         far = (9.0 - 10.0 * stamp if forgets == "capacity" else 8.0) * np.ones(BEAMS)  # Nearer points occlude old ones.
         ranges = (far + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
-        monitor.matcher.clear()  # The synthetic ranges are of no real room, so they must not be matched.
+        monitor.matcher.clear()  # The synthetic ranges fit no room.
         assert monitor.add_scan(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
@@ -219,14 +219,14 @@ def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
     turned = np.linspace(0.0, 0.15 * w + w**2 / (2 * 3.3), 200)
     front, side = SETTINGS.body[0][0] + 0.03, SETTINGS.body[0][1] + 0.03
 
-    def meets(x, y):  # Moves the post in the robot's frame, which turns about the point.
+    def meets(x, y):  # whether the turning body meets the post
         dx, c, s = x - ahead, np.cos(turned), np.sin(turned)
         px, py = ahead + c * dx + s * y, c * y - s * dx
         return bool(np.any((abs(px) < front) & (abs(py) < side)))
 
     for x in (-0.15, 0.0, 0.15):
         for y in np.arange(-0.6, -0.25, 0.04):
-            if meets(x, y - 0.012) == meets(x, y + 0.012):  # Posts on the edge itself are skipped.
+            if meets(x, y - 0.012) == meets(x, y + 0.012):  # skips posts exactly on the edge
                 arguments = (np.array([[x, y]]), planes, 0.03, (0.0, w), (0.0, w), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
                 free = safe_scale(*arguments, (0.0, 1.0, ahead, 0.0))[0] == 1.0
                 assert free != meets(x, y), (x, y)
@@ -252,7 +252,7 @@ def test_poses_give_forward_lateral_and_turn_velocity():
 
 @pytest.mark.parametrize(("reported", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
 def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(reported, action):
-    """According to its poses the base drives at 2 m/s, .9 m before a wall, while odometry reports -2, .3 or 2 m/s."""
+    """By its poses the base drives at 2 m/s, .9 m before a wall, while the odometry's twist is -2, .3 or 2 m/s."""
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         now, x = 0.05 * step, 0.1 * step
@@ -263,7 +263,7 @@ def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(report
 
 
 def test_a_base_that_rolls_back_may_reverse_at_once():
-    """A base that rolls backwards gets the same command towards a wall as a base at standstill."""
+    """The command towards a wall is the same for a base that rolls backwards as for a base at rest."""
     commands = []
     for v in (0.0, -0.33):
         monitor = CollisionMonitor()
@@ -297,7 +297,7 @@ def test_no_input_makes_a_command_invalid(pose, twist, command, ages):
 @examples(300)
 @given(st.lists(FLOATS, min_size=7, max_size=7), st.lists(FLOATS, min_size=3, max_size=12), st.integers(0, 6))
 def test_no_input_makes_a_scan_fail(numbers, ranges, field):
-    """Any values may be in one field, in all fields, and in the ranges. add_scan reports a fault as text."""
+    """One field, all fields, or the ranges have arbitrary values. add_scan then returns a fault as text."""
     good = (0.05, -2.0, 0.5, 0.1, 10.0, 0.1, 0.2)
     one = [*good[:field], numbers[field], *good[field + 1 :]]
     for stamp, first, increment, least, most, x, yaw in (one, numbers, good):

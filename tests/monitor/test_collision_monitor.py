@@ -1,4 +1,4 @@
-"""The collision monitor without ROS: limited commands, obstacle memory and scanner faults."""
+"""Tests of the collision monitor without ROS: limited commands, obstacle memory and scanner faults."""
 
 import math
 from dataclasses import replace
@@ -78,7 +78,7 @@ def test_braking_stays_within_the_friction_limit(way):
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_stop_follows_the_arc(way):
-    """The arc is that of the previous command, which was free. A requested turn keeps its turn rate."""
+    """The robot stops on the arc of the previous command, which was free. A requested turn keeps its turn rate."""
     monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, deceleration=2.0))
     for asked, given in (((0.0, 0.0), 0.9), ((0.0, 0.5), 0.5)):
         monitor._given = 0.0, 2.0 * way, 1.0
@@ -89,7 +89,7 @@ def test_a_stop_follows_the_arc(way):
 @pytest.mark.parametrize(("twist", "command"), [((1.0, 0.0), (1.0, 2.5)), ((1.0, 2.5), (1.0, 0.0))])
 @pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
 def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
-    """A post stands straight ahead or inside the turn. Until it responds, the robot may still drive its old arc."""
+    """A post stands straight ahead or inside the turn. Until the base responds, it may still drive its old arc."""
     points, planes = np.array([post]), half_planes(SETTINGS.body)
     rest = ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
     assert 0.0 < safe_scale(points, planes, 0.03, twist, command, *rest)[0] < 1.0
@@ -164,7 +164,7 @@ def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry):
 
 def test_obstacles_gone_at_the_ends_of_a_scan_are_cleared():
     memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
-    empty = np.full(360, 1.2, np.float32)  # longer than the post's range by little more than TOLERANCE_M
+    empty = np.full(360, 1.2, np.float32)  # range slightly more than TOLERANCE_M behind the post
     post = empty.copy()
     post[[-2, -1, 0, 1]] = 1.0
     for stamp, ranges, left in ((0.0, post, 4), (0.1, empty, 0)):
@@ -236,7 +236,7 @@ def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
 
 @pytest.mark.parametrize("pose", [(0.006, 0, 0), (0, -0.006, 0), (0, 0, 0.006), (0, 0, -0.006), (0, 0, 0.004)])
 def test_an_identical_image_is_a_repeat_if_the_robot_moved_or_turned_by_more_than_5_mm_or_mrad(pose):
-    """A repeated image is old data, so it does not become the latest scan."""
+    """A repeated image contains old data, and does not become the latest scan."""
     check, monitor, scan = ScannerCheck(), CollisionMonitor(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
     for at, place in ((0.0, scan.sensor_pose), (0.1, (scan.sensor_pose[0] + pose[0], *pose[1:]))):
         now = replace(scan, stamp=at, sensor_pose=place)
@@ -367,7 +367,7 @@ CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
 
 @pytest.mark.parametrize("odometry_jumps", [False, True])
 def test_another_place_clears_the_memory(odometry_jumps):
-    """Either the robot is moved to another place, or only its odometry jumps."""
+    """Either the robot is carried to another place, or only its odometry jumps."""
     monitor = turned_away_from(before := [*posts(0), *CLOSE_BEHIND])
     place, after = ((1.9, 0.3, 0.5), before) if odometry_jumps else ((0.0, 0.0, 0.0), posts(1))
     scan = scan_of(after, (0.01, 0.0, 0.0), 4.0, sensor_pose=compose(place, (LASER, 0.0, 0.0)))
@@ -393,7 +393,7 @@ def test_alternating_scans_of_two_robots_stop_the_robot():
     [((1.0, 0.0), 8, STOP), ((0.0, 0.5), 8, STOP), ((0.0, 0.0), 8, PASS), ((0.002, 0.006), 400, PASS)],
 )
 def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
-    """A base at rest, with constant encoders and a drifting gyroscope, is never stopped for this."""
+    """A base at rest with constant encoders and a drifting gyroscope must not be stopped for this reason."""
     monitor = seen_all_around([(9.0, 0.0)])
     for step in range(steps):
         monitor.add_scan(scan_of([(9.0, 0.0)], (0, 0, 0), 0.05 * step))
@@ -403,7 +403,7 @@ def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
 
 
 def test_space_between_widely_spaced_beams_is_unknown():
-    """Nine beams have no return. A scan with more beams than the memory holds points is rejected."""
+    """Nine beams have no return. A scan with more beams than the capacity of the memory is rejected."""
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     few = scan_of([], pose, angle_increment=2 * ANGLE / 8, ranges=np.full(9, np.inf, np.float32))
     assert monitor.add_scan(few) == ""
@@ -425,7 +425,7 @@ def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
 
 @pytest.mark.fault("11d")
 def test_an_obstacle_that_vanishes_ahead_does_not_clear_those_behind():
-    """A door 1 m ahead, which returns most of the beams, opens from one scan to the next."""
+    """A door 1 m ahead, which most of the beams hit, is open in the next scan."""
     monitor = turned_away_from(before := [*wall(1.0, 1.5), (3.0, 3.0), (3.0, -3.0), *CLOSE_BEHIND])
     monitor.add_scan(scan_of([place for place in before if place[0] != 1.0], (0.0, 0.0, 0.0), 4.0))
     assert monitor.filter(4.0, (0, 0, 0), (0, 0), (-0.5, 0.0)).blocked
@@ -446,7 +446,7 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
 
 
 def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
-    monitor = seen_all_around(wall(0.229 + 0.03 + 0.05 + 0.015, 0.5))  # front, margin, radius of a post, and 15 mm
+    monitor = seen_all_around(wall(0.229 + 0.03 + 0.05 + 0.015, 0.5))  # body front, margin, post radius, 15 mm
     monitor.seen.clear()
     verdict = monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
     assert "creeping" in verdict.reason
@@ -456,7 +456,7 @@ def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
 def test_the_whole_way_to_the_stop_must_be_observed():
     monitor = seen_all_around([(9.0, 0.0)])
     assert monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.8, 0.0)).action == PASS
-    monitor.seen.cells[int(0.5 / CELL_M)] = 0  # a strip of 5 cm, much nearer than the place at which the robot stops
+    monitor.seen.cells[int(0.5 / CELL_M)] = 0  # a strip of 5 cm far before the stopping point
     assert monitor.filter(0.0, (0.0, 0.0, 0.0), (0.0, 0.0), (1.8, 0.0)).action == SLOW
 
 
@@ -483,7 +483,7 @@ def test_obstacles_in_a_failed_sector_are_kept(value):
 
 
 def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
-    """A wall of .7 m is 1.4 m ahead. All else is 28 m away, too far for an expected return."""
+    """A wall .7 m wide is 1.4 m ahead. Everything else is 28 m away, too far for a return to be expected."""
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     clean = np.minimum(scan_of(wall(1.4, 0.35), pose).ranges, np.float32(28.0))
     failed = clean.copy()

@@ -1,4 +1,4 @@
-"""Simulated drives of a Jackal on Gazebo's ground with adverse commands: no observed obstacle is hit."""
+"""Tests that a simulated Jackal on ground `gazebo` hits no observed obstacle, whatever the commands."""
 
 import itertools
 from dataclasses import replace
@@ -14,16 +14,16 @@ from applr_ros1.robots import JACKAL
 from tests.support.scenes import small_world
 
 STEP_S = 0.02
-TOUCHED_M_S = 0.15  # maximum speed of a contact of sliding wheels; without the monitor it is .3 to 1 [m/s]
+TOUCHED_M_S = 0.15  # maximum speed of a contact, when wheels slide; without the monitor .3 to 1 [m/s]
 WALLS = [(4.5, y, 0.1) for y in np.arange(-2.2, 2.3, 0.15)] + [
     (x, side * 2.2, 0.1) for x in np.arange(-2.0, 4.5, 0.3) for side in (-1, 1)
 ]
 
 
 def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0):
-    """Return the speed [m/s] at which the robot touches a cylinder, 0 if it touches none, and its largest speed.
+    """Return the speed [m/s] at which the robot touches a cylinder (0 if it touches none), and its largest speed.
 
-    commands yields (time [s], (v, w)). late is the age of scan, pose and twist on arrival [s].
+    `commands` yields (time [s], (v, w)). `late` is the age of scan, pose and twist on arrival [s].
     """
     simulator, monitor, laser = sim_bridge.make("kinematic", robot=robot), CollisionMonitor(), robot.laser
     geometry = laser.first_angle, laser.increment, laser.range_min, laser.range_max
@@ -51,12 +51,12 @@ def touched(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0
 
 
 def in_turn(period, *commands):
-    """Yield the commands in turn, one per `period` [s]."""
+    """Yield the commands cyclically, one per `period` [s]."""
     return ((step * period, command) for step, command in enumerate(itertools.cycle(commands)))
 
 
 def at_random(seed):
-    """Yield random commands, five to fifty a second."""
+    """Yield random commands, five to fifty per second."""
     rng, due = np.random.default_rng(seed), 0.0
     while True:
         yield due, tuple(rng.uniform(-2.0, 2.0, 2))

@@ -1,4 +1,4 @@
-"""Scan matching of the collision monitor: it recovers the true motion if the wheels slip."""
+"""Tests of the collision monitor's scan matching, which recovers the true motion if the wheels slip."""
 
 import math
 from dataclasses import replace
@@ -19,8 +19,8 @@ NOTHING = np.zeros((0, 3)), np.zeros((0, 5))
 
 
 def scan(true, odometry, stamp, rng, discs=NOTHING[0], walls=NOTHING[1]):
-    """Return the scan of discs and walls (x, y, yaw, length, thickness) from pose `true`, labelled with the pose
-    `odometry`. The laser is in the robot's centre.
+    """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`, with `odometry` as its
+    pose by odometry. The laser is in the robot's centre.
     """
     laser = JACKAL.laser
     ranges = Lidar(laser, discs, walls).scan(*true) + rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
@@ -95,7 +95,7 @@ def test_a_passing_person_does_not_shift_the_pose():
 
 
 def test_a_completely_changed_scene_does_not_change_the_pose():
-    """If the scene changes completely, the pose stays that of the odometry, and the next scan fits again."""
+    """If the scene changes completely, the pose is taken from the odometry, and the next scan fits again."""
     rng, matcher = np.random.default_rng(2), ScanMatcher()
     pose, first = (0.0, 0.0, 0.0), pillars(rng)
     second = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])

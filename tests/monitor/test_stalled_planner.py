@@ -1,4 +1,4 @@
-"""Escape motions of the monitor for a planner that stands or is blocked: when they begin and end."""
+"""Tests of when the monitor's escape motions for a standing or blocked planner begin and end."""
 
 import math
 
@@ -15,7 +15,7 @@ TOLERANCE = 0.3
 
 
 class Drive:
-    """Drive with twenty commands a second. `held` returns whether the monitor blocks a command."""
+    """Drive with twenty commands per second. `held` returns whether the monitor blocks the command."""
 
     def __init__(self, held=lambda driven: False):
         self.planner, self.time, self._held = StalledPlanner(TOLERANCE), 0.0, held

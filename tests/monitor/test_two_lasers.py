@@ -1,4 +1,4 @@
-"""A second laser: it adds obstacles, does not clear those of the first laser, and stops the base if it is silent."""
+"""Tests of a second laser: it adds obstacles, clears none of the first laser, and stops the base if it is silent."""
 
 import math
 
@@ -75,7 +75,7 @@ def test_another_place_clears_the_memories_of_all_lasers():
 
 
 def test_only_the_first_laser_corrects_the_pose():
-    """The second laser's pose is 3 cm off, and the first laser faces the same way."""
+    """The pose of the second laser has an error of 3 cm. The first laser faces the same way."""
     monitor = CollisionMonitor(more_scans=["rear"])
     monitor.add_scan(scan_of(wall(2.0), HERE))
     assert monitor.add_scan(scan_of(wall(2.0), HERE, 0.05, sensor_pose=(0.15, 0.0, 0.0)), "rear") == ""
@@ -83,7 +83,7 @@ def test_only_the_first_laser_corrects_the_pose():
 
 
 def test_a_laser_may_be_added_later():
-    """Such a laser shares the topic of the first one and has its own frame."""
+    """The second laser shares the topic of the first one, but has its own frame."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
     monitor.add_scan(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")

@@ -1,4 +1,4 @@
-"""Stopping distances and angles of the collision monitor, compared with closed-form physics."""
+"""Tests of the collision monitor's stopping distances and angles, compared with closed-form physics."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ TOLERANCE = 0.045  # tolerance of a stopping distance [m], from the step between
 
 
 def braking_way(speed, deceleration):
-    """Return the braking distance [m] of a base that brakes with at most .6 m/s^2 below .3 m/s."""
+    """Return the braking distance [m] of a base whose deceleration is at most .6 m/s^2 below .3 m/s."""
     last = min(speed, 0.3)
     return (speed**2 - last**2) / (2 * deceleration) + last**2 / (2 * 0.6)
 
@@ -68,7 +68,7 @@ def test_the_stopping_distance(measured, commanded, old, way, side):
 
 @pytest.mark.parametrize(("deceleration", "way"), [(1.9, 0.3**2 / 1.2), (0.5, 0.3**2 / 1.0)])
 def test_the_last_part_of_braking_is_gentle(deceleration, way):
-    """The friction of nearly stopped wheels may be lower than at speed: the Jackal touched walls at up to .26 m/s."""
+    """Nearly stopped wheels may have less friction than fast ones: without this, the Jackal hit walls at .26 m/s."""
     planes = half_planes(SETTINGS.body)
 
     def passes(distance):
@@ -86,7 +86,7 @@ def test_braking_ends_gently_for_any_deceleration():
 
 @pytest.mark.parametrize("gain", [1.0, 1.6])
 def test_the_stopping_angle(gain):
-    """A corner turns towards a post .28 m from the robot's centre, at 2 rad/s with .15 s and 4 rad/s^2 to stop."""
+    """A corner turns at 2 rad/s towards a post .28 m from the robot's centre, and stops after .15 s with 4 rad/s^2."""
     planes, radius, turning = half_planes(SETTINGS.body), 0.28, (0.0, 2.0 / gain)
     first = math.asin((SIDE + MARGIN) / radius)  # direction in which the widened outline is `radius` away [rad]
 
@@ -127,7 +127,7 @@ def moving(velocity, **changes):
 
 
 def test_lateral_slip_excludes_the_turn_of_the_poses():
-    """The turn is about a point .13 m ahead. The odometry's turn rate, which is newer, is not used."""
+    """The turn is about a point .13 m ahead. The turn rate in the odometry's twist, which is newer, is not used."""
     monitor = moving((1.0, 1.0, 0.2), turn_ahead=0.13)
     assert monitor._twists((1.0, 1.3)) == [(1.0, 1.3, pytest.approx(0.33))]
 
@@ -150,7 +150,7 @@ def test_the_velocity_of_the_poses_refers_to_their_stamps():
 
 
 def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
-    """Posts beside a base that goes straight on at 1 m/s, was commanded to turn at 2 rad/s, and must now slow down."""
+    """Between posts, a base drives straight on at 1 m/s, was commanded to turn at 2 rad/s, and must now slow down."""
     monitor = CollisionMonitor(SETTINGS)
     monitor._given, brake, limited = (0.0, 1.0, 2.0), (SETTINGS.deceleration, SETTINGS.yaw_deceleration), set()
     for x, y in [(x, y) for x in np.arange(0.2, 0.7, 0.05) for y in np.arange(0.2, 0.7, 0.05)]:
@@ -163,7 +163,7 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
 
 
 def test_poses_faster_than_any_command_stop_the_robot_at_once():
-    """The odometry was set to a place 1 km away. Judging a command at this speed would take minutes."""
+    """The odometry was set to a place 1 km away. Checking a command at the resulting speed would take minutes."""
     monitor = seen_all_around(wall(9.0), SETTINGS)
     for stamp, x in ((-0.1, 0.0), (0.0, 1000.0)):
         verdict = monitor.filter(stamp, (x, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
@@ -173,7 +173,7 @@ def test_poses_faster_than_any_command_stop_the_robot_at_once():
 
 @pytest.mark.parametrize(
     ("scan", "ages", "way"),
-    [  # The speed is 1 m/s. Ages add to the reaction time, and the pose's age also to the distance driven since.
+    [  # at 1 m/s: ages add to the reaction time, and the age of the pose also adds the distance driven since
         (0.0, (0.0, 0.0), 0.15),
         (0.3, (0.0, 0.0), 0.45),
         (0.0, (0.0, 0.3), 0.45),

@@ -1,4 +1,4 @@
-"""Predicted obstacle points: their positions, their removal, and no effect without moving obstacles."""
+"""Tests of predicted obstacle points: positions, removal, and no effect without moving obstacles."""
 
 import copy
 import math
@@ -79,7 +79,7 @@ def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
     tracker, robot = Perfect(), robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
-    assert prediction.room == pytest.approx(room, abs=0.005)  # as measured, docs/explanation/movers.md
+    assert prediction.room == pytest.approx(room, abs=0.005)  # measured (docs/explanation/movers.md)
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
     tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # path through the robot
     prediction.add_scan(scan)
@@ -110,7 +110,7 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
     for name in ("local_costmap", "global_costmap"):
         here, there = (made.costmaps[name].cells for made in (with_marks, without))
         assert np.array_equal(here, there) if walls else not here.any(), name
-    for seconds, clears in ((2.4, not walls), (2.6, False)):  # The obstacle was detected 0.5 s ago.
+    for seconds, clears in ((2.4, not walls), (2.6, False)):  # last detected 0.5 s ago
         points = prediction.add_scan(replace(robot.scan(), stamp=robot.time + seconds)).points
         assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), "beyond every obstacle_range"
         assert (len(points) > 0) == clears
@@ -168,7 +168,7 @@ def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name)
         laser, marks = (buffer.source for buffer in layer.buffers)
         assert (marks.marking, marks.clearing, marks.observation_persistence) == (True, True, 0.0)
         assert marks.obstacle_range == laser.obstacle_range < laser.raytrace_range
-        assert marks.sensor_frame  # Otherwise its range would count from the origin of the odometry.
+        assert marks.sensor_frame  # Without it, ranges would count from the origin of the odometry.
 
 
 def test_the_parameters_for_a_cpp_costmap_mean_the_same_here():

@@ -1,8 +1,8 @@
 """Tests of the tracker on recorded scenes of simulated robots, stored in files beside this one.
 
-A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,). poses: (n, 3) laser poses
-according to odometry. steps: (n, beams) difference of each range to that of the previous beam [5 mm]; a range of -1 is
-+inf, and 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest moving obstacles in the odometry's frame.
+A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,) [s]. poses: (n, 3) poses of
+the laser by odometry. steps: (n, beams) differences of the ranges to those of the previous beam, in 5 mm; a range of -1
+is +inf, 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest moving obstacles in the odometry's frame.
 """
 
 import math
@@ -16,7 +16,7 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
 
-VIEW = 5.0  # distance from the laser within which an obstacle that three beams hit should be tracked [m]
+VIEW = 5.0  # distance from the laser up to which obstacles hit by three beams should be tracked [m]
 NEAR = 0.4  # maximum distance of a track from the edge of its true disc [m]
 SPEEDS = 0.3, 5.0  # speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
 
@@ -77,7 +77,7 @@ def test_wheel_slip_causes_no_false_detections():
     ("robot", "scene"), [("jackal", "jackal_among_movers"), ("turtlebot3_burger", "burger_among_movers")]
 )
 def test_moving_obstacles_of_a_room_are_tracked(robot, scene):
-    """DynaBARN's medium and fast obstacles cross in front of and behind each other."""
+    """Medium and fast obstacles of DynaBARN cross, and occlude each other."""
     result = Comparison(robot, scene)
     assert result.in_view > 4.0
     assert result.known / result.in_view > 0.7

@@ -9,7 +9,7 @@ from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.free_space import SCANS, STAMP, SWEPT, depths, sees_through
 from applr_ros1.movers.slip import shift, slip
 
-FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # fan of a laser at (1, 2, 0.5), beam 100 ahead
+FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # scan from (1, 2, 0.5), beam 100 ahead
 
 
 @pytest.mark.parametrize(
@@ -17,8 +17,8 @@ FAN = np.array((0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0))  # fan of
     [
         ([], 0.0, True),
         ([100], 2.10, False),
-        ([100], 2.15, True),  # at least 12 cm behind the point
-        ([95], 1.9, False),  # within 6 cm and 0.02 rad, which is 5 beams
+        ([100], 2.15, True),  # range at least 12 cm behind the point
+        ([95], 1.9, False),  # a beam up to 5 beams (0.02 rad, 6 cm) away ends too near
         ([105], 1.9, False),
         ([93], 1.9, True),
         (range(94, 99), np.nan, True),
@@ -41,7 +41,7 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, t
     ("free", "swept", "moved"), [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)]
 )
 def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, moved):
-    """The points are in free space of the earlier scan, or were in free space of the latest. A wall is 2 m away."""
+    """The points are in free space of the earlier scan, or were in that of the latest scan. A wall is 2 m away."""
     beams = np.array([50, 100, 150])
     angles = FAN[3] + FAN[4] + FAN[5] * beams
     points = np.column_stack([FAN[1] + 2.0 * np.cos(angles), FAN[2] + 2.0 * np.sin(angles)]).ravel()
@@ -64,7 +64,7 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, move
     ids=["no edge hidden", "first edge hidden", "last edge hidden"],
 )
 def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, step):
-    """On one side of the disc a fifth is visible, or all."""
+    """On one side of the disc, either a fifth of the edge is visible, or all of it."""
     sensor, radius, distance, bearing = (1.0, -1.0, 0.4), 0.3, 2.0, 0.7
     half, row = math.copysign(math.asin(radius / distance), step), np.zeros(clusters.COLUMNS)
     row[[clusters.NEAR, clusters.FROM, clusters.TO]] = distance - radius, bearing - half, bearing + half
@@ -88,7 +88,7 @@ def seen_from(sensor, by, places, outliers=0):
 
 
 def test_static_tracks_correct_the_pose():
-    """One of eight is an outlier. If half of them are, nothing is corrected."""
+    """One of eight tracks is an outlier. If half of the tracks are, nothing is corrected."""
     sensor, by = np.array((5.0, -3.0, 0.6)), np.array((0.02, -0.03, 0.02))
     places = sensor[:2] + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
     given = np.column_stack([places, np.full(8, 1e-5)]), np.arange(8)

@@ -1,4 +1,4 @@
-"""The tracker of moving obstacles in small scenes, one per rule: detections and false detections."""
+"""Tests of the tracker of moving obstacles in small scenes, one per rule: detections and false detections."""
 
 import math
 from dataclasses import replace
@@ -39,7 +39,7 @@ class Scene:
         return LaserScan(time, *limits, ranges, pose if believed is None else believed)
 
     def watch(self, seconds, pose=lambda t: (0, 0, 0), movers=lambda t: (), believed=None, seen=lambda scan: scan):
-        """Return [(time, Movers)] for all scans of a number of seconds."""
+        """Return [(time, Movers)] for all scans within `seconds`."""
         result = []
         for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
             scan = self.scan(t, pose(t), movers(t), None if believed is None else believed(t))
@@ -92,7 +92,7 @@ def test_obstacles_beyond_eight_metres_are_not_tracked(x, known):
 
 @pytest.mark.parametrize("rate", [1.5, -3.0])
 def test_turning_causes_no_false_detections(rate):
-    """Stamps of scans and poses differ by 30 ms, and the turn begins and ends."""
+    """Stamps of scans and poses differ by 30 ms, which matters at the beginning and end of a turn."""
     turn = lambda t: rate * max(0.0, min(t, 2.0) - 0.5)  # noqa: E731
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, PILLARS)
@@ -102,7 +102,7 @@ def test_turning_causes_no_false_detections(rate):
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
-    """A burger's beams are measured one after the other in .2 s, with one stamp, and its driver reports 10 ms."""
+    """The beams of the TurtleBot3 burger are measured one after the other in .2 s, but its driver reports 10 ms."""
     scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():
@@ -124,7 +124,7 @@ def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
 
 
 def test_a_wall_seen_from_a_new_angle_is_static():
-    """Its visible part moves along behind a nearer box as the robot drives, and other obstacles come into view."""
+    """As the robot drives, the wall's visible part moves along behind a box, and other obstacles come into view."""
     boxes = np.array([[2.0, 1.0, 0.0, 1.0, 0.4], [3, 2.5, 0.3, 0.5, 0.4], [4, 2.2, 0, 0.4, 0.3], [5, 3, 1, 1, 0.1]])
     posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
     for laser in (JACKAL.laser, BURGER):
@@ -133,7 +133,7 @@ def test_a_wall_seen_from_a_new_angle_is_static():
 
 
 def test_slipping_wheels_cause_no_false_detections():
-    """All static obstacles seem to move, but a moving obstacle is still tracked with its velocity in the world."""
+    """Static obstacles seem to move together, and a moving obstacle is still tracked with its velocity in the world."""
     for laser, rate in ((JACKAL.laser, 0.6), (JACKAL.laser, 2.0), (BURGER, 0.6)):
         spins = lambda t, rate=rate: (rate * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
         assert sum(counts(Scene(laser, PILLARS).watch(2.0, believed=spins))) == 0
@@ -152,7 +152,7 @@ def test_slipping_wheels_cause_no_false_detections():
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
 def test_failing_beams_cause_no_false_detections(code):
-    """Random single beams fail, and sometimes a sector. Some posts are so thin that beams miss them at times."""
+    """Random single beams fail, and sometimes a sector. Some posts are so thin that beams sometimes miss them."""
     random = np.random.default_rng(2)
     thin = np.array([[2.0 + 0.4 * i, -1.5 + 0.6 * i, 0.012] for i in range(6)])
 

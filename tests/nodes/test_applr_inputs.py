@@ -1,4 +1,4 @@
-"""Inputs of the applr node: plans of the present goal, recent poses. No ROS master is needed."""
+"""Tests of the inputs of the applr node (plans of the current goal, recent poses), without a ROS master."""
 
 import math
 
@@ -24,7 +24,7 @@ def stamped(message, now, frame):
 
 
 class Beside:
-    """RobotInputs at time `now` [s], with functions that send messages. Poses of odometry and tf differ."""
+    """RobotInputs at the time `now` [s], and methods that send messages. Poses of odometry and tf differ."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
@@ -108,14 +108,14 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.now += 0.02
     beside.plan(5.0)  # This plan was under way when the goal changed.
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
-    beside.plan(-2.8)  # It ends at the nearest free cell.
+    beside.plan(-2.8)  # The plan ends at the free cell nearest to the goal.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
     beside.now += 0.6
     beside.goal("three", -3.0)  # The plan is older than this goal, although it leads there.
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.goal("four", 6.0)
     beside.now += 0.6
-    beside.plan(1.0)  # It is so new that it leads towards this goal, although it ends nearer to the former one.
+    beside.plan(1.0)  # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
 

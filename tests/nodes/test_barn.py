@@ -1,4 +1,4 @@
-"""./applr barn with a stand-in for the BARN Challenge's runner in a fake checkout."""
+"""Tests of ./applr barn with a stand-in for the BARN Challenge's runner in a fake checkout."""
 
 import os
 import shutil
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-import rospkg  # noqa: F401 - the runner needs it: without ROS this file is left out
+import rospkg  # noqa: F401 - skips this file without ROS, which the runner needs
 import rospy  # noqa: F401
 
 from applr_ros1.nodes.tools import barn
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def checkout(tmp_path):
-    """Provide run.py and jackal_helper as in the Challenge's repository, with BARN's world 2 and DynaBARN's 300."""
+    """Provide run.py and jackal_helper as in the Challenge's repository, with worlds 2 (BARN) and 300 (DynaBARN)."""
     root = tmp_path / "checkout"
     helper = root / "jackal_helper"
     static, dynamic = helper / "worlds" / "BARN", helper / "worlds" / "DynaBARN"

@@ -1,4 +1,4 @@
-"""Conversions of messages: packed messages equal the generated ones byte for byte, and invalid inputs are refused."""
+"""Tests of message conversions: packed messages equal generated ones byte for byte, and invalid inputs are refused."""
 
 import io
 import math

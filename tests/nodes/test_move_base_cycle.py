@@ -1,4 +1,4 @@
-"""Control cycles of the move_base node, without a ROS master: their timing and their outputs."""
+"""Tests of timing and outputs of the move_base node's control cycles, without a ROS master."""
 
 import math
 import threading

@@ -1,4 +1,4 @@
-"""Sensors without a ROS master, with a fake clock: scans that wait for their transforms, and clocks that jump back."""
+"""Tests of Sensors with a fake clock and no ROS master: scans that wait for transforms, and clocks that jump back."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ from tests.support.fake_jackal import transform
 
 @pytest.fixture
 def robot(monkeypatch):
-    """Provide Sensors, time(t) to set the clock [s], and scan(t), tf(t), odometry(t) to send messages with stamp t."""
+    """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send messages with stamp t."""
     callbacks, clock = {}, [rospy.Time(100)]
 
     monkeypatch.setattr(rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback}))
@@ -45,7 +45,7 @@ def robot(monkeypatch):
 
 
 def test_no_scan_is_lost_while_tf_is_late(robot):
-    """With scans at 25 Hz, tf at 50 Hz and 30 ms late, and a poll every 10 ms, each scan is used once, in order."""
+    """Scans come at 25 Hz, tf at 50 Hz and 30 ms late. With a poll every 10 ms, each scan is used once, in order."""
     used = []
     for k in range(200):
         now = 100.0 + 0.01 * k

@@ -1,4 +1,4 @@
-"""Nodes that are started without a ROS master, with invalid arguments, or interrupted at once."""
+"""Tests of nodes started without a ROS master or with invalid arguments, and of nodes interrupted at once."""
 
 import importlib
 import os
@@ -35,7 +35,7 @@ def start(*arguments):
 
 
 def ended(process, status):
-    """Return the output of a command that ends with this status, and with a single line of errors if it fails."""
+    """Return the output of a command, after checking that it ends with `status`, and in one line if it fails."""
     output, text = process.communicate(timeout=HANGS)
     assert process.returncode == status, text
     assert len(text.splitlines()) == status, text

@@ -1,4 +1,4 @@
-"""Messages of this package: publication by the applr node, and reading from a bag."""
+"""Tests of this package's messages: publication by the applr node, and reading from a bag."""
 
 import io
 import math
@@ -38,7 +38,7 @@ def published(monkeypatch):
 
 
 def snapshot(number):
-    """Return a Snapshot of random numbers, with a plan that is longer than any encoding uses."""
+    """Return a Snapshot of random numbers, with a plan longer than any encoding needs."""
     rng = np.random.default_rng(number)
     stamps = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
     scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])

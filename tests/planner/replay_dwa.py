@@ -1,7 +1,7 @@
-"""Replay of the golden scenarios of the DWA planner (format planner-golden-2-dwa), by kind of scenario.
+"""Replay of the DWA planner's golden scenarios (format planner-golden-2-dwa), one function per kind of scenario.
 
-Used by replay_golden.py. The function of each kind yields (quantity, ours, expected), plus a tolerance if the numbers
-cannot match to the last bit.
+Used by replay_golden.py. Each function yields (quantity, ours, expected), and a tolerance if the numbers cannot match
+to the last bit.
 """
 
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 FORMAT = "planner-golden-2-dwa"
 GRIDS = ("path_dist", "goal_dist", "goal_front_dist", "alignment_dist")
 PHASES = (NO_PLAN, DRIVING, STOPPING, TURNING, TURNED)
-THROUGH = 255  # value in `cut` if no critic ended the scoring in the search
+THROUGH = 255  # value in `cut` if the search scored a sample with all critics
 ANOTHER_FRAME = 1e-9  # tolerance of poses transformed from another frame [m, rad]
 
 DEFAULTS = {p.name: p.default for p in DWA_PLANNER}  # defaults for the parameters that C++ does not have
@@ -76,7 +76,7 @@ def dwa(scenario):
 
 
 def rollout(scenario):
-    """Compare each cycle of a roll-out, starting it from the C++ run's pose, velocity and flags."""
+    """Compare the cycles of a roll-out. Each begins with the pose, velocity and flags of the C++ run."""
     given = scenario.inputs
     costmap, planner = make_costmap(scenario), make_planner(scenario)
     plan = scenario.array("plan")

@@ -1,7 +1,7 @@
 """Replay of the golden vectors of the C++ planner with this package's planner, for test_golden.py.
 
-The formats are documented in tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md. Each set names its format.
-replay_dwa.py replays the kinds of scenarios of the second one.
+tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md document the formats. Each set of scenarios names its format.
+replay_dwa.py replays the scenarios in the second format.
 """
 
 import hashlib
@@ -49,7 +49,7 @@ def load(folder):
     return scenarios
 
 
-# The function of each kind yields (quantity, ours, expected) for every comparable quantity.
+# The function for each kind of scenario yields (quantity, ours, expected) for every comparable quantity.
 
 
 def make_costmap(scenario):
@@ -171,7 +171,7 @@ def local_goal(given, goal_dist):
 
 
 def rollout(scenario):
-    """Compare each cycle of a roll-out, starting it from the C++ run's pose, velocity and state."""
+    """Compare the cycles of a roll-out. Each begins with the pose, velocity and state of the C++ run."""
     given = scenario.inputs
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)

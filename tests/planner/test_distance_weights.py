@@ -1,4 +1,4 @@
-"""Units of a planner's distance weights: detected from its cost_cloud, and compensated without changing the drive."""
+"""Tests that the unit of a planner's distance biases is detected from cost_cloud, and compensated without effect."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ def tree(weights):
 
 
 def cloud(weights, seed):
-    """Return a robot that has just set out among posts, its cost_cloud and its randomly drawn parameters."""
+    """Return the MoveBase of a robot that has just set out among posts, its cost_cloud and its random parameters."""
     draw = np.random.default_rng(seed)
     made = MoveBase(tree(weights))
     robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))

@@ -1,4 +1,4 @@
-"""MoveBase with DWAPlannerROS: goals, parameters and a drive of the simulated Jackal through a generated course."""
+"""Tests of MoveBase with DWAPlannerROS: goals, parameters, and a drive through a generated course."""
 
 import math
 import os
@@ -17,7 +17,7 @@ DWA = "DWAPlannerROS"
 
 
 def test_success_is_reported_at_every_planner_frequency():
-    """C++ has no flag here that a new plan could clear, so "cpp-like" and "ours" both succeed at once at the goal."""
+    """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at once at the goal."""
     for planner in ("ours", "cpp-like"):
         made, robot = MoveBase(tree(), planner=planner), ToyRobot()
         made.set_goal((1.0, 0.0, 0.0), 0.0)
@@ -42,7 +42,7 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
 
 
 def test_the_latch_is_read_from_the_namespace_of_move_base():
-    """As in C++, the entry below DWAPlannerROS, which is in TurtleBot3's file, has no effect."""
+    """As in C++, latch_xy_goal_tolerance in the section DWAPlannerROS of TurtleBot3's file has no effect."""
     for own, nested in ((True, False), (False, True)):
         params = tree(latch_xy_goal_tolerance=own, planner_frequency=0.0)
         params[DWA]["latch_xy_goal_tolerance"] = nested
@@ -57,7 +57,7 @@ def test_the_latch_is_read_from_the_namespace_of_move_base():
 
 
 def test_after_the_warm_up_driving_compiles_nothing():
-    """Without it, the robot would stand still for seconds in its first cycles."""
+    """Without the warm-up, the robot would stand still for seconds in its first cycles."""
     script = """
 import sys
 from numba.core.dispatcher import Dispatcher

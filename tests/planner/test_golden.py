@@ -1,4 +1,4 @@
-"""Golden vectors: the committed results of the C++ planners are matched to the last bit."""
+"""Test that the planners match committed results of the C++ planners (golden vectors) to the last bit."""
 
 import pytest
 

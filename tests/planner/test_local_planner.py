@@ -1,4 +1,4 @@
-"""Local planner: cropping of the plan, behaviour at the goal, fixed parameters and memory."""
+"""Tests of TrajectoryLocalPlanner: cut of the plan, behaviour at the goal, fixed parameters, state between cycles."""
 
 import math
 
@@ -29,7 +29,7 @@ def local_planner(plan=None, **changes):
     [
         (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),  # The cut ends with the first point beyond the map.
         ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),  # A point on the limit is inside.
-        # Points beyond the map are skipped, but removed from the stored plan (docs/explanation/planner.md, 7.2).
+        # The cut skips 9 and 8, and prunes 3: the stored plan loses one point (docs/explanation/planner.md, 7.2).
         ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
     ],
 )
@@ -94,7 +94,7 @@ def test_an_illegal_turn_is_refused():
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
-    """In C++ each new plan clears the latch before it is read, so that the robot stands at the goal for seconds."""
+    """In C++ each new plan clears the latch before the latch is read, and the robot stands at the goal for seconds."""
     made = local_planner(straight(1.0))
     for _ in range(3):
         made.set_plan(straight(1.0))

@@ -1,4 +1,4 @@
-"""Contract of planner/local_planner.py, checked for every local planner."""
+"""Tests of the contract in planner/local_planner.py for every local planner."""
 
 import copy
 import itertools

@@ -1,4 +1,4 @@
-"""Static maps, layers in any order, several sources, and localisation that moves one costmap relative to the other."""
+"""Tests of static maps, layers in any order, several sources, and localisation that moves the costmaps relatively."""
 
 import copy
 import itertools
@@ -155,7 +155,7 @@ def compare_layers(order, track_unknown):
     for layer in made.obstacle_layers:
         layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
     made.set_map("map", given)
-    made.set_footprint(made.footprint)  # This makes the whole map due for an update.
+    made.set_footprint(made.footprint)  # forces an update of the whole map
     made.update(HERE)
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
     for k, layer in enumerate(made.layers):
@@ -210,7 +210,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
-    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent for any step back.
+    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent for a step back of any size.
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None

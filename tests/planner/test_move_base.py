@@ -1,4 +1,4 @@
-"""MoveBase in a closed loop with an ideal robot: goals reached and aborted, recoveries, sensors, frequencies."""
+"""Tests of MoveBase with an ideal robot: goals reached and aborted, recoveries, sensors, frequencies."""
 
 import math
 
@@ -12,7 +12,7 @@ from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Scripte
 
 
 def sealed(tree=None):
-    """Return a robot that has observed a closed ring of posts around it, with a goal outside."""
+    """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal is outside."""
     robot, made = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)), MoveBase(tree or quick())
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
@@ -76,7 +76,7 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
 
 @pytest.mark.fault("17a")
 def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
-    """Posts enclose the goal, and each reset recovery opens the maps. Without a limit, as in C++, this repeats."""
+    """Posts enclose the goal, and each reset recovery clears the maps. Without a limit, as in C++, this repeats."""
     first = {}
     for rounds in (0, 2):
         posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
@@ -205,7 +205,7 @@ class Wedged(ToyRobot):
 @pytest.mark.fault("17")
 @pytest.mark.parametrize("kind", [ToyRobot, Wedged])
 def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
-    """Two thick posts reach into the outline of the body. One robot gets away from them, the other is wedged."""
+    """Two thick posts reach into the outline of the body. One robot can drive away from the posts, the other cannot."""
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
     points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
     assert np.abs(points[np.isfinite(points)]).min() < 0.165  # half the width of the footprint

@@ -1,4 +1,4 @@
-"""Requests to MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
+"""Tests of requests to MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
 
 import math
 
@@ -69,7 +69,7 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
     ("server", "values", "emptied"),
     [
         (LOCAL, {}, {LOCAL}),
-        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # A click in rqt sends a value that is in force.
+        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # a value in force, as rqt sends it after a click
         (LOCAL, {"footprint_padding": 0.14}, {LOCAL}),
         (GLOBAL, {"publish_frequency": 1.0}, {GLOBAL}),
         ("local_costmap/inflater_layer", {"inflation_radius": 0.6}, set()),

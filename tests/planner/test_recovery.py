@@ -1,4 +1,4 @@
-"""Recovery behaviours: their order, rotation turn by turn, and clearing of an obstacle layer of any name."""
+"""Tests of recovery behaviours: their order, the course of a rotation, and clearing of obstacle layers of any name."""
 
 import math
 

@@ -2,10 +2,10 @@
 
     python -m tests.policy.golden_encoding          rewrites the file after a deliberate change of the encoding
 
-For each included robot the file holds random inputs: scenes of one course, actions, and outcomes of decisions. It also
-holds the outputs of the encoding at a decision period of 1 s: observations, parameters of the robot's space, their
-actions, and the terms of the reward with each of REWARDS. test_encoding.py compares to the last bit of a float32,
-because numpy's float64 functions differ in their last bits between processors.
+For each included robot the file has random inputs: scenes of one course, actions, and outcomes of decisions. It also
+has the outputs of the encoding at a decision period of 1 s: observations, parameters of the robot's space, their
+actions, and the terms of the reward with each of REWARDS. test_encoding.py compares with the precision of float32,
+because the last bits of numpy's float64 functions depend on the processor.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """Return the outputs of the encoding. The parameters chosen by one decision are in force at the next."""
+    """Return the outputs of the encoding. The parameters of one decision are in force at the next decision."""
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])
@@ -71,12 +71,12 @@ def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.n
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    seen = given["plans"][i], given["movers"][i, : 2 * i]  # from no obstacle to more than an observation holds
+    seen = given["plans"][i], given["movers"][i, : 2 * i]  # none at first, later more than fit into an observation
     return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space)
 
 
 def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
-    """Return the terms of the reward for a decision 10 s before the limit."""
+    """Return the terms of the reward for a decision 10 s before the time limit."""
     values: Dict[str, Any] = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
     outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **values)

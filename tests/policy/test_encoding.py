@@ -1,4 +1,4 @@
-"""The dimensionless encoding: same numbers for every robot, mirror images, and parameters."""
+"""Tests of the dimensionless encoding: same numbers for every robot, mirror images, and parameters."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_actions_encode_parameters_within_the_robots_ranges(robot):
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
-        if robot in WIDE:  # Their ranges contain the ranges of all actions.
+        if robot in WIDE:  # These robots' ranges contain those of all actions.
             inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
             back = encoding.action(theta)[inside]
             free = (theta > encoding.space.low + 1e-9) & (theta < encoding.space.high - 1e-9)
@@ -64,7 +64,7 @@ def test_actions_encode_parameters_within_the_robots_ranges(robot):
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
     encoding, image = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(robot, 1.0)
-    for seed in range(3):  # Later observations also contain changes.
+    for seed in range(3):  # Later observations also contain changes since the previous one.
         seen = encoding.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
         assert seen.shape == (SIZE,)
@@ -154,7 +154,7 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
 
 
 def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
-    """min_vel_x is a speed backwards for DWAPlannerROS, and a smallest speed forwards for TrajectoryPlannerROS."""
+    """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for TrajectoryPlannerROS."""
     settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
     encoding = DimensionlessEncoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)

@@ -1,4 +1,4 @@
-"""Contract of the package's methods: reproducible under a seed, and within the ranges."""
+"""Tests that the package's methods are reproducible with a seed, and stay within the ranges."""
 
 import json
 
@@ -9,7 +9,7 @@ from applr_ros1.policy import methods
 
 
 def scenes(method, count=8):
-    """Return typical contexts: open and narrow, missing returns, any current parameters."""
+    """Return typical contexts: open and narrow, with missing returns, with any current parameters."""
     draw, contexts = np.random.default_rng(0), []
     for k in range(count):
         ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)

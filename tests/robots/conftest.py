@@ -1,4 +1,4 @@
-"""Fixture for checks of descriptions only; tests/training/tuning/test_open_floor.py drives on open floor."""
+"""Fixture for checks without driving; tests/training/tuning/test_open_floor.py tests the drive on open floor."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Training and driving of a robot that is not included, from its own folder."""
+"""Tests of training and driving a robot that is not included, from its own folder."""
 
 import pytest
 import yaml
@@ -112,7 +112,7 @@ def test_space_and_layout_follow_the_description(crate):
 
 
 def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
-    """A source that ignores points near the ground must still mark the laser's points in simulation."""
+    """An observation source that drops points near the ground must still mark the laser's points in simulation."""
     (crate / "costmap.yaml").write_text(COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,"))
     robot = robots.load(str(crate))
     planner = MoveBase(robot.parameters())

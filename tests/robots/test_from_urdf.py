@@ -1,4 +1,4 @@
-"""Import of a robot's folder from its URDF or xacro file and its parameter files.
+"""Tests of ./applr robot, which writes a robot's folder from its URDF or xacro file and its parameter files.
 
 owners/ contains URDFs in the style of several makers, with the dimensions of the included robots.
 """
@@ -103,7 +103,7 @@ def run(urdf, parameters, out, capsys, words=()):
 
 @pytest.fixture
 def make(tmp_path, capsys):
-    """Return a function that writes the files of a cart, and then the robot's folder like `run`."""
+    """Return a function that writes the files of a cart, then calls `run` on them."""
 
     def write(urdf, *words, files=None, places=PLACES, name="crate.urdf", whole="<robot name='crate'>{}</robot>"):
         for path, text in {**FILES, **(files or {}), name: whole.format(urdf)}.items():

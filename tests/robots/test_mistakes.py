@@ -1,4 +1,4 @@
-"""Common mistakes in a robot's folder, and the messages about them, which are the same for every command."""
+"""Tests of the messages about common mistakes in a robot's folder, which are the same for every command."""
 
 import re
 import shutil

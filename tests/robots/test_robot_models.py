@@ -1,4 +1,4 @@
-"""Parameter sets and policies in the robots' folders: `auto` selects them, and the robots drive with them."""
+"""Tests of the parameter sets and policies in the robots' folders: `auto` selects them, and the robots drive."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Descriptions of the four included robots, their parameter files and their parameter spaces."""
+"""Tests of the four included robots: descriptions, parameter files and parameter spaces."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Ground `gazebo`: turns, stops and odometry errors of the Jackal match Gazebo 11, averaged over its wheels' angles."""
+"""Tests of ground `gazebo`: averaged over wheel angles, turns, stops and odometry errors are those in Gazebo 11."""
 
 from dataclasses import replace
 from math import hypot
@@ -69,7 +69,7 @@ def set_motion(made, twist, commanded, angles):
 
 
 def test_the_robot_yaws_while_its_wheels_stop():
-    """In Gazebo, these commands from .69 m/s caused a yaw swing of -.165 rad in .135 m, despite a left turn."""
+    """In Gazebo, these commands at .69 m/s caused a yaw swing of -.165 rad within .135 m, in spite of a left turn."""
     commands = (0.386, 0.602), (0.282, 0.439), (0.185, 0.288), (0.101, 0.158), (0.006, 0.01), *[(0.0, 0.0)] * 4
     made, swings, ways = sim_bridge.make("kinematic"), [], []
     for left in np.arange(0.0, 6.2, 0.4):
@@ -114,7 +114,7 @@ def test_odometry_lags_by_its_filter():
     assert state.odom_twist[0] == pytest.approx(1.0, abs=0.01)
     assert drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6  # Command and filter delay by .03 s each.
     rolled = drive(simulator, 0.0, 0.0, 1.0).odom_pose[0] - ahead
-    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)  # delay, lag, and ramp of the wheels
+    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)  # delay, lag, and braking of the wheels
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])

@@ -1,4 +1,4 @@
-"""Behaviour of both simulators: speeds, command time-out, contacts, odometry, repetition with the same seed."""
+"""Tests of both simulators: speeds, command time-out, contacts, odometry, repetition with the same seed."""
 
 import subprocess
 import sys
@@ -75,7 +75,7 @@ def test_a_teleported_robot_stands_while_time_and_odometry_go_on(simulator):
 
 
 # -- speeds ----------------------------------------------------------------------------------------
-# Shares of the robot's largest speed and yaw rate
+# shares of the robot's largest speed and yaw rate
 SPEEDS = (0.05, 0.1, 0.25, 0.5, 0.75, 1.0, -0.05, -0.25)
 TURNS = (0.0785, 0.15, 0.25, 0.3925, 0.5, 0.625, 0.785, -0.0785, -0.3925, -0.785)
 CURVES = ((0.05, 0.125, 0.25, 0.5, 0.75, 1.0), (0.05, 0.15, -0.25, 0.3925, 0.785))
@@ -114,7 +114,7 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
 
 
 def error(simulator, v, w, **how):
-    """Return the largest relative error of the driven speeds."""
+    """Return the largest relative error of the driven speed and yaw rate."""
     return max(abs(actual / asked - 1.0) for asked, actual in zip((v, w), driven(simulator, v, w, **how)) if asked)
 
 
@@ -242,7 +242,7 @@ def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
-    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # limit of friction .5
+    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # limit with a friction of .5
     state = drive(simulator, 0.0, 1.0, 1.0)
     assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
     assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # The ground is uneven.

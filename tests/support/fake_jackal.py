@@ -1,6 +1,6 @@
-"""Simulated Jackal on ROS for tests of nodes, which runs as a thread of the test process in wall time.
+"""Simulated Jackal on ROS for tests of nodes. It runs in a thread of the test process, in wall time.
 
-Tests can switch its topics off and alter its scans.
+Tests can switch off the robot's topics and alter its scans.
 """
 
 import itertools
@@ -36,7 +36,7 @@ class FakeJackal:
     Args:
         circles: Obstacles (n, 3) of x, y, radius [m].
         pose: Initial pose (x, y, yaw).
-        clock: Initial time of /clock [s], which also stamps the messages; None for wall time without /clock.
+        clock: Initial time of /clock [s], from which stamps are taken; None for wall time without /clock.
     """
 
     ticking = True
@@ -45,7 +45,7 @@ class FakeJackal:
         self.robot = ToyRobot(pose, circles)
         self.clock = clock
         self.scans = self.transforms = True
-        self.bend = lambda scan: scan  # function that changes each scan before it is published
+        self.bend = lambda scan: scan  # function that alters each scan before publication
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
@@ -124,7 +124,7 @@ class Standing(FakeJackal):
 
     def __init__(self):
         self.reset()
-        self.ticking = False  # no tick before the publishers exist
+        self.ticking = False  # The thread must not tick before the publishers exist.
         super().__init__(pose=self.pose)
         self.robot.twist = self.twist
         self._plan = self._publisher("/move_base/NavfnROS/plan", Path)

@@ -1,9 +1,9 @@
-"""Stand-in for move_base in tests: its parameter servers, with switches that make them misbehave.
+"""Stand-in for move_base in tests: its dynamic_reconfigure servers, with switches that make them misbehave.
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
 These ROS parameters are lists of servers that misbehave. Servers in /fake/refuse raise an error. Those in /fake/hold
-keep and report their old values. Those in /fake/lie keep them, but report the new values. Those in /fake/late publish
-their values 0.2 s late. Those in /fake/hang do not answer until they are removed from the list.
+keep and report their old values. Those in /fake/lie keep their old values, but report the new ones. Those in /fake/late
+publish their values 0.2 s late. Those in /fake/hang do not answer until they are removed from the list.
 """
 
 import argparse

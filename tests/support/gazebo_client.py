@@ -1,4 +1,4 @@
-"""Calls of programs that were written for Gazebo, for tests/live/test_gazebo_front.py.
+"""Clients with the calls of programs that were written for Gazebo, for tests/live/test_gazebo_front.py.
 
 GazeboSimulation makes the calls of the BARN Challenge's runner, Training those of the authors' training loop.
 """
@@ -78,7 +78,7 @@ class Training:
         assert self._action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
-        """Reset, plan and drive, pausing the physics between. Return (planned length [m], driven length [m], speed)."""
+        """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven length [m], speed)."""
         simulation = self.simulation
         self._action.cancel_all_goals()
         assert simulation.reset().success
@@ -105,7 +105,7 @@ class Training:
         start.pose.orientation.w = end.pose.orientation.w = 1.0
         end.pose.position.x, end.pose.position.y = self.target
         deadline = time.monotonic() + 180.0
-        while time.monotonic() < deadline:  # a goal that was just cancelled may still be active
+        while time.monotonic() < deadline:  # A goal that was just cancelled may still be active.
             try:
                 return self._plan(start, end, 0.5).plan.poses
             except rospy.ServiceException:

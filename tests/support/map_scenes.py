@@ -13,7 +13,7 @@ JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.
 
 
 def cellular(rng, ny, nx, fill, steps=3):
-    """Return obstacles (ny, nx) bool of a cellular automaton, like BARN's, from a share `fill` of random cells."""
+    """Return obstacles (ny, nx) bool of a cellular automaton as in BARN. A random share `fill` is occupied at first."""
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
         around = sum(
@@ -31,7 +31,7 @@ def inflate(master, window, resolution, inscribed, parameters):
 
 
 def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL):
-    """Return an empty map with the attributes of a costmap that a local planner reads."""
+    """Return an empty map with the costmap attributes that a local planner reads."""
     cells = np.zeros((ny, nx), np.uint8)
     return SimpleNamespace(cells=cells, origin=origin, resolution=resolution, footprint=foot)
 

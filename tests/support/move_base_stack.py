@@ -1,4 +1,4 @@
-"""Fixtures and helpers for tests of the move_base node beside a simulated Jackal."""
+"""Fixtures and helpers for tests of the move_base node with a simulated Jackal."""
 
 import math
 import time
@@ -54,7 +54,7 @@ def idle(stack):
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     if stack.client.get_state() in (PENDING, ACTIVE):
-        stack.client.cancel_goal()  # To cancel all goals could also end the next goal, over another connection.
+        stack.client.cancel_goal()  # cancel_all_goals uses another connection, and could end the next goal.
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)
@@ -90,7 +90,7 @@ def node_api(master):
 
 
 def connected(master, topic, node):
-    """Return whether move_base has a connection for a topic to a node."""
+    """Return whether move_base and `node` are connected by a topic."""
     return any((line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2])
 
 

@@ -1,8 +1,8 @@
-"""Process from which the nodes of tests are forked. It has imported all nodes and loaded their kernels once.
+"""Nursery: process from which the nodes of tests are forked. It has imported all nodes and loaded their kernels.
 
-A forked node runs as its command would, without the cost of imports and kernels, which is most of its processor time.
-Its parent is the process of the tests, which receives its exit status. tests/launch, tests/nodes and the collision
-monitor's own process start programs without this process.
+A forked node runs as its command would, but without imports and loading of kernels, which take most of the processor
+time. Its parent is the process of the tests, which receives the exit status. tests/launch, tests/nodes and the
+collision monitor start their programs without the nursery.
 """
 
 import ctypes
@@ -91,7 +91,7 @@ class Nursery:
 
 
 def main():
-    """Fork a process for each order on stdin. A forked process leaves the loop and becomes the program."""
+    """Fork a process for each order on stdin. The forked process leaves the loop and runs the program."""
     from applr_ros1.nodes.tools import compile_kernels
 
     parent, parts = int(sys.argv[1]), dict(compile_kernels.PARTS)
@@ -130,7 +130,7 @@ def become(order, parent):
     os.environ.clear()
     os.environ.update(order["env"])
     sys.argv = order["words"]
-    rospy.names.reload_mappings(sys.argv)  # rospy read the old ones at its import
+    rospy.names.reload_mappings(sys.argv)  # rospy read the nursery's arguments at its import
     rospy.names._set_caller_id(rospy.names.get_ros_namespace() + "unnamed")
     for place, value in order["constants"].items():
         module, _, name = place.rpartition(".")

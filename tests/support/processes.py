@@ -2,7 +2,7 @@
 
 
 def is_alive(pid):
-    """Return whether a process runs. A zombie, which only waits to be reaped, does not."""
+    """Return whether a process runs. A zombie does not count."""
     try:
         with open("/proc/%d/stat" % pid) as stat:
             return stat.read().rpartition(")")[2].split()[0] != "Z"

@@ -24,7 +24,7 @@ _OTHERS = {
 
 
 class StackWriter(BagWriter):
-    """BagWriter that also writes the topics of move_base and of the applr node. Args: as for BagWriter."""
+    """BagWriter that also writes the topics of move_base and the applr node, with the same arguments."""
 
     def __init__(self, *args: Any, **more: Any):
         super().__init__(*args, **more)
@@ -36,7 +36,7 @@ class StackWriter(BagWriter):
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
     def status(self, time: float, goal_id: str, running: bool = True, ended: int = 0) -> None:
-        """Write the status of the action move_base, with a goal that is active or has ended with the status `ended`."""
+        """Write the status of move_base's action: a goal that is active, or has ended with the status `ended`."""
         pursued = [self._status(goal_id, ACTIVE if running else ended)] if running or ended else []
         topic = self.topics.move_base + "/status"
         self._put(topic, "actionlib_msgs/msg/GoalStatusArray", time, self._header(time, ""), pursued)
@@ -84,7 +84,7 @@ class RecordingEpisode(Episode):
         super().__init__(simulator, move_base, writer.robot, **options)
         self.writer = writer
         self.courses = self.decisions = 0
-        self._ahead = 1.0  # offset to the simulator's time, which restarts with each course [s]
+        self._ahead = 1.0  # offset from the simulator's time, which restarts with each course [s]
         self._written: Optional[float] = None  # time of the latest scan in the bag [s]
 
     def reset(self, world, seed: int, theta=None) -> Outcome:

@@ -1,6 +1,6 @@
-"""ROS for tests: a private master on a free port, and processes beside it, each ended by its own pid.
+"""ROS for tests: a private master on a free port, and processes that use it, each ended by its pid.
 
-Every test that needs rospy uses this module. rospy knows one master URI per process, so all tests of a process share
+Every test that needs rospy uses this module. rospy knows one master URI per process, so all tests in a process share
 the master of `session()`. tests/conftest.py calls `close_session()` between test files.
 """
 
@@ -115,7 +115,7 @@ class RosMaster:
         self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
-        """Start a program beside the master, with additional environment variables `env`, and return its Child."""
+        """Start a program that uses the master, with additional environment variables `env`, and return its Child."""
         return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
 
     def node(self, script, *args, constants=None, **env):
@@ -189,7 +189,7 @@ def session():
 
 
 def _remember(kind, end):
-    """Register the method that ends each object of a class created from now on."""
+    """Remember the method `end` of each object of the class `kind` that is created from now on."""
     make = kind.__init__
 
     @functools.wraps(make)
@@ -236,13 +236,13 @@ def free_port():
         return s.getsockname()[1]
 
 
-LONGEST = 300.0  # time after which a process counts as hanging, including compilation of the kernels [s]
+LONGEST = 300.0  # time after which a process counts as hanging; includes compilation of the kernels [s]
 
 
 class Kept:
     """Stopwatch for the time that this process and its children spent waiting for a processor on a busy machine.
 
-    Tests add this time to their limits of wall time, which can then be those of an idle machine.
+    Tests add this time to their wall-time limits, which are for an idle machine.
     """
 
     def __init__(self):
@@ -259,7 +259,7 @@ class Kept:
         return delays
 
     def waiting(self):
-        """Return the longest waiting time of a thread since construction [s]; an ended thread counts as last read."""
+        """Return the longest waiting time [s] of a thread since construction. An ended thread keeps its last value."""
         self._latest = {**self._latest, **self._delays()}
         return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._latest.items())
 

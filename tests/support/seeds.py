@@ -1,4 +1,4 @@
-"""Number of cases of random comparisons: all with `./applr test --all`, else a part that is the same in each run."""
+"""Number of cases of random comparisons: all with `./applr test --all`, else a part, the same in each run."""
 
 import math
 
@@ -14,7 +14,7 @@ def part(count):
 
 
 def examples(count):
-    """Return settings of a hypothesis test: `count` new examples with --all, else a part that is the same every run."""
+    """Return settings of a hypothesis test: `count` new examples with --all, else a part, the same in each run."""
     return settings(max_examples=part(count), deadline=None, derandomize=share < 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Tiny task for tests of training: go to zero on a line, without planner or simulator, in 1 ms per episode."""
+"""Small environment for tests of training: move to zero on a line, without planner and simulator (1 ms per episode)."""
 
 import os
 import time
@@ -31,7 +31,7 @@ class Line(gymnasium.Env):
 
 
 class Slow(Line):
-    """Environment that takes 0.2 s per episode, so that a test can kill an actor in an episode."""
+    """Environment that takes 0.2 s per episode, so that a test can kill an actor during an episode."""
 
     def step(self, action):
         time.sleep(0.02)
@@ -54,7 +54,7 @@ class Dying(Line):
 
 
 def drive(number, seconds=0.0):
-    """Task for workers: number 3 ends its process, number 4 raises, all others return their process."""
+    """Task for workers: 3 ends the worker process, 4 raises, any other number returns (number, process id)."""
     time.sleep(seconds)
     if number == 3:
         os._exit(9)

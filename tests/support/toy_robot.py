@@ -58,7 +58,7 @@ def ring(x, y, radius, posts=40, size=0.1):
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
-    """Step planner and robot for `seconds` and return the result or None; append (time, Cycle) to `cycles`."""
+    """Step planner and robot for `seconds`, and return the result or None. Append (time, Cycle) to `cycles`."""
     for _ in range(int(round(seconds / period))):
         cycle = move_base.step(robot.time, robot.pose, robot.twist, robot.scan() if scans else None)
         if cycles is not None:
@@ -100,7 +100,7 @@ def quick(**changes):
 
 
 def start(goal, robot=None, tree=None, before=0.1):
-    """Return (move_base, robot) after `before` seconds of scans, when the goal has just been sent."""
+    """Return (MoveBase, robot) after `before` seconds of scans and the sending of the goal."""
     robot, made = robot or ToyRobot(), MoveBase(tree or quick())
     run(made, robot, before)
     made.set_goal(goal, robot.time)

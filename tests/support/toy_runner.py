@@ -1,4 +1,4 @@
-"""Evaluation trials without drives, for tests of evaluate.py: results drawn from the task, after a short wait.
+"""Stand-in for the runner of trials, for tests of evaluate.py: draws a result with the task's seed, after a short wait.
 
 Methods named "bad..." fail.
 """

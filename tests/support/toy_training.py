@@ -27,12 +27,12 @@ NO_EVALUATION = ["--eval-worlds", "none"]
 
 
 def network(weights):
-    """Return the policy of safetensors as a function of the observation."""
+    """Return the policy in safetensors bytes as a function of the observation."""
     return lambda observation: np.tanh(forward(policy_layers(weights), observation))
 
 
 def drive(env, task, weights):
-    """Drive one episode. Only the method of the policy moves; all others stand still."""
+    """Drive one episode. Only the learned policy moves; all other methods stand still."""
     policy = network(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
     made, total, ended = environment(env, "{}"), 0.0, False
     observation, _ = made.reset(seed=task.seed)

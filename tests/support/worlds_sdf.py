@@ -14,7 +14,7 @@ def refused_world(path, *words):
 
 
 def model(name, pose, shape):
-    """Return a model of one shape; `pose` is six numbers as text, with the attribute as in DynaBARN's files."""
+    """Return a model of one shape; `pose` is six numbers as text. The attribute `frame` is as in DynaBARN's files."""
     return (
         f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
         f"<geometry>{shape}</geometry></collision></link></model>"
@@ -43,7 +43,7 @@ def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
 
 
 def moving(name, x=0.0, y=0.0, filename=None):
-    """Return a cylinder of radius .5 m with a Gazebo plugin, as in DynaBARN; the plugin is `filename` or NAME.so."""
+    """Return a cylinder of radius .5 m with the Gazebo plugin `filename`, by default NAME.so, as in DynaBARN."""
     return cylinder(x, y, radius=0.5, name=name).replace(
         "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
     )

@@ -1,4 +1,4 @@
-"""Conditions of arrival: finish line, circle around the goal, and the planner's report."""
+"""Tests of the conditions of arrival: finish line, circle around the goal, and the planner's report."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Moving obstacles: DynaBARN's table of key frames, positions over time, and speeds in generated rooms."""
+"""Tests of moving obstacles: DynaBARN's table of key frames, positions over time, and speeds in generated rooms."""
 
 import math
 from pathlib import Path

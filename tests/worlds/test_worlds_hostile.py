@@ -1,4 +1,4 @@
-"""Messages about world files that are missing, malformed, hostile or impassable, none of which executes code."""
+"""Tests that world files that are missing, malformed, hostile or impassable give a message and execute no code."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Reader of Gazebo worlds, which composes poses like Gazebo, and the round trip through the writer."""
+"""Tests of the reader of Gazebo worlds, which composes poses like Gazebo, and of the round trip with the writer."""
 
 import math
 from dataclasses import replace

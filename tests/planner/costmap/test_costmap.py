@@ -37,7 +37,7 @@ def hit(x, y):
 
 @pytest.mark.parametrize("drive", json.loads((DRAWN / "drives.json").read_text()))
 def test_drives_equal_the_recorded_ones(drive):
-    """Every recorded step leaves the same cells and origin; tests/golden/FORMAT.md describes the events."""
+    """Each step leads to the recorded cells and origin. tests/golden/FORMAT.md describes the recorded events."""
     ranges = np.load(DRAWN / "drives.npz")["ranges"]
     obstacles, inflation = ObstacleParameters(**drive["obstacles"]), InflationParameters(**drive["inflation"])
     layers = (

@@ -1,4 +1,4 @@
-"""DWA planner apart from its golden vectors: parameters, memory, single velocities, rejections by critic."""
+"""Tests of the DWA planner besides its golden vectors: parameters, state between cycles, refusals by critic."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def small_map():
 
 def test_a_changed_footprint_counts_at_once():
     planner, costmap, plan = DWAPlanner(BURGER, 0.1), small_map(), [(0, 0), (1, 0)]
-    costmap.cells[34, 30] = 254  # The cell is beside the robot, but under an outline twice as large.
+    costmap.cells[34, 30] = 254  # outside the robot, but inside an outline twice as large
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
@@ -49,6 +49,6 @@ def test_a_reset_planner_equals_a_new_one():
         planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
     planner.reset()
     planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert planner.check((0.2, 0, 0))[0] > 1e300  # The grids count as never flooded.
+    assert planner.check((0.2, 0, 0))[0] > 1e300  # 1e300: the grids count as not flooded
     again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
     assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)

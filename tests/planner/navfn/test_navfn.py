@@ -71,7 +71,7 @@ def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
 @given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
 @examples(25)
 def test_one_planner_on_a_changing_map(seed, list_size):
-    """Map, robot, goal and flag change between the plans of one planner. Each plan equals that of a new planner."""
+    """Map, robot, goal and allow_unknown change between plans. Each plan equals the plan of a new planner."""
     rng = np.random.default_rng(seed)
     ny, nx = (int(v) for v in rng.integers(20, 45, 2))
     cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
@@ -148,7 +148,7 @@ def test_a_map_too_small_to_have_an_inside():
 
 # -- fence of the flood -----------------------------------------------------------------------------------------------
 def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
-    """Plans, and potentials inside the fence, are equal on mostly free maps along short drives with changing cells."""
+    """Plans, and potentials inside the fence, are equal during short drives on mostly free maps with changing cells."""
     whole, stat = window.around, Counter()
     for seed in range(90):
         rng = np.random.default_rng(seed)

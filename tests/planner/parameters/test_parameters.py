@@ -1,4 +1,4 @@
-"""Tests of parameter tables, checks and requests. Expected values are from running C++ nodes (*_surface.json)."""
+"""Tests of parameter tables, checks and requests. Expected values come from running C++ nodes (*_surface.json)."""
 
 import copy
 import itertools
@@ -69,7 +69,7 @@ def test_the_dwa_planners_server_equals_the_cpp_one():
 
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
-    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # The robot's own file gives 0.
+    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # The robot's file has 0.
     assert check(tree) == []
     config = Configuration(complete(tree))
     assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
@@ -148,8 +148,8 @@ def test_values_are_read_as_roscpp_reads_them():
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
-    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # half is rounded up
-    # The list above the costmap becomes its text.
+    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # 0.5 is rounded up
+    # A list in the enclosing namespace is converted to text.
     assert full["local_costmap"]["footprint"] == "[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]"
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
 
@@ -187,7 +187,7 @@ def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, u
 
 
 def test_older_names_are_used_if_cpp_reads_them():
-    """The turn to the goal heading (trajectory_planner_ros.cpp:219) uses them; recovery only with another planner."""
+    """The turn to the goal (trajectory_planner_ros.cpp:219) uses older names; recovery only with another planner."""
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
         move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))
@@ -259,7 +259,7 @@ def test_scan_source_may_have_any_name():
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
     assert check(tree) == []
-    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # defaults of C++, ranges of the layer
+    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # defaults of C++, and the layer's ranges
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
     layer["bump"] = "no section"
@@ -302,7 +302,7 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
     assert (full["inflater_layer"]["inflation_radius"], full["obstacles_layer"]["raytrace_range"]) == (0.7, 5.0)
-    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # The source's own value comes first.
+    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # A value of the source itself takes precedence.
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():

@@ -1,7 +1,7 @@
-"""Tests that the live parameters read only once are the same in the C++ source, the tables and MoveBase.
+"""Tests which reconfigurable parameters are read only at start-up: the same in C++, the tables and MoveBase.
 
-A value from a file and the same value from a later reconfigure must leave MoveBase in the same state, unless some code
-reads the parameter only at start-up.
+A value from a file and the same value from a later reconfigure must lead to the same state of MoveBase, unless the
+parameter is read only at start-up.
 """
 
 import copy
@@ -17,7 +17,7 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
-PLUGINS = "base_global_planner", "base_local_planner"  # parameters that choose plugins, which cannot be changed
+PLUGINS = "base_global_planner", "base_local_planner"  # parameters that name plugins, which MoveBase cannot change
 # Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
 # trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
 # latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
@@ -82,7 +82,7 @@ def other(parameter, value):
 
 @pytest.mark.parametrize("name", PLANNERS)
 def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, monkeypatch):
-    monkeypatch.setattr(np, "empty", np.zeros)  # Unwritten buffers would differ between two objects.
+    monkeypatch.setattr(np, "empty", np.zeros)  # Unwritten buffers would differ.
     monkeypatch.setattr(np, "empty_like", np.zeros_like)
     robot, planner = robots.load(name), PLANNERS[name]
     readers, declared = {}, {}

@@ -1,4 +1,4 @@
-"""Path and goal grids: their values do not depend on how far the floods have gone when they are read."""
+"""Tests of path and goal grids, whose values do not depend on how far the floods have gone when they are read."""
 
 import numpy as np
 

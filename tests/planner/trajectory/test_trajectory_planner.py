@@ -1,4 +1,4 @@
-"""Trajectory planner apart from its golden vectors: closed forms, parameters, memory, single samples."""
+"""Tests of the trajectory planner besides its golden vectors: closed forms, parameters, single samples."""
 
 import math
 
@@ -36,7 +36,7 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
 
 
 def test_one_sample_is_one_value():
-    """C++ divides by zero. Our planner does not, but chooses the same velocity."""
+    """C++ divides by zero. This package's planner does not, but chooses the same velocity."""
     made = planner(vx_samples=0, vtheta_samples=-3)
     result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
     window = sampled_window(made)
@@ -104,7 +104,7 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     ("target", "expected"), [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)]
 )
 def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
-    """On the point itself, the direction is 0, as for atan2(0, 0) in C++."""
+    """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
     cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
     scene = scoring.Scene(cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan)
     difference = scoring._heading_difference(scene, 0, 0, 0.025, 0.025, 0.7)

@@ -36,7 +36,7 @@ from training.replay.trajectory import Trajectory, TransitionLayout
 
 
 class Drive:
-    """Synthetic drive along x at 50 Hz: messages written to a bag, and the observations of a node.
+    """Synthetic drive along x at 50 Hz. It writes messages to a bag, and keeps the observations of a node.
 
     Args:
         without: Topics that are not written.
@@ -123,7 +123,7 @@ def rebuild(path, robot=robots.JACKAL, **options):
 
 
 def assert_equal(trajectory, drive, count=None, ends=True):
-    """Compare a trajectory with a drive; with `ends`, the course ends with the observation of the last decision."""
+    """Compare a trajectory with a drive. With `ends`, the course ends with the observation of the last decision."""
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
     expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
@@ -174,7 +174,7 @@ def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp
 
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
-    """Rewards scale with the period, as in training. A course of two decisions takes it from the other course."""
+    """Rewards scale with the period, as in training. A course of two decisions uses the period of the other course."""
     with StackWriter(tmp_path / "a.bag") as writer:
         drives = [
             Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
@@ -188,7 +188,7 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
 
 
 class PublishesEnd(Drive):
-    """Its node publishes its observation at the end of the course."""
+    """Drive whose node publishes its observation at the end of the course."""
 
     def end(self, t):
         self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
@@ -214,7 +214,7 @@ class PublishesEnd(Drive):
 def test_each_end_of_a_course_gives_its_transitions(
     tmp_path, kind, status, seconds, finish, count, terminated, skipped
 ):
-    """If the node does not publish its observation at the end, that of the last decision is used."""
+    """If the node does not publish its observation at the end, the observation of the last decision is used."""
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
@@ -343,7 +343,7 @@ def jump(drive, t, k):
 
 
 class Misses(Drive):
-    """Its node misses the third decision."""
+    """Drive whose node misses the third decision."""
 
     def decide(self, t):
         if t != 14.0:
@@ -419,7 +419,7 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
 
 
 def zeros(ranges, k):
-    """Return 0 for beams without a return, as some lasers do, and only 0 between the third and fourth decision."""
+    """Return 0 for beams without a return, as some lasers do, and only zeros between the third and fourth decision."""
     ranges = np.where(np.arange(720) % 7, 1.6, 0.0)
     return np.zeros(720) if 210 < k < 390 and k % 100 else ranges
 
@@ -438,9 +438,9 @@ def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, near
 
 
 class Truthful(RecordingEpisode):
-    """Episode without odometry drift, and with the goal of the course at the goal that is sent.
+    """Episode without odometry drift, whose course has its goal where the goal is sent.
 
-    The environment rewards the true progress to the goal of the course, a bag the odometry's progress to the sent goal.
+    The environment rewards true progress to the course's goal; from a bag, only odometry and the sent goal are known.
     """
 
     def reset(self, world, *args, **more):
@@ -479,7 +479,7 @@ def driven(path, observation, world, time_limit, **settings):
 
 
 def assert_same(rebuilt, expected):
-    """Compare transitions field by field. A beam between two steps of the scan's resolution may differ by one."""
+    """Compare transitions field by field. A beam between two steps of the scan's resolution may differ by one step."""
     assert (len(rebuilt), rebuilt.terminated) == (len(expected), expected.terminated)
     assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
     assert (rebuilt.scan != expected.scan).mean() < 1e-4
@@ -490,7 +490,7 @@ def assert_same(rebuilt, expected):
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
-    """Uses rosbags-convert and the command, with both encodings, moving obstacles, and ends at goal and time limit."""
+    """Covers rosbags-convert, the command, both encodings, moving obstacles, and ends at goal and time limit."""
     expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
     command = Path(sys.executable).with_name("rosbags-convert")
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)

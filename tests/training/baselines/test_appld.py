@@ -1,5 +1,5 @@
-"""Tests of APPLD: from a scripted demonstration to a bag, contexts, a parameter set for each context, and a file that
-drives, in-process and as a launch method.
+"""Tests of APPLD: scripted demonstration, bag, contexts, a parameter set for each context, and a policy file, which
+drives in this process and as the launch file's method.
 """
 
 import copy
@@ -76,7 +76,7 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
 
 @pytest.mark.parametrize(("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])])
 def test_changepoints_are_found_within_three_instants(speeds, of_two):
-    """Three segments between walls, which are nearer where the robot is slower. Contexts have the order of driving."""
+    """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the order of driving."""
     n, speed = 400, np.repeat(speeds, (150, 110, 140))
     rng = np.random.default_rng(0)
     ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (n, 720))
@@ -102,7 +102,7 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
 
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
-    """Commands that the planner gave under other parameters are matched, exactly with these parameters."""
+    """Commands that the planner gave with other parameters are matched, exactly if these parameters are used."""
     d = demonstration.read_demonstration(bag)
     spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(d.time), 0)]
     stretch, longest = appld_fit.stretches(d, spans)
@@ -153,7 +153,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
 
 
 def test_the_shipped_file_drives():
-    """Its metadata names the scripted demonstrator."""
+    """The metadata of the file name the scripted demonstrator."""
     path = methods.shipped("appld.safetensors", JACKAL)
     loaded = actor.load(path)
     assert 2 <= len(loaded.names) <= 8

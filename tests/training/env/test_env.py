@@ -46,7 +46,7 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # changes a requested value
+        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # The server changes this value.
 
     def report_held(self, held):
         self.held.append(held)
@@ -134,7 +134,7 @@ GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "t
 
 @pytest.mark.parametrize(
     ("options", "fails", "ends"),
-    [  # A planner that gives up would stand there until the limit, as after "succeeded" away from the goal.
+    [  # After a result away from the goal, also "succeeded", the robot would stand until the limit.
         ({"end": 50, "result": ("aborted", "why")}, True, {**GIVEN_UP, "reason": "planner aborted: why"}),
         ({"end": 50, "result": ("succeeded", "why")}, True, {**GIVEN_UP, "reason": "planner succeeded: why"}),
         # The time limit is not a final failure.
@@ -163,15 +163,15 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
     ("planner_ends", "off", "left", "result", "reason"),
     [
         (True, 0.4, 0.0, None, "finished"),
-        (False, 0.4, 0.0, None, "time limit"),  # The course has a goal circle of its own.
-        (True, 0.9, 0.0, None, "time limit"),  # The odometry is lost.
+        (False, 0.4, 0.0, None, "time limit"),  # Only the circle around the course's goal counts.
+        (True, 0.9, 0.0, None, "time limit"),  # The error of the odometry is too large.
         (True, 0.0, 0.6, REACHED, "finished"),
         (True, 0.0, 0.9, REACHED, "planner succeeded: Goal reached."),
         (True, 0.0, 0.6, GIVES_UP, "planner aborted: why"),
     ],
 )
 def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(planner_ends, off, left, result, reason):
-    """The planner arrives by odometry with a lateral error `off` [m], or reports its result `left` [m] before the goal.
+    """The planner arrives by odometry with a lateral error `off` [m], or reports a result `left` [m] before the goal.
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
     """
@@ -209,7 +209,7 @@ GOLDEN = (
 
 
 def test_outcome_of_each_decision_of_a_drive():
-    """The robot passes a post, touches another one, backs off and turns, one per decision. The goal is to the left."""
+    """In one decision each, the robot passes a post, touches another, backs off, and turns. The goal is to the left."""
     course = straight().course
     course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
     world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
@@ -237,7 +237,7 @@ def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_comma
     ("variant", "escapes", "moves"), [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)]
 )
 def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(variant, escapes, moves):
-    """The planner `ours` makes such motions itself."""
+    """The planner `ours` makes its escape motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
     given, judge = [], episode.monitor.filter
     episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]

@@ -1,4 +1,4 @@
-"""Privileged observations of the critics: values by hand in a synthetic world, mirror images, and their layout."""
+"""Tests of the critics' privileged inputs: values by hand in a synthetic world, mirror images, and layout."""
 
 import math
 from types import SimpleNamespace
@@ -13,11 +13,11 @@ from training.env.env import ApplrEnv
 from training.env.privileged import ODD, SIZE, STATIONS, WIDTH
 from worlds import Course, Mover, World
 
-PLACES = len(ODD)  # index of the first clearance, after the numbers that change sign in a mirror image
+PLACES = len(ODD)  # index of the first clearance, after the entries that change sign in a mirror image
 
 
 def scene(side=1.0, movers=True):
-    """Return an episode with the robot at the origin, a plan straight into a post, and a course around it."""
+    """Return an episode with the robot at the origin, a plan straight into a post, and a course around the post."""
     post = np.array([[2.0 * WIDTH, side * 0.1 * WIDTH, 0.2 * WIDTH]])
     path = WIDTH * np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
     course = Course((0.0, 0.0, 0.0), (8.0 * WIDTH, 0.0, 0.0), None, 0.4, path)

@@ -1,4 +1,4 @@
-"""Complete evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules.
+"""Tests of evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules.
 
 The worlds are synthetic.
 """
@@ -29,9 +29,9 @@ def drive(folder, *arguments):
 
 
 def dynabarn(folder, crossing):
-    """Write a DynaBARN-like file: walls, and two cylinders of .5 m whose key frames are in the table beside it.
+    """Write a DynaBARN-like file: walls, and two cylinders of .5 m with their key frames in a table beside the file.
 
-    crossing: key frames (t, x, y) of the first cylinder; the second stays far from the course.
+    crossing: Key frames (t [s], x, y [m]) of the first cylinder. The second stays far from the course.
     """
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
@@ -58,7 +58,7 @@ def test_dynabarn_is_driven(tmp_path):
     assert 0.1 < min(gap) < 3.0
     drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
-        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of the same number
+        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's group by the number
 
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):

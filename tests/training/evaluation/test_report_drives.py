@@ -1,4 +1,4 @@
-"""Tests of the page of drives: it draws the driven paths, needs no other file, and no name can break it."""
+"""Tests of the page of drives: it draws the driven paths, needs no other file, and escapes all names."""
 
 import json
 import re
@@ -32,7 +32,7 @@ METHODS = ("dwa", "mine", "quiet")
 
 @pytest.fixture
 def folder(tmp_path):
-    """Return an evaluation of three methods in a built-in world; the last method has no traces."""
+    """Return the folder of an evaluation of three methods in a built-in world. The last method has no traces."""
     plan = plan_trials([("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2)
     settings = dict(SETTINGS, worlds=["generated:7"], world_specs=["generated:7"])
     store = Trials(tmp_path, settings)

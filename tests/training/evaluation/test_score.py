@@ -1,4 +1,4 @@
-"""Tests of the score of trials, and of the periodic evaluation, which drives trials as evaluate.py does."""
+"""Tests of the score of trials, and of the periodic evaluation, which drives the same trials as evaluate.py."""
 
 import math
 import shutil
@@ -24,7 +24,7 @@ from training.workers.pool import Pool
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():
-    """Periodic evaluation, search and the comparison of simulators share this score."""
+    """Periodic evaluations, searches and the comparison of simulators use this score."""
     won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
     assert score.seconds(won) == 25.0
     assert score.seconds(replace(lost, collided=True)) == 105.0
@@ -40,7 +40,7 @@ def test_barn_metric_by_hand():
 
 
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
-    """Runner and plan are the same. The seeds differ, so that no trial serves both selection and evaluate.py."""
+    """Runner and plan are the same. The seeds differ, so that no trial is used for both selection and evaluation."""
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
@@ -58,7 +58,7 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
-    """The periodic evaluation gives the result of evaluate.py with the file, to the last digit, on any robot."""
+    """The periodic evaluation gives the same result as evaluate.py with the file, to the last digit, on any robot."""
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
@@ -95,7 +95,7 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
-    """An edit of robot.yaml or of a parameter file makes it another robot; a copy elsewhere is the same robot."""
+    """An edit of robot.yaml or of a parameter file makes another robot, a copy of the folder does not."""
     hashes = []
     for name, file, was, then in (
         ("same", "robot.yaml", "", ""),

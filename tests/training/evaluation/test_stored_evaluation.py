@@ -1,4 +1,4 @@
-"""Test of the report of a stored evaluation, tests/golden/evaluation: every sentence and table, letter by letter.
+"""Test that the report of the evaluation in tests/golden/evaluation equals the stored report letter by letter.
 
 After a deliberate change, `python -m tests.training.evaluation.test_stored_evaluation` rewrites report.txt.
 """

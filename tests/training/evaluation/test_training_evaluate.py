@@ -1,4 +1,4 @@
-"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, torn files, dying workers, and one-line errors.
+"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, incomplete rows, dying workers, and one-line errors.
 
 A toy runner replaces the drives. The last tests use the real runner.
 """
@@ -89,7 +89,7 @@ def test_every_method_gets_the_same_seeds_in_any_evaluation():
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # rows only append
+    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # appended rows
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
 
 @pytest.mark.fault("19")
 def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
-    """The run with workers is stopped by Ctrl-C, then killed, and finished in one process."""
+    """A run with workers is stopped by Ctrl-C, continued, killed, and finished without workers."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert run(command(whole)) == 0
     for signal_ in (signal.SIGINT, signal.SIGKILL):

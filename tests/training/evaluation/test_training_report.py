@@ -34,7 +34,7 @@ class Trace:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return an evaluation of three methods with six trials in 40 worlds: applr is 25 % faster, dwa fails sometimes."""
+    """Return an evaluation of three methods, six trials in each of 40 worlds. applr is 25 % faster, dwa may fail."""
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
@@ -100,7 +100,7 @@ def test_equal_trials_of_a_world_count_as_one():
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
-    """The interval of ten worlds with 100 equal trials each is that of ten trials: 1.96 standard errors."""
+    """Ten worlds with 100 equal trials each have the interval of ten trials: 1.96 standard errors."""
     means = np.linspace(10.0, 30.0, 10)
     half = 1.96 * means.std() / math.sqrt(10)
     estimate = over_worlds(means * 100, np.full(10, 100.0))
@@ -109,7 +109,7 @@ def test_the_bootstrap_resamples_worlds_not_trials():
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
-    """Of the 16 sign patterns of 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
+    """Eight of the 16 sign patterns of 9, 5, -1 and -1 have a sum of at least 12 or at most -12; ranks give .625."""
     comparison = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
     assert (comparison.worlds, comparison.p) == (4, 8 / 16)
     assert (comparison.difference.value, comparison.gain.value) == (3.0, -0.15)
@@ -147,14 +147,14 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan:
-        good = trial.method == "dwa" and trial.world != worlds[0]  # the baseline hits something in the first world, too
+        good = trial.method == "dwa" and trial.world != worlds[0]  # The baseline fails in the first world, too.
         seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
         result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
         store.add(trial, result)
     results = Results(tmp_path)
     comparison = results.compare("crash", "dwa", worlds[1:])
     assert comparison.difference.value == pytest.approx(100.0 - 23.0)
-    assert comparison.p == 2 / 2**5  # two of all sign patterns have a difference as large
+    assert comparison.p == 2 / 2**5  # two of all sign patterns have such a large difference
     assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
     rows = tables.table_3(results).rows.set_index("worlds")
     assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"  # mean of 25 s and 100 s

@@ -1,4 +1,4 @@
-"""Tests of planner fidelity: the draw from the seed, and a drive with each reproduced defect of the C++ planner."""
+"""Tests of planner fidelity: the draw from the seed, and a drive for each reproduced defect of the C++ planner."""
 
 import json
 import math
@@ -35,7 +35,7 @@ def first_recovery(planner, seed, **changes):
     made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))  # a robot that stands still counts as oscillating
+    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))  # A robot that stands still counts as oscillating.
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
@@ -48,12 +48,12 @@ def test_a_due_recovery_is_skipped_while_plans_succeed():
     assert min(late) > 1.5
     assert max(late) > 5.0
     assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
-    # C++ recovers in time, too, if it plans only once
+    # C++ recovers in time as well if it plans only once.
     assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
 
 
 def test_clearing_recoveries_find_no_layer_of_their_name():
-    """Vanished obstacles without returns behind them: only a recovery clears them from the maps."""
+    """Obstacles vanish, and no beam behind them returns. Only a recovery clears such obstacles from the maps."""
     results = {}
     for planner in ("ours", "cpp-like"):
         made = MoveBase(quick(), planner=planner)

@@ -1,4 +1,4 @@
-"""Tests of the verdict on a policy, with synthetic results."""
+"""Tests of the verdict on a policy with synthetic results."""
 
 import numpy as np
 import pytest

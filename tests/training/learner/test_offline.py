@@ -41,7 +41,7 @@ def data(tmp_path_factory):
 
 
 def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
-    """The policy learns to drive from random drives."""
+    """The policy learns from random drives."""
     weights = safetensors.numpy.save({"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)})
     random = [collect(Line, "{}", Collect(number, 0, 0.0, True), weights) for number in range(80)]
     data = write(tmp_path / "data", made=random)
@@ -53,7 +53,7 @@ def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     assert not list(run.glob("replay-*"))  # The dataset is not copied.
     assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()  # The metadata contains no folders.
     rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first return is that of standing still.
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
 
 
 def test_minari_reads_a_dataset(tmp_path, monkeypatch):
@@ -74,7 +74,7 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
 
 
 def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
-    """If the metadata lack the spaces, Minari would create the environment, which may run any code. Ours must not."""
+    """If the metadata lack the spaces, Minari creates the environment, which may run any code. Our reader must not."""
     path = Path(write(tmp_path / "mine")) / "data/metadata.json"
     about = json.loads(path.read_text())
     del about["observation_space"], about["action_space"]
@@ -116,7 +116,7 @@ def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # has no tuned set
+@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # not tuned
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)

@@ -16,7 +16,7 @@ SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7
 
 
 def fake(options):
-    """Return results of an evaluation with the times of SECONDS."""
+    """Return the results of an evaluation, with the times in SECONDS."""
     worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {

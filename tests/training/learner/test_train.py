@@ -45,7 +45,7 @@ def whole(tmp_path_factory):
 def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
     assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first return is that of standing still.
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
     files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
     assert {p.name for p in whole.iterdir()} >= files
     best = (whole / "best.safetensors").read_bytes()
@@ -64,7 +64,7 @@ def test_resume_continues(tmp_path):
 
 
 def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
-    """A changed ratio of updates applies from the resume on."""
+    """A changed --utd-ratio applies from the resume on."""
     layout = TransitionLayout(4, 2, 2)
     options = LearnerOptions(net_arch=[8], batch_size=8, utd_ratio=1.0, learning_starts=5)
     learner = Learner(layout, options, tmp_path, 50)
@@ -99,7 +99,7 @@ sys.exit(main())
 
 
 def start(arguments):
-    """Start a run that saves often, in a process of its own."""
+    """Start a run that saves often, in a child process."""
     command = [sys.executable, "-c", OFTEN_SAVED, *arguments]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
@@ -124,9 +124,9 @@ def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
 
 
 def left_at_each_write(command, folder, copies, monkeypatch):
-    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return the writes' names.
+    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return the files' names.
 
-    At a write, the bytes of a file exist but not yet its name.
+    A copy is made when the new content exists but does not have its final name yet.
     """
     names = []
 
@@ -260,7 +260,7 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
     assert again.best["step"] == 130
     assert again.default["time_s"] == 20.0
     assert again.due(299) is None
-    again.every = 150  # A --resume changed the interval, by which earlier rounds were not counted.
+    again.every = 150  # A --resume has changed the interval since the earlier rounds.
     assert [again.due(step) for step in (299, 300)] == [None, 2]
     (summary,) = drive(made(), 310, 100.0)
     assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (3, False, None, 102.5)

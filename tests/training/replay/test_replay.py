@@ -41,7 +41,7 @@ def test_a_stored_scan_is_exact_to_half_a_step():
     st.integers(1, 5),
 )
 def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
-    """Compares with a plain list of episodes. The ring is overwritten several times."""
+    """Samples are compared with a list of episodes. The ring is overwritten several times."""
     gamma, replay, truth = 0.9, Replay(SMALL, capacity), {}
     for number, (t, terminated) in enumerate(lengths):
         trajectory = episode(t, number, terminated)

@@ -1,4 +1,4 @@
-"""TD3 compared with that of stable-baselines3 step by step, and the effect of each option."""
+"""Tests of TD3: step-by-step comparison with stable-baselines3, and the effect of each option."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from training.td3.td3 import TD3, Batch, TD3Options
 
 @pytest.fixture(autouse=True)
 def _one_thread():
-    """Use one thread: on a busy machine, the threads of a small product wait ten times as long as they compute."""
+    """Use one thread: on a busy machine, threads for small matrices wait ten times as long as they compute."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -72,7 +72,7 @@ def _pairs(td3, model):
 
 
 def _sb3_update(model, batch, seed):
-    """Make one update of SB3 on our batch. SB3 draws its smoothing noise from torch's generator."""
+    """Make one update of stable-baselines3 on our batch. It draws the smoothing noise from torch's generator."""
     from types import SimpleNamespace
 
     data = SimpleNamespace(
@@ -92,7 +92,7 @@ def _sb3_update(model, batch, seed):
     ("n", "m", "hidden", "size", "double"), [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)]
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
-    """The paper's size needs double precision: in single, rounding dominates Adam's first steps of tiny gradients."""
+    """The paper's size needs double precision: in single precision, rounding dominates Adam's first steps."""
     monkeypatch.setattr("training.td3.td3.ACTOR_LR", 1e-3)  # stable-baselines3 has one learning rate for both
     rng = np.random.default_rng(5)
     td3 = TD3(n, m, TD3Options(net_arch=hidden, critic_lr=1e-3), seed=3)
@@ -102,7 +102,7 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     model.policy.to(precision)
     monkeypatch.setattr("stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs)  # no .float()
     with torch.no_grad():
-        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)  # noise then leaves [-1, 1]
+        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)  # so that noise leaves [-1, 1]
         for ours, theirs in _pairs(td3, model):
             for mine, other in zip(ours.parameters(), theirs.parameters()):
                 other.copy_(mine)
@@ -120,7 +120,7 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
 
 
 def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations():
-    """Compares with the gradient of scaled -Q, behaviour cloning and the mean square before tanh. No critic changes."""
+    """The gradient is that of scaled -Q, behaviour cloning and the mean square before tanh. No critic changes."""
     for alpha, penalty in ((0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)):
         td3 = TD3(12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1)
         batch = _batch(np.random.default_rng(0), 32, 12, 3)
@@ -227,7 +227,7 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
 
 
 def test_only_critics_receive_the_hidden_numbers():
-    """The policy's weights have no column for the hidden numbers. The critics' values depend on them."""
+    """The policy's weights have no column for the hidden entries. The critics' values depend on these entries."""
     rng, hidden = np.random.default_rng(0), 3
     td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden)
     assert td3.actor_weights()["0.weight"].shape == (16, 8 - hidden)

@@ -1,4 +1,4 @@
-"""Tests of open floor: its courses, the reasons of failures, and the check that drives all courses."""
+"""Tests of open_floor.py: its courses, the reasons of failures, and the check that drives all courses."""
 
 import shutil
 

@@ -10,7 +10,7 @@ from training.tuning.search import plan_sets, prune_parameters, race
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
-    """Race candidates, of which i is worse_by[i] seconds slower than the best; worlds differ by far more than that."""
+    """Race candidates; candidate i is worse_by[i] [s] slower than the best. Times differ much more between worlds."""
     rng = np.random.default_rng(1)
     worlds, noises = rng.uniform(10.0, 100.0, 1000), rng.normal(0.0, noise, (len(worse_by), 1000))
     driven = []
@@ -62,7 +62,7 @@ WORLDS = [(f"w{i}", "") for i in range(8)]
 
 
 def run_with(drive):
-    """Return a function that evaluates sets in the worlds of a block by drive(trials)."""
+    """Return a function that evaluates sets in the worlds of a block with drive(trials)."""
 
     def run(sets, block):
         plan = plan_sets(SPACE, WORLDS, sets, block, 0, "kinematic")
@@ -73,7 +73,7 @@ def run_with(drive):
 
 
 def test_parameters_without_a_saving_are_reverted_to_their_defaults():
-    """Four parameters matter: two save 5 s and 1 s, the third costs time, the fourth pays only with the third."""
+    """Four parameters matter: two save 5 s and 1 s, the third costs time, and the fourth saves only with the third."""
     names = ["max_vel_x", "sim_time", "occdist_scale", "inflation_radius"]
     at = [SPACE.names.index(name) for name in names]
 
@@ -101,7 +101,7 @@ def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster()
     theta[at] = 1.0
 
     def set_after(faster):
-        """Prune a set that fails in one of eight worlds and saves `faster` [s] by its parameter in the others."""
+        """Prune a set whose one change fails in one of eight worlds, and saves `faster` [s] in each of the others."""
 
         def drive(trials):
             saved = {trial: (-30.0 if trial.world == "w0" else faster) * (trial.theta[at] == 1.0) for trial in trials}

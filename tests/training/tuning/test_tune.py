@@ -26,17 +26,17 @@ from training.evaluation.trial import Result
 from training.tuning import best_set, found_set
 from training.tuning import clock as clocks
 
-PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # best values of the only parameters that matter in the toy
+PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # best values of the only parameters with an effect
 WIDTH = robots.JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
-DRIVEN = []  # driven trials, each of which takes a second
-LOADED = []  # per trial: whether the planner starts with its set
+DRIVEN = []  # driven trials; each takes a second
+LOADED = []  # per trial: whether the planner starts with the parameter set
 PLANNERS = []  # per trial: planner fidelity
 MONITORED = []  # per trial: whether the collision monitor is on
 
 
 def toy(settings, task, gain=12.0):
-    """Return a result, like runner.run, that is the faster the nearer the set is to PAY."""
+    """Return a result, like runner.run: the nearer the parameter set is to PAY, the faster."""
     DRIVEN.append(task)
     LOADED.append(settings.loaded)
     PLANNERS.append(settings.planner)
@@ -76,7 +76,7 @@ def none_arrives(settings, task):
 
 @pytest.fixture
 def few(monkeypatch):
-    """Use few courses, and a clock on which each drive takes one second and everything else takes none."""
+    """Use few courses, and a clock on which each drive takes one second and everything else no time."""
     DRIVEN.clear()
     LOADED.clear()
     PLANNERS.clear()
@@ -90,13 +90,13 @@ def few(monkeypatch):
 
 @pytest.fixture
 def jackal(tmp_path, few):
-    """Return a folder of the Jackal with its description only."""
+    """Return a robot folder with the Jackal's description only."""
     left_out = shutil.ignore_patterns("static.json", "*.safetensors")
     return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=left_out)
 
 
 def tune(folder, runner, *more):
-    robot_folder._read.cache_clear()  # A command starts in a new process.
+    robot_folder._read.cache_clear()  # A command would start in a new process.
     words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
@@ -293,7 +293,7 @@ def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_
 
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
-    """Loaded after the robot's own files, it gives the set, both on the parameter server and from robot.yaml."""
+    """Loaded after the robot's files, tuned.yaml gives the parameter set: on the parameter server and in robot.yaml."""
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
     robot = robots.load(str(folder))
     space = space_of(robot)

@@ -55,7 +55,7 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_de
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_call_has_one_answer(workers):
-    """A call whose worker dies is repeated, and fails after some deaths. Other calls are not affected."""
+    """A call whose worker dies is repeated, and fails after several deaths. Other calls are not affected."""
     numbers = [number for number in range(12) if workers or number != 3]
     with Pool(workers) as pool:
         answers = results(pool, numbers)
@@ -83,7 +83,7 @@ SLOW_START = "import sys, time\nif 'workers.pool' in str(sys.orig_argv):\n    ti
 
 def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text(SLOW_START)
-    monkeypatch.syspath_prepend(tmp_path)  # A worker's module search path begins with this path.
+    monkeypatch.syspath_prepend(tmp_path)  # Workers inherit this module search path.
     with Pool(1) as pool:
         assert pool.submit(len, bytes(3_000_000)).result(30) == 3_000_000
         assert pool.replaced == 0
