@@ -173,7 +173,7 @@ def final_distance(grid: Grid, cell: int) -> int:
 def complete(grid: Grid) -> Data:
     """Flood the whole map and return the grid (ny, nx) int32 as C++ stores it.
 
-    Walls that the flood touched are N, cells that it never reached are N + 1.
+    Walls that the flood touched are N. Cells and walls that it never reached are N + 1.
     """
     distance, _, _, nx, ny = grid
     settle(grid, distance.shape[0] - 1, nx * ny + 1)

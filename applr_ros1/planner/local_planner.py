@@ -1,7 +1,7 @@
 """Interface of the local planners to MoveBase: follow a plan with velocity commands and report a reached goal.
 
-trajectory/local_planner.py and dwa/local_planner.py implement it. factory.py chooses by base_local_planner, as
-pluginlib does in C++. tests/planner/test_local_planner_contract.py checks every planner against this contract.
+trajectory/local_planner.py and dwa/local_planner.py implement it. factory.py chooses by base_local_planner, like
+pluginlib in C++. tests/planner/test_local_planner_contract.py checks every planner against this contract.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class MoveBase:
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
-        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame in the global one, last step
+        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame in the global one (last step)
         for topic, given in self._maps.items():
             self._show_map(topic, given)
         for name in self._outlines:
@@ -111,7 +111,7 @@ class MoveBase:
 
     @property
     def goal_tolerance(self) -> float:
-        """Distance to the goal within which the local planner takes the position as reached [m]."""
+        """Distance to the goal within which the position counts as reached for the local planner [m]."""
         name = self.local_planner_name
         return float({**self.parameters[name], **self._config[name]}["xy_goal_tolerance"])
 

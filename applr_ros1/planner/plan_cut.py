@@ -37,7 +37,7 @@ def cut_plan(
         limit: radius around the robot [m].
         prune: whether to drop the leading points that are NEAR or farther away. The caller then removes as many points
             from the front of the stored plan, even if the cut begins later.
-        local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if they are the same.
+        local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if the frames are the same.
     """
     if local_origin is None:
         first, last = within(plan, x, y, limit)

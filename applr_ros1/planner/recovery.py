@@ -109,7 +109,7 @@ Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
 
 
 def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]:
-    """Return the behaviours in order, from a complete parameter tree. They are read only at start-up, as in C++.
+    """Return the behaviours in order, from a complete parameter tree. As in C++, it is read only at start-up.
 
     The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used unchanged
     (move_base.cpp, loadRecoveryBehaviors). like_cpp: behave like C++, which clears nothing on the Jackal.

@@ -205,7 +205,7 @@ def cost_cloud(
 ) -> np.ndarray:
     """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the cells free for the robot's centre.
 
-    The cloud is for display, in column order (MapGridVisualizer::publishCostCloud).
+    The cloud is for display, with the cells column by column (MapGridVisualizer::publishCostCloud).
 
     Args:
         costmap: map with cells (ny, nx), origin and resolution.

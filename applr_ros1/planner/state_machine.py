@@ -83,7 +83,7 @@ class Cycle:
     result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
     recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of the recovery that begins
     planned: bool = False  # whether the global planner ran
-    new_plan: bool = False  # whether it found a plan, see StateMachine.global_plan
+    new_plan: bool = False  # whether the global planner found a plan (StateMachine.global_plan)
     controlled: bool = False  # whether the local planner ran
     updated: Tuple[bool, bool] = (False, False)  # whether the (local, global) costmap was updated
     stale: bool = False  # whether the robot stands because a source is silent

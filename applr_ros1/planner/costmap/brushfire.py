@@ -8,7 +8,7 @@ change, only the cells that depend on them are evaluated again. The result equal
 
 Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
   level (uint8)  rank of the distance to the source, counted from SEED; WALL on the padding, NONE beyond every reach
-  link (uint16)  code (dy + reach) (2 reach + 1) + dx + reach of the offset from the source, last direction << 12
+  link (uint16)  code (dy + reach) (2 reach + 1) + dx + reach of the offset from the source + last direction << 12
   cost (uint8)   cost of the level, 0 for NONE
 Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues neighbours.
 """

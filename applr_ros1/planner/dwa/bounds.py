@@ -123,7 +123,7 @@ def fill_bounds(
 ) -> int:
     """Fill bounds, occupied, keys and heap of `scratch`, and return how many samples may win.
 
-    axes: numbers of values. heading: cosine and sine of the yaw at the start. scaled: buffer for the footprint.
+    axes: numbers of vx, vy and w. heading: cosine and sine of the yaw at the start. scaled: buffer for the footprint.
     The inner loop passes few arrays to functions, because numba's counting of references would take most of the time.
     """
     (nx, ny, nw), (c, s) = axes, heading

@@ -1,6 +1,6 @@
 """DWA planner (dwa_local_planner::DWAPlanner) that chooses one velocity per cycle and checks given velocities.
 
-local_planner.py builds a controller on it. The arithmetic is in the kernels of this package.
+local_planner.py builds a controller on this planner. The arithmetic is in the kernels of this package.
 """
 
 from functools import partial
@@ -26,7 +26,7 @@ class DWAPlanner(SamplingPlanner):
     Args:
         params: values of the DWAPlannerROS server by name.
         sim_period: control period and width of the dynamic window [s].
-        sum_scores: whether the obstacle critic adds the costs of all points instead of taking the largest.
+        sum_scores: whether the obstacle critic sums the costs of all points instead of using the largest cost.
         cheat_factor: the nose-on-path critic is off within sqrt(cheat_factor) forward_point_distance of the plan's end.
 
     Raises:

@@ -76,8 +76,8 @@ def find_best(
     """Run one cycle: preparation, floods, samples, winner, flags. params, state: arrays of one record.
 
     Returns (cost, number of the sample, number of points, the sample, the trajectory's velocity, commanded w, whether
-    nose-on-path is on). A negative cost means no valid command. Angles pass through a quaternion, then pose and
-    velocity are rounded to float32.
+    the nose-on-path critic is on). A negative cost means no valid command. Angles first pass through a quaternion. Then
+    pose and velocity are rounded to float32.
     """
     p = params[0]
     aligned = prepare(params, scratch, scene.plan, pose, velocity)

@@ -2,7 +2,7 @@
 
 Called by navfn.Navfn; the most expensive kernel of a control cycle. The flood visits cells in the order of C++ and
 rounds as C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). Only the work per cell differs,
-because it is bound by memory access:
+because memory access limits the speed:
 - A cell is two adjacent float32: its potential and its push weight (PUSH_WEIGHTS). The weight is infinite for obstacles
   and multiplied by 2^64 while the cell is in a list, so one comparison decides whether to push the cell to a list.
 - A round runs over the current list twice, first for the new potentials, then for the pushes. Pushes do not change
@@ -93,7 +93,7 @@ def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: i
     places = _int(2 * nx_ * ny_)
     lists = lists_.reshape(lists_.size)
     room = _int(lists_.shape[1] - 4)
-    current = _int(0)  # start of each list
+    current = _int(0)  # first place of each list
     following = room + four
     over = two * (room + four)
     n_current = _int(0)

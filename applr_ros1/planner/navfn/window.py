@@ -25,7 +25,7 @@ LARGEST = 0.7  # largest share of the map inside a fence; a larger fence saves n
 
 
 def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Window]:
-    """Return the fence (x0, y0, x1, y1) as first and last column and row, or None if it does not pay off.
+    """Return the fence (first column, first row, last column, last row), or None if it would save no time.
 
     Args:
         extent: (4,) int64, lowest x and y and highest x and y of the cells that were ever not free.

@@ -1,7 +1,7 @@
 """Checks of parameter trees: `check` returns errors, `remarks` warnings about ignored values, `complete` adds defaults.
 
 MoveBase completes its parameter tree; the node and robots/check.py print the messages. Names and bounds come from
-declarations.tables, and conflicts between values from `contradictions` next to the declarations.
+declarations.tables, conflicts between values from the functions `contradictions`.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ STATIC_SOURCE = (
         "Distance from the sensor beyond which points are not marked.", beyond="error"),
     real("raytrace_range", 3.0, 0.0, INF, "m", "Distance from the sensor up to which rays clear cells."),
     real("observation_persistence", 0.0, 0.0, INF, "s",
-        "Time for which messages are kept and applied again in each update. If it is 0, only the latest one is used.",
+        "Time for which messages are kept and applied in each update. If it is 0, only the latest message is used.",
         beyond="error"),
     real("expected_update_rate", 0.0, 0.0, INF, "s",
         "Time without a message after which the robot stops, for sources of the local costmap. If it is 0, only "
@@ -137,7 +137,8 @@ STATIC_SOURCE = (
 STATIC_STATIC_MAP = (
     text("map_topic", "map", "Latched topic of the map, as published by map_server."),
     flag("first_map_only", False, "Whether maps after the first one are ignored."),
-    flag("subscribe_to_updates", False, "Whether changes of the map are received on the topic map_topic_updates."),
+    flag("subscribe_to_updates", False,
+        "Whether changes of the map are received, on the topic of the map with the suffix _updates."),
     flag("track_unknown_space", True,
         "Whether unknown cells of the map are unknown in the costmap instead of free."),
     flag("use_maximum", False,

@@ -100,7 +100,7 @@ STATIC_DWA_PLANNER = (
     real("controller_frequency", 20.0, 0.0, INF, "Hz",
         "Control rate for which the dynamic window is computed. Defaults to the rate of move_base."),
     flag("sum_scores", False,
-        "Whether the costs under all points of a trajectory are summed instead of taking the largest."),
+        "Whether the obstacle cost of a trajectory is the sum over its points instead of the largest value."),
     real("cheat_factor", 1.0, 0.0, INF, "",
         "The point ahead of the robot (forward_point_distance) is not kept near the plan within a distance of "
         "sqrt(cheat_factor) * forward_point_distance from the end of the local plan."),

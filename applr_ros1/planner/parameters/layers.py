@@ -24,8 +24,8 @@ class LayerType(NamedTuple):
     """Type of a layer.
 
     Attributes:
-        config: name of its dynamic_reconfigure type.
-        live: parameters of its dynamic_reconfigure server.
+        config: name of the layer's dynamic_reconfigure type.
+        live: parameters of the layer's dynamic_reconfigure server.
         static: parameters that are read once.
         inherited: names of parameters that replace the layer's own value if they are given at the costmap.
     """

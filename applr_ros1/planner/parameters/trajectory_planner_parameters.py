@@ -103,7 +103,7 @@ STATIC_TRAJECTORY_PLANNER = (
     real("min_in_place_rotational_vel", 0.4, -INF, INF, "rad/s",
         "Older name of min_in_place_vel_theta. If only the older name is given, it applies to the turn to the goal "
         "heading, as in C++, and with another local planner also to rotations of recovery.", kind="turn"),
-    text("world_model", "costmap", "Only costmap is supported."),
+    text("world_model", "costmap", "Representation of obstacles. Only costmap is supported."),
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
 )

@@ -22,14 +22,14 @@ from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, new_velocity, step_count
 
 Ground = Tuple[float, float, float, int, int]  # the map's origin (x, y) [m], resolution [m] and size [cells]
-MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms are accurate to 1e-10 cells
+MARGIN = 1e-6  # smallest distance to a border [cells] at which a cell is certain; closed forms err by 1e-10 cells
 
 
 @kernel
 def ramp(
     p: Record, start: Data, c: float, s: float, vx: float, w: float, dt: float, moves: int
 ) -> Tuple[int, float, float, float, float]:
-    """Return (moves made, x, y, c, s) once the base has reached the sample (vx, w), at the latest after `moves` moves.
+    """Return (moves made, x, y, c, s) once the base moves at (vx, w) of the sample, at the latest after `moves` moves.
 
     c, s: cosine and sine of the heading, as arguments at the start, as results at the end.
     """
@@ -67,7 +67,7 @@ def along_arc(x: float, y: float, c: float, s: float, length: float, turn: float
 
 @kernel
 def exact_end(p: Record, start: Data, vx: float, w: float, steps: int) -> Tuple[float, float]:
-    """Return (x, y) of the last scored point, computed step by step like scoring.score_below."""
+    """Return (x, y) of the last scored point, computed step by step as in scoring.score_below."""
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
     for _ in range(steps - 1):

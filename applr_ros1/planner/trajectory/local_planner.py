@@ -54,7 +54,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.planner.reset()
         self._rotating = False
         self._choice: Optional[Choice] = None
-        self._is_blocked = False  # whether no sample gave a command
+        self._is_blocked = False  # whether the last search found no legal command
         self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
 

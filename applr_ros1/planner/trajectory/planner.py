@@ -1,6 +1,6 @@
 """Trajectory planner (base_local_planner::TrajectoryPlanner) that chooses one velocity per cycle.
 
-local_planner.py builds a controller on it. The arithmetic is in sampling.py and its kernels.
+local_planner.py builds a controller on this planner. The arithmetic is in sampling.py and its kernels.
 """
 
 from __future__ import annotations

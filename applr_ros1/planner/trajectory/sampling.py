@@ -2,7 +2,7 @@
 
 Called by planner.py once per control cycle. The choice equals that of the C++ planner to the last bit. The cycle
 begins with the two distance grids, which count steps to the path and to the local goal
-(base_local_planner/map_grid.cpp). At its end, a turn in place may replace the best forward sample
+(base_local_planner/map_grid.cpp). At the end, a turn in place may replace the best forward sample
 (docs/explanation/planner.md, section 6.5). The conditions of a turn have no side effects, so the cheap conditions come
 first, and most turns are never rolled out.
 """

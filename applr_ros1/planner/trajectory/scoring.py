@@ -20,7 +20,7 @@ from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
-PRUNED = -3.0  # cost of a sample whose scoring was stopped, because it cannot beat the best one so far
+PRUNED = -3.0  # cost of a sample whose scoring stopped because the sample cannot beat the best one
 NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 HUGE = float(np.finfo(np.float64).max)
 Score = Tuple[float, int, float, float, float]  # cost, number of points, and x, y, theta of the last point
