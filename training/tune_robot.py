@@ -63,7 +63,7 @@ class TuneOptions(Options):
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0 if a better set was written, 1 if not or after an error, 130 after Ctrl-C."""
+    """Run the command. Return 0 if a better parameter set was written, 1 if not or after an error, 130 after Ctrl-C."""
     name = "./applr tune"
     return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
 

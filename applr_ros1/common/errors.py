@@ -24,7 +24,7 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return the system's description of an error, without its number and path."""
+    """Return the description of an error in one line, without error number and path."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 

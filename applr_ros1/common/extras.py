@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import Iterator, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
-EXTRAS = {  # extra of `pip install` by the package that it installs, as in pyproject.toml
+EXTRAS = {  # package: extra of `pip install` that installs it, as in pyproject.toml
     "matplotlib": "report",
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py"), "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),

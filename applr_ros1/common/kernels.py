@@ -33,7 +33,7 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
 KEPT_FILES = 6000  # limit on cached files (12 versions of all kernels); the least recently used are removed
-dumps: Callable[[Any], bytes] = serialize.dumps  # numba has no types for this function and the next one
+dumps: Callable[[Any], bytes] = serialize.dumps  # numba has no types for this function and `_rebuild`
 rebuild: Callable[..., CompileResult] = CompileResult._rebuild
 OURS = ("applr_ros1", "sim_bridge", "worlds")  # packages of this repository whose modules are hashed
 Result = TypeVar("Result")
@@ -123,7 +123,7 @@ def _hash_of_sources(module: str) -> str:
 def _source(module: str) -> Tuple[str, List[str]]:
     """Return the hash of a module's source, and the modules from which it imports kernels or constants.
 
-    Only modules of this repository count, without imports of classes and plain functions, which kernels cannot use.
+    Only modules of this repository count. Imported classes and plain functions do not, as kernels cannot use them.
     """
     loaded = sys.modules[module]
     text = Path(str(loaded.__file__)).read_text(encoding="utf-8")

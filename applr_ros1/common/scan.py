@@ -230,7 +230,7 @@ class Source:
     obstacle_range: float = 2.5  # range below which points mark [m]
     raytrace_range: float = 3.0  # range up to which rays clear [m]
     observation_persistence: float = 0.0  # time for which clouds are kept [s]; 0: the latest only
-    expected_update_rate: float = 0.0  # longest time between messages of a current source [s]; 0: any
+    expected_update_rate: float = 0.0  # longest time between messages if the source is current [s]; 0: any
 
     def __post_init__(self) -> None:  # The kernels are compiled for these types only.
         for field in fields(self):
@@ -255,7 +255,7 @@ class ObservationBuffer:
     def take(self, cloud: PointCloud, now: float) -> None:
         """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
-        If it is 0, the latest cloud of each sensor is kept: several sensors may publish between two costmap updates.
+        With a persistence of 0, the latest cloud of each sensor is kept: several may publish before a costmap update.
         """
         self.taken = now
         kept = self.source.observation_persistence

@@ -13,7 +13,7 @@ from applr_ros1.common.errors import ApplrError, reason
 
 
 def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
-    """Return (tensors, metadata) of safetensors bytes. Raises ApplrError; its line begins with `name`."""
+    """Return (tensors, metadata) of safetensors bytes from the file `name`. Raise ApplrError if they are invalid."""
     try:
         tensors = safetensors.numpy.load(data)
     except safetensors.SafetensorError as problem:

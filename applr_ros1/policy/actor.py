@@ -33,7 +33,7 @@ FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in th
 STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
 # Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of a stall's decisions.
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
-PLAIN = "format", "sha256"  # metadata entries that are plain text instead of JSON; older files have a checksum
+PLAIN = "format", "sha256"  # metadata entries in plain text instead of JSON; only older files have sha256
 Weights = Mapping[str, Array32]
 Layers = List[Tuple[Array32, Array32]]
 
@@ -95,7 +95,7 @@ class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
     Once the robot has stalled, the network's decisions have failed. With an encoding that has `redraws_stalled`, each
-    decision then draws random parameters, seeded by the course. Half of the decisions back out by BACKING_OUT.
+    decision then draws random parameters, seeded by the course, half of the time with BACKING_OUT.
 
     Args:
         encoding: Encoding of observations and actions.

@@ -198,7 +198,7 @@ def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
 
 
 def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float, resolution: float) -> np.ndarray:
-    """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1; wide ranges as log2."""
+    """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1; wide-ranging ones as log2."""
     base, laser, values = robot.base, robot.laser, branch(tree, planner)
     sides = branch(tree, "local_costmap")
     acceleration = min(base.max_acceleration, values["acc_lim_x"])

@@ -107,7 +107,7 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[Int
     last, half = first + step * (count - 1), 0.5 * layout.step
     if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    # The layout's angles may lie in another turn than the scan's: repeat the ranges over five turns, by direction.
+    # The layout may lie in another turn than the scan: the ranges are repeated over five turns, sorted by direction.
     turns = TURN_RAD * np.arange(-2, 3)
     angles = (first + step * np.arange(count) + turns[:, None]).ravel()
     order = np.argsort(angles, kind="stable")

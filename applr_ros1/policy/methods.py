@@ -37,7 +37,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 EXPLORED = 0.5  # standard deviation of exploration noise on a parameter scaled to [-1, 1]
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # valid name of a method in trials.csv
-POLICY, SET = "applr.safetensors", "static.json"  # files of the policy and the tuned set in a robot's folder
+POLICY, SET = "applr.safetensors", "static.json"  # files of policy and tuned parameter set in a robot's folder
 USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$")  # specification my_file.py:Class or module:Class
 
 
@@ -102,7 +102,7 @@ def shipped(name: str, robot: Robot) -> str:
 
 
 def auto(robot: Robot) -> str:
-    """Return the method that `auto` stands for: the robot's policy, else its tuned set, else its default parameters."""
+    """Return the method for `auto`: the robot's policy, else its tuned parameter set, else its default parameters."""
     files = {"applr": POLICY, "static": SET}
     return next((name for name, file in files.items() if os.path.exists(shipped(file, robot))), "dwa")
 

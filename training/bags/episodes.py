@@ -219,7 +219,7 @@ def _finished(bag: Bag, goal: Goal, made: List[Decision], finish: float) -> Goal
 def _driven(bag: Bag, decision: Decision, until: int) -> Tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [ns] and positions (n, 2) [m] of the robot after a decision, in the decision's frame.
 
-    The positions begin at the pose in the decision, which is that at its scan, and continue by odometry.
+    The positions begin with the pose in the decision, which is for the time of its scan, and continue by odometry.
     """
     stamps = bag.odometry.stamp
     first = int(np.argmin(np.abs(stamps - decision.scan)))

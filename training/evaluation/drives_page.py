@@ -39,7 +39,7 @@ def write(results: Results, out: Path, title: str) -> bool:
 
 
 def _drives(results: Results, world: str, method: str, place: int) -> List[Drive]:
-    """Return the drives of one method in a world whose traces were kept."""
+    """Return the drives of a method in a world for which traces were kept."""
     drives = []
     for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
         trace = read_trace(results.folder, world, method, row.trial)

@@ -14,7 +14,7 @@ from worlds import World
 from worlds.draw import draw
 from worlds.world import clearance
 
-# label and colour of each region, tightest first; LIMITS: bounds on the distance from robot centre to obstacles [m]
+# label and colour of each region, tightest first; LIMITS: distances to the nearest obstacle between regions [m]
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
 LIMITS = (0.5, 0.9)
 AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]

@@ -92,7 +92,7 @@ def _facts(results: Results) -> List[str]:
 
 
 def summary(results: Results) -> List[str]:
-    """Return a line per method: its comparison with the baseline over the test worlds, or over all if there are few."""
+    """Return a line per rival: its comparison with the baseline over the test worlds, or over all if fewer than two."""
     test = results.by_difficulty(results.of_set("Test"))
     worlds = test if len(test) > 1 else results.worlds
     compared = {method: results.compare(method, results.baseline, worlds) for method in results.rivals}

@@ -56,7 +56,7 @@ def share(n: int, total: int) -> str:
 
 
 def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
-    """Return a decorator that turns a function that yields rows into one that makes a table, named after the function.
+    """Return a decorator: it turns a function that yields rows into a function that makes the table of the same name.
 
     Columns whose names begin with "paper" are left out if no row has a value in them. If all these columns are left
     out, the notes `of_paper` about them are left out as well.

@@ -163,8 +163,9 @@ class Learner:
                 f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter set, the file of a "
                 "policy, or the folder of a training run that has saved a checkpoint"
             )
-        if checkpoint["layer_norm"] != self.options.layer_norm:  # The weights would give other values.
-            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: give the same")
+        # With another layer_norm, the same weights give other values.
+        if checkpoint["layer_norm"] != self.options.layer_norm:
+            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: choose the same value")
         self._take_networks(folder, checkpoint)
         self.td3.updates = self.td3.policy_starts = 0
 

@@ -75,9 +75,8 @@ class Replay:
     def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) of the observations that follow.
 
-        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the value
-        that follows is gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped from its last
-        observation.
+        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the next value is
+        gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped from its last observation.
         """
         after = rows.copy()
         total = np.zeros(len(rows), np.float64)

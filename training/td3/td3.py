@@ -229,7 +229,7 @@ class TD3:
         return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a checkpoint's state from the source `what`, but keep this run's learning rates.
+        """Restore a checkpoint's state, but keep this run's learning rates. Errors name its source `what`.
 
         Raises:
             ApplrError: The layers differ.

@@ -1,7 +1,7 @@
 """Demonstration: commands of a demonstrator, and the poses and scans recorded at the same times.
 
-APPLD (appld.py) reads it from a bag. The bag was recorded while a person drove the robot, or by demonstrate.py with the
-scripted demonstrator.
+APPLD (appld.py) reads demonstrations from bags. A bag is recorded while a person drives the robot, or by demonstrate.py
+with the scripted demonstrator.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def _resampled(points: np.ndarray) -> np.ndarray:
 
 
 def _away(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
-    """Return vectors (k, 2) away from the nearest obstacle. Their length is what its distance lacks to `wanted` [m]."""
+    """Return vectors (k, 2) [m] away from the nearest obstacle, with the length max(0, wanted - distance)."""
     offsets = [points[:, None, :] - world.cylinders[None, :, :2]]
     gaps = [np.hypot(offsets[0][..., 0], offsets[0][..., 1]) - world.cylinders[:, 2]]
     for x, y, yaw, size_x, size_y in world.boxes:
