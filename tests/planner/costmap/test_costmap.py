@@ -124,3 +124,11 @@ def test_without_bounds_nothing_happens():
     costmap.update(HERE)
     assert costmap.window is None
     assert costmap.cells[3, 3] == 9
+
+
+def test_a_cleared_costmap_forgets_its_obstacles():
+    costmap = fixed()
+    costmap.update(HERE, hit(1.0, 0.0))
+    assert (costmap.obstacles.cells == 254).any()
+    costmap.clear()
+    assert not (costmap.obstacles.cells == 254).any()

@@ -27,7 +27,7 @@ def test_the_padded_footprint_of_the_jackal_has_its_known_radii():
 
 
 def test_parse_reads_values_as_the_cpp_node_does():
-    assert footprints.parse("[[0.1234567, 1], [2, 3], [4, 5]]")[0, 0] == float(np.float32(0.123457))
+    assert footprints.parse("[[12.34567, 1], [2, 3], [4, 5]]")[0, 0] == float(np.float32(12.3457))
     assert footprints.parse([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])[2, 1] == float(np.float32(0.6))
     assert footprints.parse("[[1 2] [3,-.5],\t[5e-1, 6]]").tolist() == [[1.0, 2.0], [3.0, -0.5], [0.5, 6.0]]
     assert footprints.parse("[]").shape == footprints.parse("").shape == (0, 2)

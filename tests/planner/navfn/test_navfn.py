@@ -185,3 +185,10 @@ def test_the_first_of_equally_near_points_is_the_target():
     potential = np.zeros((6, 6), np.float32)
     potential[3, 3] = 1e10
     assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (2 * 6 + 3, 1.75, 1.25)
+
+
+@pytest.mark.parametrize(("x", "inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)])
+def test_a_plan_near_the_fence_is_not_accepted(x, inside):
+    path = np.array([[14.0, 14.0], [x, 14.0], [14.0, x]])
+    assert window.keeps_inside(path, len(path), 30, 30, (8, 8, 20, 20)) is inside
+    assert window.keeps_inside(path, 1, 30, 30, (8, 8, 20, 20))

@@ -109,3 +109,10 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
     scene = scoring.Scene(cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan)
     difference = scoring._heading_difference(scene, 0, 0, 0.025, 0.025, 0.7)
     assert difference == pytest.approx(expected)
+
+
+def test_an_escape_can_be_ended():
+    made = planner()
+    made._state[0]["escaping"] = 1
+    made.end_escape()
+    assert not made._state[0]["escaping"]
