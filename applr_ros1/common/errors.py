@@ -69,11 +69,11 @@ def run_script(module: str, node: bool = False) -> None:
 
     Ctrl-C during the import, which takes seconds, exits silently. A missing Python package is reported in one line. The
     script's folder is removed from sys.path, because sim_bridge.py in this folder would hide the package sim_bridge.
+    --help prints the USAGE of the module, or the docstring of a node without USAGE.
 
     Args:
         module: Full name of the module, such as "training.evaluate".
-        node: Whether the module is a ROS node, which accepts no arguments except NAME:=VALUE. --help prints the USAGE
-            of the module, or the docstring of a node without USAGE.
+        node: Whether the module is a ROS node, which accepts no arguments except NAME:=VALUE.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
@@ -93,6 +93,6 @@ def _main_of(module: str, node: bool) -> Optional[int]:
         return 0
     words = [word for word in sys.argv[1:] if ":=" not in word]
     if node and words:
-        raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help lists them")
+        raise ApplrError(f"unexpected arguments {' '.join(words)}: give parameters as _NAME:=VALUE; --help lists them")
     status: Optional[int] = loaded.main()
     return status

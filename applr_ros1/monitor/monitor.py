@@ -139,7 +139,7 @@ class CollisionMonitor:
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # The scan is out of order: a newer one was added before.
         laser.fault = laser.check.fault(scan)
-        if laser.fault or laser.check.repeats:  # A repeated image is old data: stamp and pose stay unchanged.
+        if laser.fault or laser.check.repeats:  # Repeated ranges are old data: the stamp stays unchanged.
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)

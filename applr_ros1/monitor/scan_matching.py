@@ -29,7 +29,7 @@ WIDE_M, NARROW_M = 0.1, 0.02  # point-to-line distance that gets weight 1/4, in 
 NOISE_M = 0.01  # standard deviation of a point-to-line distance [m]
 SLIP_M, YAW_ERROR_RAD = 0.05, 0.01  # expected errors of the odometry between two scans [m, rad]
 LARGEST_SHIFT_M, LARGEST_TURN_RAD = 0.15, 0.1  # largest accepted correction by one scan [m, rad]
-BETTER_WEIGHT = 0.05  # excess of mean weight for which a match from the extrapolated pose is preferred
+BETTER_WEIGHT = 0.05  # excess of mean weight above which a match from the extrapolated pose is preferred
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
@@ -40,7 +40,7 @@ Reference = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams, corrected pos
 
 
 class ScanMatcher:
-    """Corrector of odometry poses: a slowly changing transform, estimated by scan matching.
+    """Corrects odometry poses by a slowly changing transform, which is estimated by scan matching.
 
     Attributes:
         lost: whether the latest scan contradicts the previous scan, for instance because the robot was carried or its
@@ -113,7 +113,7 @@ class ScanMatcher:
         return matched is not None
 
     def _is_elsewhere(self, measured: np.ndarray, newest: Reference) -> bool:
-        """Return whether many new points lie in free space of the last scan, whose points are gone or out of view."""
+        """Return whether many new points lie in the last scan's free space, and vice versa if enough are in view."""
         assert self._last is not None
         last = self._last[2]
         shown, appeared = _seen_through(newest, (self._measured, *last[1:]))
@@ -240,7 +240,7 @@ def _match(surface: Array, old_beams: Beams, old_pose: Pose, points: Array, gues
 
 @kernel
 def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
-    """Return how many points of scan `old` lie in the field of view of scan `new`, and how many `new` sees through."""
+    """Return the number of points of scan `old` in view of scan `new`, and how many of these are free in `new`."""
     (old_ranges, old_beams, old_pose), (ranges, beams, pose) = old, new
     seen = gone = 0
     for i in range(old_ranges.shape[0]):
@@ -259,7 +259,7 @@ def _seen_through(old: Reference, new: Reference) -> Tuple[int, int]:
 
 @kernel
 def lines(ranges: Array32, beams: Beams) -> Array:
-    """Return (n, 6), a row per beam: point [m], unit normal of the surface to the next point, unit vector of the beam.
+    """Return (n, 6), a row per beam: point [m], unit normal of the surface up to the next point, direction of the beam.
 
     All are in the scanner's frame. The normal is NaN at the edge of a surface, and for a beam without return.
     """
@@ -290,8 +290,8 @@ def lines(ranges: Array32, beams: Beams) -> Array:
 def _beam_near(surface: Array, beams: Beams, x: float, y: float, last: float) -> float:
     """Return the fractional index of the beam towards the point x, y [m] in the scanner's frame, starting at `last`.
 
-    Agrees with beam_at(), which is slower. Each step goes to the beam at the angle between the current beam and the
-    point. A short series replaces the arc tangent.
+    Agrees with beam_at(), which is slower. Each step advances by the angle between the current beam and the point,
+    in angle increments. A short series replaces the arc tangent.
     """
     i = int(last)
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Fault detection for a scanner: geometry, blindness, frozen images and failed sectors. Used by CollisionMonitor."""
+"""Fault detection for a scanner: geometry, blindness, frozen ranges and failed sectors. Used by CollisionMonitor."""
 
 import math
 from dataclasses import replace
@@ -18,12 +18,12 @@ FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [
 BLIND_SHARE = 0.95  # share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind
 ENOUGH_HITS = 5  # minimum number of previous hits in range for a scan without hits to count as a fault
 VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
-FROZEN_SCANS = 5  # number of identical images in a row that count as frozen if the robot moves
-FROZEN_M, FROZEN_RAD = 0.03, 0.03  # minimum motion of the robot for identical images to count as frozen [m, rad]
+FROZEN_SCANS = 5  # number of identical scans in a row that count as frozen if the robot moves
+FROZEN_M, FROZEN_RAD = 0.03, 0.03  # minimum motion of the robot for identical scans to count as frozen [m, rad]
 # A wide sector that loses all returns at once is a sensor fault: real obstacles do not vanish that fast.
 SECTOR_RAD = math.pi / 4  # smallest width of a sector without returns that can count as failed [rad]
 STOOD_SHARE = 0.3  # minimum share of beams in a failed sector that pointed at obstacles of the previous scan
-REPEATED_M_RAD = 0.005  # motion of the robot above which an identical image counts as old data [m, rad]
+REPEATED_M_RAD = 0.005  # motion of the robot above which a scan with identical ranges counts as old data [m, rad]
 
 # Ranges (n,) of a scan, (range_min, range_max) [m], (first angle, angle increment) [rad] and pose of the laser.
 Image = Tuple[Array32, Tuple[float, float], Tuple[float, float], Pose]
@@ -33,7 +33,7 @@ class ScannerCheck:
     """Fault detector that compares each scan with the previous scans of its laser.
 
     Attributes:
-        repeats: whether the latest image equals the previous one although the robot moved.
+        repeats: whether the latest scan has the same ranges as the previous one although the robot moved.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class ScannerCheck:
         if self._equal < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
             return ""
         motion = f"{moved:.2f} m and {turned:.2f} rad"
-        return f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {motion}"
+        return f"the scanner is frozen: {self._equal + 1} scans with identical ranges while the robot moved {motion}"
 
 
 def geometry_fault(scan: LaserScan) -> str:

@@ -29,7 +29,7 @@ COLUMNS = 19
 
 ACCELERATION = 0.2  # spectral density of the acceleration [m^2/s^3]
 BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [rad]
-LATENCY_S = 0.04  # largest offset between stamps of scan and pose; a change of turn rate makes it a bearing error [s]
+LATENCY_S = 0.04  # largest offset between the stamps of scan and pose [s]; shifts bearings when the turn rate changes
 BENT_RAD = 0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
 FIRST_SPEED_M_S = 1.5  # standard deviation of the velocity of a new track [m/s]
 GATE = 9.0  # association gate: largest squared normalised distance of a cluster from a track
@@ -41,14 +41,14 @@ SLOWEST_M_S, STANDING_M_S = 0.25, 0.12
 CLEAR_DEVIATIONS = 2.0  # number of standard deviations by which a velocity must differ from zero
 ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence that makes a track a moving obstacle: duration [s], number of scans
 MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
-SAME_SIZE_M = 0.03  # largest difference of the radii of cluster and track if the track corrects the laser's pose [m]
+SAME_SIZE_M = 0.03  # largest difference of radius from its cluster at which a track corrects the laser's pose [m]
 SETTLED_HITS = 3  # minimum number of clusters of a static track that corrects the laser's pose
 AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
 SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
 LOST_S = 0.25  # time without a cluster after which a static track ends [s]
-Scans = Tuple[Array32, Array]  # ranges and fans of FreeSpace: the kept scans
+Scans = Tuple[Array32, Array]  # earlier scans in FreeSpace: free depths (SCANS, n) [m], geometry (SCANS, 10)
 
 
 @kernel
@@ -129,12 +129,12 @@ def correct(row: Array, cluster: Array, sensor: Pose, dt: float) -> None:
 
 @kernel
 def has_moved(points: Array, history: Array, before: Scans, depth: Array32, fan: Array) -> bool:
-    """Return whether a kept scan saw through a cluster's points, or the latest scan sees through their old positions.
+    """Return whether an earlier scan saw through a cluster's points, or the latest sees through their old positions.
 
     Args:
         points: (6,) three points of the cluster [m].
-        history: (SCANS, 6) positions of the points in the kept scans [m]; NaN if the track had no cluster.
-        before: kept scans of FreeSpace.
+        history: (SCANS, 6) positions of the points in the earlier scans [m]; NaN if the track had no cluster.
+        before: earlier scans in FreeSpace.
         depth: (n,) free depth of the latest scan's beams [m].
         fan: (10,) geometry of the latest scan.
     """
@@ -164,16 +164,16 @@ def follow(
     dt: float,
     speed: float,
 ) -> Tuple[Ints, np.ndarray, Pose]:
-    """Update all tracks with a scan, after correcting the laser's pose in the scan's clusters and fan in place.
+    """Correct the laser's pose, apply the correction to `clusters` and `fan` in place, and update all tracks.
 
     Args:
         tracks: (MAX_TRACKS, COLUMNS).
-        history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the kept scans [m].
+        history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the earlier scans [m].
         clusters: (n, clusters.COLUMNS) clusters of the scan.
-        scan: free depth of the beams (n,) [m], fan (10,), and pose of the laser.
-        before: kept scans of FreeSpace.
+        scan: free depth of the beams (n,) [m], fan (10,) with their geometry (free_space.py), and pose of the laser.
+        before: earlier scans in FreeSpace.
         dt: time since the last scan [s].
-        speed: speed of the laser by the odometry [m/s].
+        speed: speed of the laser according to the odometry [m/s].
 
     Returns:
         Both arrays of `associate`, and the corrected pose of the laser.

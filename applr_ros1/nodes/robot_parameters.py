@@ -20,7 +20,7 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
             `tf_prefix` is the prefix of its frames.
 
     Raises:
-        RobotError: The description has errors; a line for each.
+        RobotError: The description has errors. The message has one line per error.
         ApplrError: There is no such robot, or it has no files for driving on a map.
     """
     robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))

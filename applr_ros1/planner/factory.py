@@ -27,7 +27,7 @@ LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] 
 
 
 def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlanner:
-    """Return the local planner named by base_local_planner, with the values in force.
+    """Return the local planner named by base_local_planner, with the current values.
 
     Parameters that a planner reads only once, like TrajectoryPlannerROS's footprint, have their start-up values.
 
@@ -68,7 +68,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
 
 
 def _describe(layer: Layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
-    """Return the description of a layer, from its branch of the complete tree and its values in force."""
+    """Return the description of a layer, from its branch of the complete tree and its current values."""
     if layer.kind == INFLATION_LAYER:
         return LayerDescription(layer.name, InflationParameters(**now))
     if layer.kind == STATIC_LAYER:

@@ -32,7 +32,7 @@ class ObservationRouter:
 
     Attributes:
         data_types: data types of all sources by topic, those of the local costmap first.
-        ray_origins: sensor_frame, at whose origin the rays start, by topic, for sources that have one.
+        ray_origins: frame at whose origin the rays start, by topic, for sources with the parameter sensor_frame.
     """
 
     def __init__(self, local_costmap: Costmap, global_costmap: Costmap, timeout: float):

@@ -35,8 +35,8 @@ def cut_plan(
         x: x coordinate of the robot in the costmap's frame [m].
         y: y coordinate of the robot in the costmap's frame [m].
         limit: radius around the robot [m].
-        prune: whether to drop the leading points that are NEAR or farther away. The caller then removes as many points
-            from the front of the stored plan, even if the cut begins later.
+        prune: whether to drop leading points at a distance of at least NEAR. As in C++, the caller removes as many from
+            the front of the stored plan. If the cut begins later in the plan, these are other points.
         local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if the frames are the same.
     """
     if local_origin is None:
@@ -66,7 +66,7 @@ def within(plan: Data, x: float, y: float, limit: float) -> Tuple[int, int]:
 
 @kernel
 def leading_far(plan: Data, x: float, y: float) -> int:
-    """Count the leading points that are NEAR or farther away."""
+    """Count the leading points at a distance of at least NEAR."""
     far = 0
     while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
         far += 1
@@ -81,7 +81,7 @@ def _squared_distance(plan: Data, i: int, x: float, y: float) -> float:
 
 
 def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
-    """Return the poses (n, 3), transformed by a pose if given. Angles pass through quaternion and matrix, as in tf."""
+    """Return the poses (n, 3), transformed by local_origin if any. Angles become quaternions and matrices, as in tf."""
     moved = poses.copy()
     if local_origin is not None:
         moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])

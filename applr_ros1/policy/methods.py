@@ -146,7 +146,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         lambda robot: METHODS[auto(robot)][0](robot),
         "applr if the robot's folder has a policy, else static if it has a tuned set, else dwa",
     ),
-    "static": (_tuned, "the best single parameter set that CMA-ES found on the training worlds"),
+    "static": (_tuned, "the best constant parameter set that CMA-ES found on the training worlds"),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, at every decision"),
     "explore": (_explored, "random around the robot's tuned set, else its default parameters, every second"),
     "applr": (_trained, "the robot's policy"),

@@ -19,15 +19,15 @@ MOST_BEAMS = 720  # largest number of beams in a default layout, as in the paper
 RANGE_CAP_M = 2.0  # range cap of the paper's scan at the Jackal's scale [m]
 LOOKAHEAD_M = 1.0  # lookahead distance of the paper's local goal at the Jackal's scale [m]
 FARTHEST_M = 4.0  # longest lookahead distance of all encodings at the Jackal's scale [m]
-WINDOW, ORDER = 19, 3  # window and order of the Savitzky-Golay filter that smooths the plan
+WINDOW, ORDER = 19, 3  # window [points] and order of the Savitzky-Golay filter that smooths the plan
 
 
 @lru_cache(maxsize=32)
 def layout_of(robot: Robot) -> Layout:
     """Return the default layout of new policies for a robot.
 
-    The beams are symmetric about straight ahead. There are as many as the laser has, but at most MOST_BEAMS. Range cap
-    and lookahead are the paper's 2 m and 1 m times the scale of the robot's worlds.
+    The beams are symmetric about straight ahead: those that the laser has in such a sector, but at most MOST_BEAMS.
+    Range cap and lookahead are the paper's 2 m and 1 m times the scale of the robot's worlds.
     """
     laser, scale = robot.laser, robot.world_scale
     step = laser.increment
@@ -49,14 +49,14 @@ LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m
 def observe(ranges: Any, phi: float, theta_prev: Any, space: Space = SPACE, layout: Layout = LAYOUT) -> Array32:
     """Return the observation (beams + 1 + k,) float32: capped scan, phi / pi and scaled theta_prev, in [-1, 1].
 
-    The Jackal's observation has 729 entries: 720 ranges r [m], capped at 2 m, as r - 1; one angle; eight parameters.
+    The Jackal's observation has 720 ranges r [m], capped at 2 m and scaled to r - 1, one angle and eight parameters.
 
     Args:
         ranges: (beams,) [m] from layout.resample. By REP 117 +inf is no return (the cap) and -inf is too near (0 m).
             NaN is no measurement and is interpolated between its valid neighbours.
         phi: Angle of the local goal [rad].
-        theta_prev: (n,) current parameters of the planner; values beyond the ranges are clipped.
-        space: Parameter space; k of its n parameters are chosen and part of the observation.
+        theta_prev: (n,) current parameters of the planner. Values outside their bounds are clipped.
+        space: Parameter space of n parameters. The observation has only the k that the policy sets (space.chosen).
         layout: Layout of the scan.
 
     Raises:
@@ -142,7 +142,7 @@ def smooth(points: Array) -> Array:
     """Apply a Savitzky-Golay filter (19, 3) along the columns of points (n, k).
 
     The result equals scipy.signal.savgol_filter within 1e-9 m; scipy takes 20 times as long, and a second to import.
-    Shorter plans use the largest odd window that fits, and plans of up to four points are not filtered.
+    For fewer points than the window it shrinks to the largest odd number. Up to four points are not filtered.
     """
     window = min(WINDOW, len(points) if len(points) % 2 else len(points) - 1)
     if window <= ORDER:

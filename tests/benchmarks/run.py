@@ -90,7 +90,7 @@ def control_cycle():
 
 
 def inflation():
-    """Measure one update of the local costmap's inflation layer, 200 x 200 cells, r = .30, while driving."""
+    """Measure one update of the local costmap's inflation layer while driving: 200 x 200 cells, radius 0.3 m."""
     mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._nx == 200)
     return 1e6 * mean, "us (mean over %d updates)" % count
 
@@ -102,7 +102,7 @@ def navfn():
 
 
 def _time_in_drives(kind, name, counts, **parameters):
-    """Return the mean time [s] and number of a method's calls for which counts() is true, in the best of 3 drives."""
+    """Return the mean time [s] of the calls that `counts` accepts, the least of 3 drives, and their number in the last."""
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
@@ -204,7 +204,7 @@ def actor_inference():
 
 
 def _rate(step, rounds=5, seconds=0.6):
-    """Return the best rate of some rounds, in steps per second of wall time."""
+    """Return the best rate of `rounds` rounds of `seconds` [s], in steps per second of wall time."""
     for _ in range(8):
         step()
     best = 0.0

@@ -133,10 +133,10 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
         wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
         wait_for(lambda: state(viewer) and viewer.panel.theta()[at] == 0.45, "the value as the applr node read it")
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
-        by_hand(viewer.panel._dropdown, "best single set")
+        by_hand(viewer.panel._dropdown, "tuned set")
         best = viewer.panel.space.theta0
         wait_for(lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values")
-        wait_for(lambda: "best single set" in state(viewer), "the method")
+        wait_for(lambda: "tuned set" in state(viewer), "the method")
         wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
     finally:
         applr.kill()

@@ -1,4 +1,4 @@
-"""Tests of the tracker of moving obstacles in small scenes, one per rule: detections and false detections."""
+"""Tests of the moving-obstacle tracker in small scenes, one test per rule: only moving obstacles are found."""
 
 import math
 from dataclasses import replace
@@ -102,7 +102,7 @@ def test_turning_causes_no_false_detections(rate):
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
-    """The beams of the TurtleBot3 burger are measured one after the other in .2 s, but its driver reports 10 ms."""
+    """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver reports 10 ms."""
     scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():

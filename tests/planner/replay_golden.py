@@ -1,7 +1,7 @@
 """Replay of the golden vectors of the C++ planner with this package's planner, for test_golden.py.
 
 tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md document the formats. Each set of scenarios names its format.
-replay_dwa.py replays the scenarios in the second format.
+replay_dwa.py replays the scenarios in the format of FORMAT_DWA.md.
 """
 
 import hashlib
@@ -162,7 +162,7 @@ def compare_grids(scenario, planner):
 
 
 def local_goal(given, goal_dist):
-    """Return the centre [m] of the cell at which the goal grid begins, or [] if there is none."""
+    """Return the centre [m] of the cell with goal distance 0, or [] if there is none."""
     return [
         given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
         for cell in np.argwhere(goal_dist == 0)[:1]

@@ -1,4 +1,4 @@
-"""Tests of the dimensionless encoding: same numbers for every robot, mirror images, and parameters."""
+"""Tests of the dimensionless encoding: sizes cancel, mirrored scenes are mirrored, actions become valid parameters."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_actions_encode_parameters_within_the_robots_ranges(robot):
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
-        if robot in WIDE:  # These robots' ranges contain those of all actions.
+        if robot in WIDE:  # Default bounds contain the parameters of every action.
             inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
             back = encoding.action(theta)[inside]
             free = (theta > encoding.space.low + 1e-9) & (theta < encoding.space.high - 1e-9)
@@ -111,7 +111,7 @@ def test_a_stalled_robot_gets_random_parameters_from_the_courses_seed():
     method = Policy.of(network(np.random.default_rng(0)), DimensionlessEncoding(JACKAL, 1.0))
     still = context(JACKAL, np.random.default_rng(1))
 
-    def at(t, speed):  # Drives slowly ahead, or at 0.5 m/s one metre ahead and back.
+    def at(t, speed):  # The robot drives slowly ahead, or at 0.5 m/s one metre ahead and back.
         return (speed * t, 0.0) if speed < 0.5 else (0.5 * min(t % 4, 4 - t % 4), 0.0)
 
     def course(seed, speed):

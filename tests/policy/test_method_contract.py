@@ -1,4 +1,4 @@
-"""Tests that the package's methods are reproducible with a seed, and stay within the ranges."""
+"""Tests that METHODS, the built-in methods, are reproducible with a seed and return parameters within their bounds."""
 
 import json
 
@@ -53,4 +53,4 @@ def test_exploration_draws_around_the_robots_set():
     assert free.any()
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
-    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # .5, truncated at the ends
+    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # 0.5 before clipping to [-1, 1]

@@ -1,9 +1,9 @@
 """Results of the paper, with notes on errors in them, for comparison in the report."""
 
 UNIT = (
-    "The paper's table gives no unit. Its numbers are two-second decisions: 5.925 m at the default 0.5 m/s "
-    "take 11.85 s at least, and the authors' released trials fit two-second steps; in seconds they are twice "
-    "as large."
+    "The paper's table gives no unit. We read its numbers as counts of two-second decisions, so the times in s are "
+    "twice as large: as seconds they would hardly exceed the 11.85 s that 5.925 m take at the default 0.5 m/s, "
+    "and the authors' released trials fit two-second steps."
 )
 GAIN_SLIP = "1.28 / 13.24 is 9.7 %; the paper prints 9.6 %."
 SWAP_SLIP = (
@@ -11,8 +11,8 @@ SWAP_SLIP = (
     "training and test parts allow (6 to 14 %, 0 to 5 %): the two cells look swapped."
 )
 CHANCE = (
-    'Two identical methods "win" 2.4 % of worlds each way under this test; with 20 trials a side a '
-    "uniform gain of 9.6 % wins 40 % of worlds, one of 20 % wins 73 %."
+    'Under this test, each of two identical methods "wins" 2.4 % of the worlds by chance. With 20 trials per '
+    "method and world, a uniform gain of 9.6 % wins 40 % of the worlds, and a gain of 20 % wins 73 %."
 )
 
 TIME = {("Training", "applr"): 11.96, ("Training", "dwa"): 13.24, ("Test", "applr"): 12.25, ("Test", "dwa"): 13.03}

@@ -160,7 +160,7 @@ class OfflineOptions(Options):
     gradient_steps: int = option(100_000, "Number of gradient steps in offline learning.", ge=0, le=10**9)
     init_from: str = option("",
         "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
-        "(period, reward and worlds may differ). static (best single parameter set of the robot), dwa (its default "
+        "(period, reward and worlds may differ). static (tuned parameter set of the robot), dwa (its default "
         "parameters) or a JSON file of parameters: the first output of the policy, and the values of the parameters "
         "that a dimensionless policy does not choose. File of a policy: this policy, frozen for a critic "
         "warm-up of 2,000 gradient steps. Default: a first output near the middle of the ranges.")

@@ -38,14 +38,14 @@ class Learner:
         rows: Capacity of the replay buffer.
         init_from: Run folder or policy file whose networks are taken over, unless `folder` has a checkpoint or there is
             an `action`.
-        action: First output (m,) of the policy.
+        action: Action (m,) in [-1, 1] that the untrained policy returns for every observation, or None.
         dataset: Experience of an offline run. It makes no gradient steps due.
 
     Attributes:
         extra: Values that save() stored in the checkpoint.
 
     Raises:
-        ApplrError: The networks in the folder or in `init_from` differ, or `init_from` has no networks.
+        ApplrError: The networks in `folder` or `init_from` do not fit `layout` and `options`, or `init_from` has none.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Learner:
             self.td3.begin_with(policy_network(init_from), init_from)
         elif init_from:
             self._begin_with(Path(init_from))
-        self._saved = self.replay.written  # number of written rows that are stored in files
+        self._saved = self.replay.written  # value of replay.written up to which rows are saved in files
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
@@ -176,7 +176,7 @@ class Learner:
 
 
 def policy_network(path: str) -> Weights:
-    """Return the network in a policy file, without its mirror image. Raise ApplrError if the file is invalid."""
+    """Return the first network of a policy file; the second may be its mirror image. Raise ApplrError if invalid."""
     layers = load(path).layers
     single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}

@@ -1,4 +1,4 @@
-"""Tuned parameter set: its files, the savings of each parameter, and its drives on courses unseen by the search."""
+"""Tuned parameter set: its files, the time that each parameter saves, and trials in worlds not used in the search."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: P
 
 
 def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> pd.DataFrame:
-    """Drive the robot's default parameters and the tuned parameter set in `worlds`, and return the paired trials.
+    """Evaluate the robot's default parameters and the tuned parameter set in `worlds`, and return the paired trials.
 
     Args:
         options: Options of the command.
@@ -65,8 +65,8 @@ def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str)
 def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a table of the changed parameters: both values, saving per course [s], and meaning.
 
-    The saving of a parameter is the time lost per course if only this parameter is reverted to its default. The table
-    has the mean with its 95 % confidence interval, on which failures weigh heavily, and the median.
+    The saving of a parameter is the time lost per course if only this parameter is reverted to its default. A few
+    failures change the mean saving and its 95 % confidence interval strongly, but not the median.
 
     Args:
         robot: Robot that was tuned.

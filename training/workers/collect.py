@@ -14,7 +14,7 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import Layers, forward, layers_of
 from training.replay.trajectory import Trajectory
 
-TRAINING, WORLDS = 0, 2  # first entry of the seeds of training episodes, and of their worlds
+TRAINING, WORLDS = 0, 2  # first number in the seed of an episode, and in that of the choice of its world
 INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps
 
 
@@ -42,7 +42,7 @@ def environment(env: Callable[..., Any], options: str) -> Any:
 
 
 def policy_layers(weights: bytes) -> Layers:
-    """Return the layers of a policy from TD3.actor_weights() in safetensors, as the learner sends them."""
+    """Return the layers of a policy. weights: TD3.actor_weights() as the bytes of a safetensors file."""
     return layers_of(unpack(weights, "weights")[0])
 
 

@@ -41,7 +41,7 @@ def main() -> None:
     load(given.get("robot", defaults["robot"]))  # An invalid robot or world is an error before anything starts.
     worlds.load(given.get("world", defaults["world"]))
     token = os.environ[admission.TOKEN] = admission.token()
-    # Any local user, and a website in a browser, can write to the parameter server. Only the port is taken from it.
+    # Any local user or website can write to the parameter server: accept only an address on 127.0.0.1 with our token.
     known = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
     with private_stack(given) as stack:
         addresses: List[str] = []

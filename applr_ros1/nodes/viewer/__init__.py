@@ -2,4 +2,4 @@
 
 The node uses only public topics and services of the other nodes.
 """
-# Imports policy, robots and the shared modules of nodes.
+# Import rule: modules in this folder may import policy, robots and the shared modules of nodes.

@@ -29,7 +29,7 @@ from .listening import ANSWER_S, Listener, Report, by_hand, call, publish, show
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
 HAND = "hand"
-METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
+METHODS = {"dwa": "default parameters", "static": "tuned set", "appld": "APPLD", "applr": "policy", HAND: HAND}
 FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # files of methods, which a robot may lack
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 SILENT_S = 3.0  # time without a message after which a topic counts as silent, and the clock as stopped [s]

@@ -174,7 +174,7 @@ class Costmap:
                 layer.take(given)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Write occupancies (h, w) int8 into a map from cell (x, y) on; raise ApplrError if they leave the map."""
+        """Write occupancies (h, w) int8 into a map, first cell at (x, y). Raise ApplrError if they leave the map."""
         for layer in self.static_layers:
             p = layer.parameters
             if p.map_topic == topic and p.subscribe_to_updates:

@@ -180,9 +180,9 @@ def fill_footprint(
 ) -> bool:
     """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; return success.
 
-    If `whole`, write nothing if a vertex is off the map or if there are fewer than three vertices, as in
-    Costmap2D::setConvexPolygonCost. Otherwise, if a vertex is off the map, draw only the edges before it, as in
-    FootprintHelper::getFootprintCells. A footprint of at most one point then covers the centre's cell.
+    If `whole` is true, nothing is written when a vertex is off the map or there are fewer than three vertices, as in
+    Costmap2D::setConvexPolygonCost. If `whole` is false, the edges before the first vertex off the map are drawn, and a
+    footprint of at most one point covers the cell of the robot's centre, as in FootprintHelper::getFootprintCells.
     """
     x, y, yaw = pose
     ny, nx = grid.shape

@@ -37,11 +37,10 @@ class LocalPlan:
         return x, y, yaw
 
     def cut(self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None) -> np.ndarray:
-        """Return the poses (k, 3) within `limit` [m] of the robot at x, y [m] and the next one, in the costmap's frame.
+        """Return the poses (k, 3) of the plan near the robot at x, y [m], in the costmap's frame (see cut_plan).
 
-        prune: drop the leading poses that are 1 m or farther away. The stored plan loses as many poses at its front,
-        even if the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if
-        the frames are the same.
+        prune: whether to drop the leading poses that are at least 1 m away, and as many from the front of the stored
+        plan. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None for the same frame.
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
@@ -68,12 +67,12 @@ class StopRotate:
         self.reset()
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply the values of the server by name."""
+        """Apply the server's parameter values {name: value}."""
         self._params = params
         self._acceleration = [float(np.float32(params[name])) for name in LIMITS]
 
     def reset(self) -> None:
-        """Reset to the state of a new object. A turn ends only here or at the goal's yaw, not with a new goal."""
+        """Clear the latch and the turning phase. A new plan clears only the latch."""
         self.rotating = False
         self.latched = False
 
@@ -106,7 +105,7 @@ class StopRotate:
     def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
         """Return (phase, (vx, vy, w)) at the goal's position: STOPPING, then TURNING, then TURNED with zero velocity.
 
-        velocity: measured velocity. Its w passes through a quaternion for the command, not for the standstill test.
+        velocity: as measured. As in C++, w passes through a quaternion, like an angle, except in the standstill test.
         """
         if self._is_turned(pose, goal):
             self.rotating = False
@@ -180,7 +179,7 @@ class DWALocalPlanner(LocalPlanner):
         self._choice: Optional[Choice] = None
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply new values of the server by name, some or all. Flags, latches and the plan stay."""
+        """Apply new values {name: value} of some or all parameters of the server. Flags, latches and the plan stay."""
         wanted = dict(self._params, **params)
         self.planner.reconfigure(wanted)
         self.stop_rotate.reconfigure(wanted)

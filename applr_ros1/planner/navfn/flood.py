@@ -1,11 +1,11 @@
 """Propagation ("flood") of navfn's potential from the robot's cell until the goal's cell is reached.
 
-Called by navfn.Navfn; the most expensive kernel of a control cycle. The flood visits cells in the order of C++ and
-rounds as C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). Only the work per cell differs,
+Called by navfn.Navfn; the most expensive kernel of a control cycle. The flood visits cells in the order of C++, with
+the same rounding (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). Only the work per cell differs,
 because memory access limits the speed:
 - A cell is two adjacent float32: its potential and its push weight (PUSH_WEIGHTS). The weight is infinite for obstacles
   and multiplied by 2^64 while the cell is in a list, so one comparison decides whether to push the cell to a list.
-- A round runs over the current list twice, first for the new potentials, then for the pushes. Pushes do not change
+- An iteration runs over the current list twice, first for the new potentials, then for the pushes. Pushes do not change
   potentials, so the result is the same, and neither loop has a branch that the processor could mispredict.
 - Lines of 16 potentials are recorded when written, and only these lines are reset for the next flood.
 Indices are uint64 so that numba does not add a wrap-around for negative ones.
@@ -27,16 +27,16 @@ LISTED = np.float32(2.0**64)  # factor of a listed cell's weight, which raises i
 UNLISTED = np.float32(2.0**-64)  # exact inverse of LISTED
 COST = np.float32(1.4142135 * 2.0**-64)  # a listed cell's weight times this factor, rounded, is its cost 1..253
 
-# Push weights by cost (256,): a cell is pushed to a list if its potential exceeds a neighbour's new potential by more.
+# Push weights by cost (256,). A cell is pushed if its potential exceeds a neighbour's new potential plus the weight.
 PUSH_WEIGHTS = np.full(256, np.inf, np.float32)
 PUSH_WEIGHTS[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
 Work = Tuple[Data, Data, Data, Data]  # field, lines, lists and before of flood()
-Starts = Tuple[np.uint64, np.uint64, np.uint64]  # first places of the lists: current, following, over
+Starts = Tuple[np.uint64, np.uint64, np.uint64]  # index of the first entry of the lists current, following, over
 _int = np.uint64
 
 
 def make_field(cells: int) -> np.ndarray:
-    """Return the field (2 n,) float32 of a map of unreached obstacles: potential and weight of one cell after another.
+    """Return the initial field (2 n,) float32: for each cell its potential 1e10 (not reached) and an obstacle's weight.
 
     n is the number of cells, rounded up to the groups of eight lines that reset() handles.
     """
@@ -93,7 +93,7 @@ def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: i
     places = _int(2 * nx_ * ny_)
     lists = lists_.reshape(lists_.size)
     room = _int(lists_.shape[1] - 4)
-    current = _int(0)  # first place of each list
+    current = _int(0)  # index of the first entry of each list
     following = room + four
     over = two * (room + four)
     n_current = _int(0)

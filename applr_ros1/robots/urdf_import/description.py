@@ -135,8 +135,8 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     ahead = float(places[:, 0].mean())
     if abs(ahead) > SAME_M:
         description.notes.append(
-            f"the centre of the wheels is at x = {ahead:.3f} m, but the simulators assume {urdf.base}: give "
-            "base.casters and body.com relative to the centre of the wheels"
+            f"the centre of the wheels is at x = {ahead:.3f} m in {urdf.base}, but the simulators place it at "
+            "the origin: give base.casters and body.com relative to the centre of the wheels"
         )
 
 
@@ -155,7 +155,7 @@ def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
 def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description) -> None:
     """Fill the section body with the bounds of the fixed collision shapes above the axles, or of the footprint.
 
-    Shapes entirely below the axles are casters, skids or markers of frames.
+    Shapes entirely below the axles are ignored. They are casters, skids, or small shapes that only show a frame.
     """
     base, body, notes = description.values["base"], description.values["body"], description.notes
     axle, driven = base.get("axle_height", inf), {joint.name for joint in joints}

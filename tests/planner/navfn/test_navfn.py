@@ -148,7 +148,7 @@ def test_a_map_too_small_to_have_an_inside():
 
 # -- fence of the flood -----------------------------------------------------------------------------------------------
 def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
-    """Plans, and potentials inside the fence, are equal during short drives on mostly free maps with changing cells."""
+    """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells of the map change."""
     whole, stat = window.around, Counter()
     for seed in range(90):
         rng = np.random.default_rng(seed)
