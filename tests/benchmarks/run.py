@@ -102,7 +102,7 @@ def navfn():
 
 
 def _time_in_drives(kind, name, counts, **parameters):
-    """Return the mean time [s] of the calls that `counts` accepts, the least of 3 drives, and their number in the last."""
+    """Return the mean time [s] of the calls that `counts` accepts (least of 3 drives), and their number in the last."""
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
