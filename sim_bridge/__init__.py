@@ -2,7 +2,7 @@
 
 Only the modules ros_*.py depend on ROS.
 """
-# Imports robots, worlds and common; only ros_*.py import ROS.
+# Import rule: of this repository, modules here import only robots, worlds and common; only ros_*.py import ROS.
 
 from __future__ import annotations
 

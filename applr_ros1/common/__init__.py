@@ -1,2 +1,2 @@
 """Helpers shared by several packages: angles, scans, files, errors, kernels, progress."""
-# Imports no other package of this repository.
+# Import rule: modules here import no other package of this repository.

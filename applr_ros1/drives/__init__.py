@@ -1,2 +1,2 @@
 """Web page that replays recorded drives."""
-# Imports worlds and common; no ROS.
+# Import rule: of this repository, modules here import only worlds and common; no ROS.

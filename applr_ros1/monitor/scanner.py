@@ -16,7 +16,7 @@ from applr_ros1.monitor.scan_matching import beam_at
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
 FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [m, rad]
 BLIND_SHARE = 0.95  # share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind
-ENOUGH_HITS = 5  # minimum number of previous hits in range for a scan without hits to count as a fault
+ENOUGH_HITS = 5  # a scan without hits is a fault if at least this number of earlier hits are in range
 VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
 FROZEN_SCANS = 5  # number of identical scans in a row that count as frozen if the robot moves
 FROZEN_M, FROZEN_RAD = 0.03, 0.03  # minimum motion of the robot for identical scans to count as frozen [m, rad]

@@ -133,9 +133,9 @@ def _measure(scan: Scan, first: int, last: int, cluster: Array) -> bool:
 
 @kernel
 def centre(cluster: Array, radius: float, sensor: Pose) -> Tuple[float, float, float]:
-    """Return the centre (x, y) and its standard deviation [m] of a disc of this radius, given its visible part.
+    """Return the centre (x, y) and its standard deviation [m] of a disc of this radius from its visible part.
 
-    If the range beyond an edge is longer, that edge is the true edge of the disc. If the other edge is occluded, the
+    If the next beam beyond an edge reaches farther, the edge is a true one. If the other edge is occluded, the
     centre is placed one radius inward from the visible edge.
     """
     distance = cluster[NEAR] + radius

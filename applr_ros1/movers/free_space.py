@@ -11,7 +11,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
-SCANS = 7  # number of scans that are kept
+SCANS = 7  # number of scans that FreeSpace keeps
 APART_S = 0.14  # smallest interval between two kept scans [s]
 DEEP_M = 0.12  # distance that a beam must continue beyond a point to see through it [m]
 BESIDE_M, TURNED_RAD = 0.06, 0.02  # tolerance around a point: all beams within it must see through [m, rad]

@@ -11,7 +11,7 @@ from applr_ros1.common.arrays import Array, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
 
-VOTES = 3  # smallest number of static tracks for a correction
+VOTES = 3  # smallest number of static tracks (votes) for a correction
 SHIFT_M, TURN_RAD = 0.03, 0.01  # expected errors of the odometry from scan to scan [m, rad]
 FITS_M = 0.04  # residual at which a track has half the weight [m]
 ROUNDS = 4  # iterations of the robust fit
@@ -27,7 +27,7 @@ def slip(places: Array, voters: Ints, votes: int, clusters: Array, sensor: Pose)
         voters: (at least `votes`,) index of each static track's cluster.
         votes: number of static tracks.
         clusters: (n, COLUMNS) as in clusters.py.
-        sensor: (x, y, yaw) of the laser by the odometry.
+        sensor: (x, y, yaw) of the laser according to the odometry [m, rad].
     """
     dx = dy = turn = fitting = 0.0
     if votes < VOTES:

@@ -33,7 +33,7 @@ def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlan
 
     Args:
         full: complete parameter tree.
-        config: configuration in force.
+        config: current configuration.
     """
     plugin = full["base_local_planner"]
     place = namespace(plugin)
@@ -52,7 +52,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     Args:
         name: "local_costmap" or "global_costmap".
         static: branch of this costmap in the complete parameter tree.
-        config: configuration in force.
+        config: current configuration.
     """
     now = config[name]
     return Costmap(

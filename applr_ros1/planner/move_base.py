@@ -60,11 +60,11 @@ class MoveBase:
 
     # -- components ------------------------------------------------------------------------------------------
     def _build(self) -> None:
-        """Create costmaps, planners and state from the configuration in force."""
+        """Create costmaps, planners and state from the current configuration."""
         self.global_costmap, self.local_costmap = (
             make_costmap(name, self.parameters[name], self._config) for name in COSTMAPS
         )
-        self.variant = draw(self._planner, self._seed)  # planner fidelity in force
+        self.variant = draw(self._planner, self._seed)  # current planner fidelity
         like_cpp = self.variant == CPP_LIKE
         local_planner = make_local_planner(self.parameters, self._config)
         self.navfn = Navfn()
@@ -348,11 +348,11 @@ class MoveBase:
         return servers(self.parameters)
 
     def configuration(self, server: str) -> Dict[str, Any]:
-        """Return the values in force of a server ("", "TrajectoryPlannerROS", ...). The caller must not modify them."""
+        """Return the current values of a server ("", "TrajectoryPlannerROS", ...). The caller must not modify them."""
         return self._config[server]
 
     def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
-        """Apply `values`, clamped to their bounds, and return the values in force.
+        """Apply `values`, clamped to their bounds, and return the resulting values.
 
         As in C++, each call of a costmap's server clears the costmap, even with unchanged values, and makes its update
         due at once (Costmap2DROS::reconfigureCB). A costmap whose size comes from a static layer's map is not cleared.

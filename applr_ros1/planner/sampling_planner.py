@@ -99,7 +99,7 @@ def floats(values: Iterable[float]) -> Triple:
 
 
 class Choice:
-    """Trajectory and command chosen in one cycle.
+    """Trajectory and command that the planner chooses in one cycle.
 
     Attributes:
         cost: cost of the trajectory, negative if there is no valid command.

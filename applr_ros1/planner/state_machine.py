@@ -116,7 +116,7 @@ class CycleInput(NamedTuple):
         global_pose: robot pose in the global costmap's frame.
         local_origin: pose of the local costmap's frame in the global one, None if both are the same frame.
         twist: measured (v [m/s], w [rad/s]).
-        settings: values in force of move_base's own server.
+        settings: current values of move_base's own server.
         scan_is_stale: whether there is no usable scan.
     """
 

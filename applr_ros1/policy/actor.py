@@ -197,7 +197,7 @@ class ContextPolicy(_FromFile):
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
     def context(self, observation: Any) -> int:
-        """Return the index of the context predicted from an observation (729,) or its first 720 entries."""
+        """Return the index of the predicted context for an observation (729,) or its first 720 entries."""
         return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
 
     def theta(self, context: Optional[Context]) -> Array:

@@ -99,7 +99,7 @@ class Method:
         static: Whether theta does not depend on the context. The node asks a static method once, with None, so that
             later changes by a user persist.
         period: Decision period [s].
-        space: Space of the chosen parameters. `make` sets the robot's space if the class has none.
+        space: Space of the parameters that theta() returns. `make` sets the robot's space if the class has none.
         layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if the class has none.
         per_cell: Whether path and goal distance biases are per costmap cell instead of per metre, as in all parameter
             sets learned here. The applr node rescales them for a planner that needs biases per metre

@@ -46,7 +46,7 @@ class Mirror(NamedTuple):
 
 
 def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """Return an ensemble in which each network is followed by its mirror image, with left and right exchanged.
+    """Return an ensemble with each network and its mirror image: the same network on the mirrored observation.
 
     Args:
         weights: One network, or an ensemble.
@@ -173,7 +173,7 @@ class PaperEncoding(Encoding):
         return context.observation
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,): scaled chosen parameters, with counts rounded, and defaults for the others."""
+        """Return the parameters (n,): those of space.chosen from the action, counts rounded, the others by default."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
     def action(self, theta: Any) -> np.ndarray:

@@ -62,12 +62,12 @@ class Space:
         return [i for i, name in enumerate(self.names) if name not in self.fixed]
 
     def pick(self, theta: Any) -> Array:
-        """Return the chosen parameters (..., k) out of parameters (..., n)."""
+        """Return the parameters (..., k) of the subspace `chosen` out of parameters (..., n)."""
         chosen: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
         return chosen
 
     def fill(self, values: Any) -> Array:
-        """Return parameters (n,): the chosen ones from `values` (k,), the others from theta_0."""
+        """Return parameters (n,): those of the subspace `chosen` from `values` (k,), the others from theta_0."""
         theta = self.theta0.copy()
         theta[self._chosen_at] = values
         return theta

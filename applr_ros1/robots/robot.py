@@ -190,7 +190,7 @@ class Monitoring(Section):
 
 
 class Simulation(Section):
-    """Parameters of both simulators that are chosen or fitted, not measured on the robot.
+    """Parameters of both simulators, assumed or fitted instead of measured on the robot.
 
     With ground `plain`, friction opposes the slip of a tyre. Ground `gazebo` reproduces the friction of the Jackal in
     Gazebo: in a turn, a wheel runs track_multiplier times as fast as without slip, and stands on both edges of its rim.

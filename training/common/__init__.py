@@ -1,2 +1,2 @@
 """Modules shared by the training commands: options, run folders, provenance of results."""
-# Imports no other subpackage of training.
+# Import rule: modules here import no other subpackage of training.

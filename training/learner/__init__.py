@@ -1,2 +1,2 @@
 """Distributed training as in Gorila: one learner, many actors, the training run, and its options."""
-# Imports all packages of training except baselines and tuning.
+# Import rule: modules here may import all packages of training except baselines and tuning.

@@ -191,7 +191,7 @@ class TrainConfig(
 
     @cached_property
     def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
-        """First output (m,) of the policy, and values of the parameters that a dimensionless policy does not choose.
+        """Action (m,) that the untrained policy returns, and {name: value} of the parameters that no action sets.
 
         They are None and {} unless --init-from is a parameter set.
         """

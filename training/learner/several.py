@@ -33,7 +33,7 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
 
     Args:
         config: Options of the runs.
-        make_run: Makes the TrainingRun of one seed.
+        make_run: Function that makes the TrainingRun of one seed.
 
     Returns:
         The exit status: 0 done, 130 stopped by a signal and saved.

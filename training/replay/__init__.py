@@ -1,2 +1,2 @@
 """Experience: trajectories, the replay buffer, and datasets on disk."""
-# Imports no other package of training.
+# Import rule: modules here import no other package of training.

@@ -1,2 +1,2 @@
 """TD3 and its networks."""
-# Imports only common. Knows neither the replay buffer nor robots.
+# Import rule: of this repository, modules here import only common. They know neither the replay buffer nor robots.

@@ -1,2 +1,2 @@
 """Processes that drive episodes and trials: a local pool and Ray behind one interface."""
-# Imports only replay.
+# Import rule: of this repository, modules here import only replay.

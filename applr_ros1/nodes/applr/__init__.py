@@ -1,2 +1,2 @@
 """ROS node `applr`, which sets the planner's parameters at every decision."""
-# Imports policy, robots and the shared modules of nodes.
+# Import rule: of this repository, modules here import only policy, robots and the shared modules of nodes.

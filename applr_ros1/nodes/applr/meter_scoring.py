@@ -40,7 +40,7 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
     Args:
         rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
             C++ pads its clouds, are ignored.
-        weights: (3,) values in force of WEIGHTS.
+        weights: (3,) current values of WEIGHTS.
         resolution: Cell size of the local costmap [m].
 
     Returns:

@@ -84,7 +84,7 @@ class ApplrNode:
 
     @property
     def period(self) -> float:
-        """ROS time between decisions [s]: the given period, or else the method's."""
+        """ROS time between decisions [s]: the period set for the node if any, else the method's."""
         return self.method.period if self._given_period is None else self._given_period
 
     def _begin_course(self, now: rospy.Time) -> None:

@@ -61,7 +61,7 @@ class ApplrTopics:
         return message
 
     def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
-        """Publish theta (n,), the parameters in force at ROS time `now`, and their multipliers for the planner (n,)."""
+        """Publish theta (n,), the current parameters at ROS time `now`, and their multipliers for the planner (n,)."""
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
     def diagnostics(self, now: rospy.Time, trouble: str, lost: bool, doing: str, values: Mapping[str, Any]) -> None:

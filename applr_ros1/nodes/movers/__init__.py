@@ -1,2 +1,2 @@
 """ROS node `movers`, which tracks and predicts moving obstacles for costmaps, policy and display."""
-# Imports movers, robots and the shared modules of nodes.
+# Import rule: of this repository, modules here import only movers, robots and the shared modules of nodes.

@@ -1,2 +1,2 @@
 """Command-line programs: demo, playground, BARN Challenge, braking measurement, and their launcher."""
-# Import rule: modules in this folder may import the same packages as those in nodes/.
+# Import rule: modules here may import the same packages as those in nodes/.

@@ -2,4 +2,4 @@
 
 The node uses only public topics and services of the other nodes.
 """
-# Import rule: modules in this folder may import policy, robots and the shared modules of nodes.
+# Import rule: of this repository, modules here import only policy, robots and the shared modules of nodes.

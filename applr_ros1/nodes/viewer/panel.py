@@ -105,7 +105,7 @@ class Panel:
             show(slider, round(min(max(float(value), slider.min), slider.max), 4))
 
     def _choose(self, method: str) -> None:
-        """Select a method, or HAND to keep the parameters in force."""
+        """Select a method, or HAND to keep the current parameters."""
         if method == HAND:
             self._take_over()
         elif self._ask("applr/set_method", SetMethod, method) and self._ask("applr/enable", SetBool, True):

@@ -1,2 +1,2 @@
 """Costmap as in costmap_2d: grid, footprint, and the static, obstacle and inflation layers."""
-# Imports only common.
+# Import rule: of this repository, modules here import only common.

@@ -44,7 +44,7 @@ def cost_at(distance: float, resolution: float, inscribed_radius: float, weight:
 
 @lru_cache(maxsize=8)
 def _level_costs(distances: Tuple[float, ...], resolution: float, inscribed_radius: float, weight: float) -> np.ndarray:
-    """Return the costs (uint8) by brushfire level, given the distances [cells] of the levels from SEED on."""
+    """Return the costs (uint8) by brushfire level, from the distances [cells] of the levels from SEED on."""
     costs = [cost_at(d, resolution, inscribed_radius, weight) for d in distances]
     return np.array([0] * brushfire.SEED + costs, dtype=np.uint8)
 

@@ -1,2 +1,2 @@
 """DWAPlannerROS of dwa_local_planner: sampled velocities, seven critics, stopping and turning at the goal."""
-# This package imports costmap/, parameters/ and the modules that both local planners share.
+# Import rule: of this repository, modules here import costmap/, parameters/ and what both local planners share.

@@ -38,7 +38,7 @@ def is_barred(state: Record, velocity: Triple) -> bool:
 
 @kernel
 def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
-    """Update the oscillation flags with the chosen velocity. Clear them if the robot has moved on since a flag changed.
+    """Update the oscillation flags with a search's result. Clear them if the robot has moved on since a flag changed.
 
     start (6,): pose and velocity of this cycle, rounded to float32.
     """

@@ -56,7 +56,7 @@ class StopRotate:
     """Controller that stops the robot at the goal's position and then turns it to the goal's yaw.
 
     Args:
-        params: values of the DWAPlannerROS server by name.
+        params: values of the DWAPlannerROS server {name: value}.
         period: control period [s].
         latches: whether a reached position stays reached until the next plan.
     """

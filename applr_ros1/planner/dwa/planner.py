@@ -1,4 +1,4 @@
-"""DWA planner (dwa_local_planner::DWAPlanner) that chooses one velocity per cycle and checks given velocities.
+"""DWA planner (dwa_local_planner::DWAPlanner) that chooses one velocity per cycle and checks single velocities.
 
 local_planner.py builds a controller on this planner. The arithmetic is in the kernels of this package.
 """

@@ -1,2 +1,2 @@
 """Global planner navfn: a potential propagated from the robot, and the gradient path through it."""
-# Imports costmap/ and common.
+# Import rule: of this repository, modules here import only costmap/ and common.

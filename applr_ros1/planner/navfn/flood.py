@@ -79,7 +79,7 @@ def flood(field: Data, lines: Data, lists_: Data, before: Data, nx_: int, ny_: i
 
     field is the float32 array of make_field(), with all potentials at 1e10 and infinite weights on the border. lines
     are uint8 zeros, one per LINE cells. lists_ (3, m + 4) uint32 and before (8 m + 32,) float32 are scratch memory for
-    lists of m cells. Inside this function a cell is addressed by its place in the field, twice its index.
+    lists of m cells. Inside this function a cell is addressed by the index of its potential, twice its number.
     """
     far = np.float32(1e10)
     one = _int(1)

@@ -1,2 +1,2 @@
 """Parameters of move_base: declarations, checks, current values, generated tables and .cfg files."""
-# Imports costmap/ and common.
+# Import rule: of this repository, modules here import only costmap/ and common.
