@@ -52,7 +52,7 @@ def test_a_braking_base_gets_only_reachable_turn_rates():
 
 
 def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
-    """At 5 Hz each command stays in force longer, so the safe speed is lower. Braking shortens `silence`."""
+    """At 5 Hz each command applies longer, so the safe speed is lower. Braking shortens `silence`."""
     reached = {}
     for period in (0.05, 0.2):
         monitor = seen_all_around(wall(1.4))
@@ -105,7 +105,7 @@ numbers = st.floats(-2.0, 2.0).map(lambda number: round(number, 4))
 
 
 def test_a_stop_in_a_turn_follows_its_arc_to_the_end():
-    """No command and no odometry arrives, so that the current turn rate is unknown."""
+    """Neither a command nor odometry arrives, so that the current turn rate is unknown."""
     monitor, speed = CollisionMonitor(), 1.0
     monitor.filter(0.0, HERE, (1.0, 1.35 * 1.5), (1.0, 1.5))
     monitor.braked(0.0, 1.0, (1.0, 1.5))
@@ -252,7 +252,7 @@ def test_poses_give_forward_lateral_and_turn_velocity():
 
 @pytest.mark.parametrize(("reported", "action"), [(-2.0, STOP), (0.3, STOP), (2.0, STOP)])
 def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(reported, action):
-    """By its poses the base drives at 2 m/s, .9 m before a wall, while the odometry's twist is -2, .3 or 2 m/s."""
+    """The poses show 2 m/s, .9 m before a wall, while the odometry's twist is -2, .3 or 2 m/s."""
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         now, x = 0.05 * step, 0.1 * step

@@ -236,7 +236,7 @@ def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
 
 @pytest.mark.parametrize("pose", [(0.006, 0, 0), (0, -0.006, 0), (0, 0, 0.006), (0, 0, -0.006), (0, 0, 0.004)])
 def test_an_identical_image_is_a_repeat_if_the_robot_moved_or_turned_by_more_than_5_mm_or_mrad(pose):
-    """A repeated image contains old data, and does not become the latest scan."""
+    """A scan with repeated ranges contains old data, and does not become the latest scan."""
     check, monitor, scan = ScannerCheck(), CollisionMonitor(), scan_of(wall(2.0), (0.0, 0.0, 0.0))
     for at, place in ((0.0, scan.sensor_pose), (0.1, (scan.sensor_pose[0] + pose[0], *pose[1:]))):
         now = replace(scan, stamp=at, sensor_pose=place)

@@ -14,7 +14,7 @@ from applr_ros1.robots import JACKAL
 from tests.support.scenes import small_world
 
 STEP_S = 0.02
-TOUCHED_M_S = 0.15  # maximum speed of a contact, when wheels slide; without the monitor .3 to 1 [m/s]
+TOUCHED_M_S = 0.15  # largest allowed contact speed, because wheels slide; without the monitor 0.3 to 1 [m/s]
 WALLS = [(4.5, y, 0.1) for y in np.arange(-2.2, 2.3, 0.15)] + [
     (x, side * 2.2, 0.1) for x in np.arange(-2.0, 4.5, 0.3) for side in (-1, 1)
 ]

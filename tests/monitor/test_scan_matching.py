@@ -19,8 +19,8 @@ NOTHING = np.zeros((0, 3)), np.zeros((0, 5))
 
 
 def scan(true, odometry, stamp, rng, discs=NOTHING[0], walls=NOTHING[1]):
-    """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`, with `odometry` as its
-    pose by odometry. The laser is in the robot's centre.
+    """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`. The scan's
+    sensor_pose is `odometry`. The laser is in the robot's centre.
     """
     laser = JACKAL.laser
     ranges = Lidar(laser, discs, walls).scan(*true) + rng.normal(0.0, 0.003, laser.beams).astype(np.float32)

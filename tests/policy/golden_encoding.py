@@ -51,7 +51,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """Return the outputs of the encoding. The parameters of one decision are in force at the next decision."""
+    """Return the outputs of the encoding. The parameters of one decision are the current ones at the next."""
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])

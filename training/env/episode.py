@@ -205,7 +205,7 @@ class Episode:
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta: np.ndarray) -> np.ndarray:
-        """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the values in force."""
+        """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the resulting values."""
         has = send(self.space.requests(theta), self.move_base)
         return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
 

@@ -21,7 +21,7 @@ class Outcome:
     The fields from progress to seconds describe the last decision, the fields from success on the whole trial.
 
     Attributes:
-        theta: (n,) parameters in force in the planner.
+        theta: (n,) current parameters of the planner.
         progress: Distance driven towards the goal [m] (the paper's R_p).
         progress_y: Distance driven along y [m].
         last_scan_min: Smallest range of the last scan [m], never below range_min.

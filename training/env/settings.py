@@ -58,7 +58,7 @@ class TrialSettings(DriveSettings):
 
     Attributes:
         observation: Encoding of observations and actions (applr_ros1/policy/encoding.py), whose units the reward uses.
-        base: Values of the parameters that an action of the dimensionless encoding does not choose; others keep their
+        base: Values of parameters that no action of the dimensionless encoding sets. Parameters missing here keep their
             defaults.
         period: Decision period [s]. In trials, None means the period of each method.
         reward: Coefficients of the reward.

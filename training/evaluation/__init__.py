@@ -1,2 +1,2 @@
 """Evaluation of methods in worlds: trials, their runner and table, scores, comparisons, reports."""
-# May import workers, env and common.
+# Import rule: of this repository, modules here import only workers, env and common.

@@ -79,7 +79,7 @@ class Results:
         return self.trials.groupby(["world", "method"], sort=False).counted.mean().unstack()
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
-        """Compare two methods over those of the given worlds that both have driven."""
+        """Compare two methods over those of `worlds` in which both have trials."""
         ours, theirs = (self.scores[one].reindex(worlds) for one in (method, other))
         both = ours.notna() & theirs.notna()
         return compare(ours[both], theirs[both])

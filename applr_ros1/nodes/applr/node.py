@@ -70,7 +70,7 @@ class ApplrNode:
         self._max_speed = max_speed
         self.counts: Dict[str, int] = Counter()
         self.trouble = ""  # latest problem in one line, or ""
-        self.degraded = ""  # reason why the chosen method is not in use, or ""
+        self.degraded = ""  # reason why the requested method is not in use, or ""
         self._goal: Any = None  # id of the present goal
         self._due: Any = None  # ROS time of the next decision
         self._began: Any = None  # ROS time of the start of the course
