@@ -16,7 +16,7 @@ from applr_ros1.robots.robot import OdometryErrors
 
 
 class Odometry:
-    """Dead reckoning in frame odom, with errors drawn from the given generator."""
+    """Dead reckoning in frame odom, with random errors."""
 
     def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0) -> None:
         """Start at (0, 0, yaw). `scale` multiplies all errors."""

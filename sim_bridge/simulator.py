@@ -206,7 +206,7 @@ class Simulator(ABC):
         return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
 
     def _target(self, time: float) -> Tuple[float, float]:
-        """Return the command (v, w) in force at `time`, after latency and time-out."""
+        """Return the command (v, w) that the base follows at `time`, after latency and time-out."""
         command = self._command
         while command.pending and command.pending[0][0] <= time + 1e-9:
             since, command.v, command.w = command.pending.pop(0)

@@ -1,2 +1,2 @@
 """Parameter tuning for the planner of a robot (./applr tune): the search and its output files."""
-# Import rule: of this repository, modules here import only every subpackage of training except learner and baselines.
+# Import rule: modules here may import every subpackage of training except learner and baselines.

@@ -128,7 +128,7 @@ class StaticLayer:
         self._due = self._all()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
-        """Write occupancies (h, w) int8 into the map from cell (x, y) on; raise ApplrError if they leave the map."""
+        """Write occupancies (h, w) int8 into the map, first cell at (x, y). Raise ApplrError if they leave the map."""
         h, w = cells.shape
         ny, nx = (0, 0) if self.cells is None else self.cells.shape
         if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:

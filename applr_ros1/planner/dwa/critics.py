@@ -79,7 +79,7 @@ def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
 def _turned(
     v: float, pos_only: float, neg_only: float, pos: float, neg: float
 ) -> Tuple[float, float, float, float, bool]:
-    """Return the four flags of one axis after the chosen velocity v, and whether v reverses the last direction."""
+    """Return the four flags of one axis after a search chose velocity v, and whether v reverses the last direction."""
     if v < 0:
         return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
     if v > 0:

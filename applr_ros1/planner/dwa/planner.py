@@ -24,7 +24,7 @@ class DWAPlanner(SamplingPlanner):
     """DWA planner that samples velocities and scores them with seven critics.
 
     Args:
-        params: values of the DWAPlannerROS server by name.
+        params: values of the DWAPlannerROS server {name: value}.
         sim_period: control period and width of the dynamic window [s].
         sum_scores: whether the obstacle critic sums the costs of all points instead of using the largest cost.
         cheat_factor: the nose-on-path critic is off within sqrt(cheat_factor) forward_point_distance of the plan's end.
