@@ -57,7 +57,7 @@ class LocalPlanner(abc.ABC):
 
     @abc.abstractmethod
     def reconfigure(self, params: Dict[str, Any]) -> None:
-        """Apply new server parameters by name.
+        """Apply new values {name: value} of server parameters.
 
         Raises:
             ValueError: a value is invalid. Nothing is changed. The message has one line.
@@ -81,7 +81,7 @@ class LocalPlanner(abc.ABC):
     @property
     @abc.abstractmethod
     def local_plan(self) -> np.ndarray:
-        """Points (k, 3) x, y, yaw of the chosen trajectory, empty if none was chosen."""
+        """Points (k, 3) x, y, yaw of this cycle's trajectory, empty if there is none."""
 
     @abc.abstractmethod
     def cost_cloud(self, costmap: Any) -> np.ndarray:

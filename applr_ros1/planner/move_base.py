@@ -216,7 +216,7 @@ class MoveBase:
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Write occupancies (h, w) int8 into a topic's map from cell (x, y) on; raise ApplrError if they leave it."""
+        """Write occupancies (h, w) int8 into a topic's map, first cell at (x, y). Raise ApplrError if they leave it."""
         for costmap in self.costmaps.values():
             costmap.update_map(topic, x, y, cells)
         if self.map_topics.get(topic):

@@ -81,7 +81,7 @@ def _squared_distance(plan: Data, i: int, x: float, y: float) -> float:
 
 
 def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
-    """Return the poses (n, 3), transformed by local_origin if any. Angles become quaternions and matrices, as in tf."""
+    """Return the poses (n, 3), transformed by local_origin if any. Angles pass through quaternions, as in tf."""
     moved = poses.copy()
     if local_origin is not None:
         moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])

@@ -151,7 +151,7 @@ class SamplingPlanner:
         self.reconfigure(params)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply checked values of the server by name, some or all of them, between two cycles."""
+        """Apply checked values {name: value} of some or all parameters of the server, between two cycles."""
         names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
         self._values = dict(self._values, **{name: params[name] for name in names if name in params})
         self._values.update({name: max(int(self._values[name]), 1) for name in self.SAMPLES})

@@ -126,7 +126,7 @@ class Bag:
         goals: (frame, x, y, yaw) of each goal that move_base accepted.
         status: (at, id of the running goal, or "" if no goal is running).
         results: {id of a goal: (time of its end, its actionlib status)}.
-        ends: Observations of the applr node at the ends of courses, with the parameters in force there.
+        ends: Observations of the applr node at the ends of courses, with the current parameters.
         collisions: Times of reported contacts.
         source: Demonstrator and place of a demonstration.
     """

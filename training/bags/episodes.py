@@ -1,6 +1,6 @@
 """Conversion of the decisions in a Bag to transitions (s, theta, r, s', terminated, truncated), goal by goal.
 
-bags_to_dataset.py calls transitions(). A recorded decision contains the chosen parameters and the raw inputs. Any
+bags_to_dataset.py calls transitions(). A recorded decision contains the method's parameters and the raw inputs. Any
 encoding makes the same observation from these inputs as in the node and in the learning environment. The outcome
 follows from the action's status, the odometry and the scans.
 """
@@ -57,7 +57,7 @@ class Sample:
         decision: The decision; at the end of a course, the observation there instead.
         place: (x, y) [m] of the robot in the decision's frame.
         is_end: Whether the course ended or was interrupted here.
-        theta: (k,) parameters in force after the decision.
+        theta: (k,) current parameters after the decision.
         observation: Observation on which the decision is based.
         outcome: Outcome of the previous decision.
     """

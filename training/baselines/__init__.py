@@ -1,2 +1,2 @@
 """Baselines that the learned policy is compared with."""
-# Import no learner and no tuning.
+# Import rule: modules here import neither learner nor tuning.

@@ -30,7 +30,7 @@ TAU = 0.005  # share of the online networks that is mixed into the target networ
 TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and clipping bound of the noise on target actions
 INNER = 0.95  # bound on the action that begin_at() makes a policy return, so that tanh still has a gradient
 SMALL_START = 0.01  # factor of begin_at() on the initial weights of the policy's last layer
-CRITIC_WARM_UP = 2000  # updates during which a given policy is frozen, because untrained critics would spoil it
+CRITIC_WARM_UP = 2000  # updates during which a policy of begin_with() is frozen: untrained critics would spoil it
 Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
@@ -216,7 +216,7 @@ class TD3:
     def actor_weights(self) -> Weights:
         """Return a copy of the policy's weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
 
-        With options.symmetric, the policy and its mirror image are stacked along the first axis of each tensor.
+        With options.symmetric, the policy and its mirror image (with_mirror_images) are stacked along each first axis.
         """
         weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state_dict().items()}
         return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights

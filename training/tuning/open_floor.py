@@ -1,8 +1,8 @@
 """Test drives on open floor, at the end of check_robot.py and at the beginning of ./applr tune.
 
 Four courses are driven with planner and collision monitor, each until move_base reports that its goal is reached:
-straight on, a turn on the spot, around a box, and through a door. If a course fails, one parameter at a time is changed
-and driven on the same floor. The first change with which all courses succeed is the remedy. A planner that fails only
+straight on, a turn on the spot, around a box, and through a door. If a course fails, single parameters are changed and
+the courses driven again. The first change with which all courses succeed is the remedy. A planner that fails only
 by standing before the door gets a remark, not an error: DWAPlannerROS does so with its default parameters.
 """
 

@@ -194,7 +194,7 @@ class DWALocalPlanner(LocalPlanner):
 
     @property
     def local_plan(self) -> np.ndarray:
-        """Points (k, 3) of the chosen trajectory, empty if the robot stops or turns at the goal."""
+        """Points (k, 3) of this cycle's trajectory, empty if the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:

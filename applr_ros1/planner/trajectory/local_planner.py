@@ -59,7 +59,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.set_plan(EMPTY)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply new values of the server by name to the sampling. As in C++, goal_reached is cleared."""
+        """Apply new values {name: value} of the server to the sampling. As in C++, goal_reached is cleared."""
         self.planner.reconfigure(params)
         self.goal_reached = False
 
@@ -75,7 +75,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
     @property
     def local_plan(self) -> np.ndarray:
-        """Points (k, 3) of the chosen trajectory, empty if the robot stops or turns at the goal."""
+        """Points (k, 3) of this cycle's trajectory, empty if the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
