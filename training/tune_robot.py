@@ -98,7 +98,7 @@ def run(options: TuneOptions) -> int:
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
         changed = changes(robot, values, saved)
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
-        show("what each parameter saves per course:\n" + changed.drop(columns="what it is").to_string(index=False))
+        show("what each parameter saves per course:\n" + changed.drop(columns="meaning").to_string(index=False))
         written = []
         for file, monitor in JUDGED:
             method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor))

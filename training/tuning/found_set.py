@@ -82,5 +82,5 @@ def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Seque
         declared = next(p for p in known[target.server].parameters if p.name in target.names)
         both = (f"{each:.4g} {declared.unit}".rstrip() for each in (defaults[name], value))
         rows.append((name, *both, *np.round(saved[name], 1), declared.doc))
-    columns = ["parameter", "own", "tuned", "saves [s]", "from", "to", "in the median", "what it is"]
+    columns = ["parameter", "default", "tuned", "saving [s]", "95 % low", "95 % high", "median [s]", "meaning"]
     return pd.DataFrame(rows, columns=columns)

@@ -152,8 +152,8 @@ class Step(NamedTuple):
 class DWALocalPlanner(LocalPlanner):
     """Local planner DWAPlannerROS. Each cycle uses the current footprint of the costmap.
 
-    params: values of the server and static parameters of DWAPlannerROS by name. `reconfigure` applies all values of the
-    server at once. The control period, sum_scores, cheat_factor and the latch change only with a restart.
+    params: {name: value} of all parameters of DWAPlannerROS, static ones included. `reconfigure` applies all values at
+    once. The control period, sum_scores, cheat_factor and the latch change only with a restart.
     """
 
     def __init__(self, params: Mapping[str, Any]):

@@ -30,7 +30,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     stopping and turning at the goal change only with a restart.
 
     Args:
-        params: values of the server and static parameters of TrajectoryPlannerROS by name (planner/parameters).
+        params: {name: value} of all parameters of TrajectoryPlannerROS, static ones included (planner/parameters).
         footprint: padded vertices (n, 2) of the local costmap's footprint [m].
     """
 

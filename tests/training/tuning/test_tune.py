@@ -125,10 +125,10 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     parts = ("tuned.yaml, without the collision monitor:", "static better: yes, ", "Table")
     assert [page.index(words) for words in parts] == sorted(page.index(words) for words in parts)
     changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
-    assert changed.own["max_vel_x"] == "0.5 m/s"
-    assert changed["what it is"]["sim_time"] == "Duration for which each sampled velocity is simulated."
-    assert (changed["saves [s]"] >= 0.0).all()
-    assert (changed["from"] <= changed["saves [s]"]).all()
+    assert changed["default"]["max_vel_x"] == "0.5 m/s"
+    assert changed["meaning"]["sim_time"] == "Duration for which each sampled velocity is simulated."
+    assert (changed["saving [s]"] >= 0.0).all()
+    assert (changed["95 % low"] <= changed["saving [s]"]).all()
     searched = {task.world for task in DRIVEN if task.theta}
     judged = {task.world for task in DRIVEN if not task.theta}
     assert len(searched) > 8
