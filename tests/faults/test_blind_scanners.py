@@ -1,6 +1,6 @@
 """Blind scanners and late data while the robot drives at 2 m/s towards a wall, which it must never touch.
 
-In process, with the kinematic simulator, the collision monitor, and a planner that always commands full speed.
+The drives are in process, with the kinematic simulator, the monitor, and a planner that always commands full speed.
 """
 
 import math
@@ -43,6 +43,7 @@ BLIND = {
 }
 
 
+# These faults are detected by obstacles of an earlier scan, so the first scan must be valid.
 NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max though obstacles are in range")
 BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven until the fault begins [m]
 

@@ -28,7 +28,7 @@ class ReconfigureServer(Server):  # type: ignore[misc]  # ROS packages have no t
         super().__init__(kind, self._apply, name)
 
     def _apply(self, config: Dict[str, Any], _: int) -> Dict[str, Any]:
-        """Apply all values or none, and return the values in force."""
+        """Apply all values or none, and return the current values."""
         try:
             with self._lock:
                 in_force = self._move_base.reconfigure(self._name, {name: config[name] for name in self.type.defaults})

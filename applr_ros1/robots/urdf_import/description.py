@@ -153,9 +153,9 @@ def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
 
 
 def _body(urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description) -> None:
-    """Fill the section body with the bounds of the fixed collision shapes above the axles, or of the footprint.
+    """Fill the section body with the bounds of the fixed collision shapes above the axles.
 
-    Shapes entirely below the axles are ignored. They are casters, skids, or small shapes that only show a frame.
+    If they are unusable, propose the footprint's size. Shapes below the axles, such as casters, are ignored.
     """
     base, body, notes = description.values["base"], description.values["body"], description.notes
     axle, driven = base.get("axle_height", inf), {joint.name for joint in joints}
