@@ -193,7 +193,7 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     errors = [line for line in node.text.splitlines() if "ERROR" in line]
     assert len(errors) == 1
     assert str(path) in errors[0]
-    assert "theta_0" in errors[0]
+    assert "default parameters" in errors[0]
     wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], "diagnostics")
 
 
