@@ -183,12 +183,12 @@ def _tyres(
 
 @kernel(error_model="numpy")
 def _pyramid(slip_x: float, slip_y: float, c: float, sn: float, friction: float) -> Tuple[float, float]:
-    """Return force / slip speed of a wheel edge on Gazebo's ground, forward and sideways, per friction times load.
+    """Return a wheel edge's friction forces (forward, sideways) / (slip speed * friction * load) in Gazebo [s/m].
 
     The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle with cosine c and sine sn). ODE uses this
-    vector as the first direction of its friction pyramid without projecting it onto the ground. Both directions act
-    with a share |c|, and part of the first force presses the wheel down or lifts it. With a friction coefficient of 1
-    or more, the contact force would grow without limit, so _JAM_SHARE limits it.
+    vector as the first direction of its friction pyramid without projecting it onto the ground. The horizontal part of
+    both directions has the length |c|. The vertical part of the first force presses the wheel down or lifts it. With a
+    friction coefficient of 1 or more, the contact force would grow without limit, so _JAM_SHARE limits it.
     """
     ahead = slip_x * c
     over_x, over_y = max(abs(ahead), _STICK_M_S), max(abs(slip_y * c), _STICK_M_S)

@@ -78,9 +78,9 @@ def run(arguments: List[str]) -> None:
         best = fit(part, options.evaluations, options.seed + len(contexts))
         sets[name], parameters = space.pick(best.theta), space.as_dict(best.theta)
         print(
-            f"context {name}: loss {best.loss:.4f} (theta_0: {best.loss_theta0:.4f}), rms {best.rms_v_w[0]:.2f} m/s "
-            f"{best.rms_v_w[1]:.2f} rad/s, {best.replays} replays of {best.instants} instants: "
-            f"{ {name: round(value, 3) for name, value in parameters.items()} }"
+            f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f}), rms error of commands "
+            f"{best.rms_v_w[0]:.2f} m/s, {best.rms_v_w[1]:.2f} rad/s, {best.replays} sets tried on {best.instants} "
+            f"instants; best parameters: { {name: round(value, 3) for name, value in parameters.items()} }"
         )
         features = dict(zip(segmentation.FEATURES, mean.round(3).tolist()))
         row = {"name": name, "features": features, "parameters": parameters, **vars(best)}

@@ -38,7 +38,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
     """Drive one course and write the bag, with scans at the laser's rate. An unfinished drive leaves no bag.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT, or the bag cannot be written.
+        ApplrError: The course takes longer than LIMIT, the robot flips, or the bag cannot be written.
     """
     robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
     world = worlds.scaled(worlds.load(options.world), robot.world_scale)
@@ -49,7 +49,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
         writer.goal(1.0, simulator.to_odom(world.course.goal))
         while not world.course.arrived(*state.pose[:2]):
             if state.time > LIMIT or state.flipped:
-                raise ApplrError(f"{world.name}: goal not reached after {state.time:.0f} s: give another --world")
+                raise ApplrError(f"{world.name}: flipped or too slow after {state.time:.0f} s: give another --world")
             now = 1.0 + state.time
             writer.odometry(now, state.odom_pose, state.odom_twist)
             if state.time + 1e-6 >= scan_due:

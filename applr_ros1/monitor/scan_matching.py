@@ -33,7 +33,7 @@ BETTER_WEIGHT = 0.05  # excess of mean weight above which a match from the extra
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
-ELSEWHERE_SHARE = 0.15  # share of points in the other scan's free space above which scans show different places
+ELSEWHERE_SHARE = 0.15  # smallest share of a scan's points in free space of a scan of another place
 
 Beams = Tuple[float, float]  # first angle, angle increment [rad]
 Reference = Tuple[Array32, Beams, Pose]  # ranges (n,) [m], beams, corrected pose
@@ -113,13 +113,13 @@ class ScanMatcher:
         return matched is not None
 
     def _is_elsewhere(self, measured: np.ndarray, newest: Reference) -> bool:
-        """Return whether many new points lie in the last scan's free space, and vice versa if enough are in view."""
+        """Return whether the scans show different places: many points of each lie in free space of the other."""
         assert self._last is not None
         last = self._last[2]
         shown, appeared = _seen_through(newest, (self._measured, *last[1:]))
         seen, gone = _seen_through(last, (measured, *newest[1:]))
         came = shown >= ENOUGH_POINTS and appeared > ELSEWHERE_SHARE * shown
-        return bool(came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen))
+        return bool(came and (seen < ENOUGH_POINTS or gone > ELSEWHERE_SHARE * seen))  # skipped if few are in view
 
     def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
         """Return the initial guesses: the odometry's pose, and the extrapolated pose if it differs."""

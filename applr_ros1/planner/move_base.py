@@ -38,8 +38,8 @@ class MoveBase:
     Args:
         params: nested ROS parameter tree. Missing parameters have their defaults (planner/parameters).
         planner: planner fidelity, see variant.py.
-        seed: int or sequence of ints that, until the first reset, seeds the choice if `planner` is "drawn", and the
-            late plans of a "cpp-like" planner (state_machine.LATE).
+        seed: int or sequence of ints, used until `reset` gives another one. With "drawn", the seed determines the
+            planner fidelity, and with "cpp-like", the cycles whose plan comes late (state_machine.LATE).
 
     Attributes:
         local_planner_name: namespace of the local planner.
@@ -145,7 +145,7 @@ class MoveBase:
         Args:
             now: time [s].
             restore: whether to restore the start-up parameters, too.
-            seed: int or sequence of ints with which "drawn" draws the planner fidelity anew, None to keep the last one.
+            seed: new seed (see the class). None keeps the last seed, and thus the planner fidelity.
         """
         self._seed = self._seed if seed is None else seed
         if restore:

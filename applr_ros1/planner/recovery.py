@@ -55,8 +55,8 @@ class ClearCostmapRecovery:
 class RotateRecovery:
     """Recovery that rotates once anticlockwise in place (rotate_recovery.cpp:93). Its limits are read only at start-up.
 
-    Half a turn and a full turn count as reached within `tolerance`, as in C++ at 20 Hz, and also if a lower control
-    rate skips these yaws. With like_cpp, a rotation that does not complete goes on forever.
+    As in C++, half a turn and a full turn count as reached within `tolerance`. A control rate below 20 Hz may skip
+    these yaws, so the accumulated rotation counts, too. With like_cpp, an incomplete rotation goes on forever.
     """
 
     def __init__(self, name: str, planner: Dict[str, Any], sim_granularity: float = 0.017, like_cpp: bool = False):

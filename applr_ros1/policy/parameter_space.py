@@ -32,7 +32,7 @@ class Space:
         high: (n,) largest values.
         integer: (n,) bool, True for sample counts.
         theta0: (n,) default parameters of the robot, with which its move_base starts.
-        targets: Server values that follow each parameter, by name; a parameter is read back from its first one.
+        targets: {parameter: settings of move_base that it sets}. A parameter is read back from its first setting.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """

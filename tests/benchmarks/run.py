@@ -102,7 +102,10 @@ def navfn():
 
 
 def _time_in_drives(kind, name, counts, **parameters):
-    """Return the mean time [s] of the calls that `counts` accepts (least of 3 drives), and their number in the last."""
+    """Return the mean time [s] of the calls that `counts` accepts, and the number of these calls.
+
+    The time is the least of 3 drives, the number that of the last drive.
+    """
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
@@ -137,7 +140,7 @@ def _speed(simulator):
         began = time.process_time()
         simulated = _drive(driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds)
         best = max(best, simulated / (time.process_time() - began))
-    return best, "simulated s per wall s and core"
+    return best, "simulated s per processor s"
 
 
 def _episode(simulator, move_base):

@@ -89,7 +89,7 @@ def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
 def test_the_base_stops_if_commands_no_longer_reach_it(stack, measured, killed):
-    """The base stops, and drives again after the monitor's restart."""
+    """The base stops, and drives again once the monitor is restarted or commands arrive again."""
     stack.under_way()
     cut = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.faults.update(command=lambda _: None)
     measured("stands after", stack.stands_after(cut, 0.5, locks=True), "s")

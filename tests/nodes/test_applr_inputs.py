@@ -24,7 +24,10 @@ def stamped(message, now, frame):
 
 
 class Beside:
-    """RobotInputs at the time `now` [s], and methods that send messages. Poses of odometry and tf differ."""
+    """Fixture around RobotInputs: sets the time `now` [s] and sends messages.
+
+    Odometry messages contain another pose (x = 9 m) than tf, so that a test detects which one is used.
+    """
 
     def __init__(self, monkeypatch):
         self.now = 100.0
@@ -95,7 +98,7 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
-    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # This driver sets no stamps.
+    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # A scan without a stamp counts as taken now.
     beside.plan(4.8)
     beside.inputs._on_plan(Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6

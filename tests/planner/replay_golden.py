@@ -171,7 +171,7 @@ def local_goal(given, goal_dist):
 
 
 def rollout(scenario):
-    """Compare the cycles of a roll-out. Each begins with the pose, velocity and state of the C++ run."""
+    """Compare each control cycle of a drive with C++, starting from the pose, velocity and state of the C++ run."""
     given = scenario.inputs
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)

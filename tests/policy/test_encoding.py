@@ -1,4 +1,8 @@
-"""Tests of the dimensionless encoding: sizes cancel, mirrored scenes are mirrored, actions become valid parameters."""
+"""Tests of the dimensionless encoding.
+
+Observations do not depend on the robot's size, mirrored scenes give mirrored observations, and actions become valid
+parameters.
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Clients with the calls of programs that were written for Gazebo, for tests/live/test_gazebo_front.py.
+"""Clients that call Gazebo's services and topics as existing programs do, for tests/live/test_gazebo_front.py.
 
 GazeboSimulation makes the calls of the BARN Challenge's runner, Training those of the authors' training loop.
 """

@@ -1,8 +1,9 @@
-"""Nursery: process from which the nodes of tests are forked. It has imported all nodes and loaded their kernels.
+"""Nursery: process from which the nodes of tests are forked. It has imported all nodes.
 
-A forked node runs as its command would, but without imports and loading of kernels, which take most of the processor
-time. Its parent is the process of the tests, which receives the exit status. tests/launch, tests/nodes and the
-collision monitor start their programs without the nursery.
+The nursery loads a node's kernels at the first start of this node. A forked node runs as its command would, but without
+imports and loading of kernels, which take most of the processor time. Its parent is the process of the tests, which
+receives the exit status. Programs in tests/launch and tests/nodes, and the process that the collision monitor's guard
+starts, are ordinary commands and not forked from the nursery.
 """
 
 import ctypes

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
-# Its distance biases are per {unit}.
+# The distance biases below are per {unit}.
 """
 UNITS = {
-    TRAJECTORY: "costmap cell, as in C++ if meter_scoring is false\n# (docs/howto/cpp_move_base.md)",
+    TRAJECTORY: "costmap cell, as in C++\n# with `meter_scoring: false` (docs/howto/cpp_move_base.md)",
     "DWAPlannerROS": "metre, as in C++",
 }
 

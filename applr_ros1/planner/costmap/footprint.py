@@ -30,7 +30,7 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
     may be missing in a string (array_parser.cpp).
 
     Raises:
-        ApplrError: The text is not a list of at least three finite points.
+        ApplrError: The text is neither empty nor a list of at least three finite points.
     """
     wrong = ApplrError(f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]")
     value = text

@@ -23,7 +23,7 @@ LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges 
 def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarray:
     """Return all lines of cells that an edge of the footprint (n, 2) [m] can cover on a map nx cells wide.
 
-    The table is (2 r + 1, 2 r + 1, r + 1) int32, with r the longest edge [cells], at most LONGEST_TABLE. The row
+    The table is (2 r + 1, 2 r + 1, r + 1) int32, with r the longest edge + 2 [cells], at most LONGEST_TABLE. Row
     [dy + r, dx + r] describes the line to the cell (dx, dy) away: flat offsets of its cells from its first cell.
     """
     edges = footprint - np.roll(footprint, -1, axis=0)

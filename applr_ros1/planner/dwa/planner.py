@@ -25,9 +25,9 @@ class DWAPlanner(SamplingPlanner):
 
     Args:
         params: values of the DWAPlannerROS server {name: value}.
-        sim_period: control period and width of the dynamic window [s].
+        sim_period: control period [s]. The dynamic window holds the velocities that can be reached within it.
         sum_scores: whether the obstacle critic sums the costs of all points instead of using the largest cost.
-        cheat_factor: the nose-on-path critic is off within sqrt(cheat_factor) forward_point_distance of the plan's end.
+        cheat_factor: the alignment critic is off within sqrt(cheat_factor) * forward_point_distance of the plan's end.
 
     Raises:
         ParameterError: a parameter is invalid.
@@ -123,7 +123,7 @@ class DWAPlanner(SamplingPlanner):
         return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
 
     def refusals(self) -> Dict[str, int]:
-        """Count the samples that each critic rejected in the last search. "velocity limits": the generator's."""
+        """Count the last search's samples that each critic, or the generator ("velocity limits"), rejected."""
         every = self.score_all_samples()
         counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
         by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))

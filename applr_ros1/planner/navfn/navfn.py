@@ -115,7 +115,7 @@ class Navfn:
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
         self._version = costmap.version
         stale = changed and _convert(costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed)
-        # A tolerance reads cells around the goal, and short lists lose pushes when full: neither allows a fence.
+        # No fence for a tolerance, which reads potentials around the goal, and for short lists, which lose pushes.
         whole = tolerance > 0 or self._list_size < LIST_SIZE
         if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
             return
@@ -124,7 +124,7 @@ class Navfn:
         self._flood_within(None if whole else window.around(self._extent, robot, goal, nx, ny))
 
     def _flood_within(self, fence: Optional[Window] = None) -> None:
-        """Repeat the last flood inside a fence, or over the whole map if there is none."""
+        """Flood between the cells of `_flooded` inside a fence, or over the whole map if there is none."""
         nx, ny = self._costmap.size
         self._fence = fence
         reset(self._field, self._lines)
@@ -216,7 +216,7 @@ def _target(
     by = gy
     beside = gx + tolerance < ox or gx - tolerance > ox + nx * res
     if beside or gy + tolerance < oy or gy - tolerance > oy + ny * res:
-        return cell, bx, by  # The search would not end at numbers so large that a step of one cell is rounded away.
+        return cell, bx, by  # off the map. At huge coordinates, x += res leaves x as it is, and the loop never ends.
     y = gy - tolerance
     while y <= gy + tolerance:
         x = gx - tolerance

@@ -27,7 +27,7 @@ class TrajectoryPlanner(SamplingPlanner):
     Args:
         footprint: padded vertices (n, 2) [m].
         params: values of the TrajectoryPlannerROS server by name.
-        sim_period: control period and width of the dynamic window [s].
+        sim_period: control period [s]. The dynamic window holds the velocities that can be reached within it.
         meter_scoring: whether the two distance weights are per metre instead of per cell.
 
     Raises:

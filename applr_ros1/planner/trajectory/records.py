@@ -30,9 +30,9 @@ STATE = record(
 # Grids of one cycle. path, goal: distance_grid.Grid. within: (ny, nx) uint8, 1 under the robot's filled footprint.
 Grids = namedtuple("Grids", "path goal within")
 
-# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled vx and w. bases, keys: lower bounds of a
-# forward sample's path and goal terms, and of its cost. heap: numbers of the samples, lowest key first. probed: whether
-# forward.probe has tested a sample. start (6,): pose and velocity at which all samples start.
+# Scratch memory of one cycle. vs (vx_samples,), ws (vtheta_samples,): sampled vx and w. bases: lower bound of the path
+# and goal terms of each forward sample. keys: lower bound of its cost. heap: numbers of the samples, lowest key first.
+# probed: whether forward.probe has tested a sample. start (6,): pose and velocity at which all samples start.
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 

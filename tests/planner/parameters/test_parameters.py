@@ -187,7 +187,10 @@ def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, u
 
 
 def test_older_names_are_used_if_cpp_reads_them():
-    """The turn to the goal (trajectory_planner_ros.cpp:219) uses older names; recovery only with another planner."""
+    """With another local planner, rotate_recovery reads the older names.
+
+    TrajectoryPlannerROS reads an older name only to turn to the goal's heading (trajectory_planner_ros.cpp:219).
+    """
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
         move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))

@@ -1,4 +1,7 @@
-"""Tests of path and goal grids, whose values do not depend on how far the floods have gone when they are read."""
+"""Tests of path and goal grids.
+
+The grids are flooded only as far as needed. A cell's value must not depend on the cells that were read before.
+"""
 
 import numpy as np
 

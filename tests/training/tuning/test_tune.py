@@ -310,7 +310,7 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (False if name == "jackal" else None)
     assert "sim_time" not in (folder / "tuned.yaml").read_text()
     unit = "costmap cell" if name == "jackal" else "metre"
-    assert f"# Its distance biases are per {unit}, as in C++" in (folder / "tuned.yaml").read_text()
+    assert f"# The distance biases below are per {unit}, as in C++" in (folder / "tuned.yaml").read_text()
     described = yaml.safe_load((folder / "robot.yaml").read_text())
     described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
     other = shutil.copytree(folder, tmp_path / "other" / name)

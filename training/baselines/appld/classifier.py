@@ -40,8 +40,8 @@ def train(
         layout: Beams of the scans.
 
     Returns:
-        The weights, and {"accuracy": over all instants, "held_out": on every fifth block of two seconds, for a network
-        trained without these blocks (None if not measurable), "instants": number of instants}.
+        The weights, and a dict. accuracy: share of correct labels, training data included. held_out: accuracy on every
+        fifth BLOCK of a network trained on the others, None if there are too few. instants: number of instants.
     """
     blocks = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = None
