@@ -53,7 +53,7 @@ def test_a_node_without_a_master_ends_in_one_line(name):
 def test_invalid_arguments_start_nothing(name):
     """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default goal."""
     wrong, helped = (start("-m", "applr_ros1.scripts", name, *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
-    assert ended(wrong, 1).startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
+    assert ended(wrong, 1).startswith(name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE")
     assert "~robot" in ended(helped, 0)
 
 
