@@ -352,6 +352,8 @@ NO_PLANNER = PLACES[:-1]
     ("urdf", "more", "line"),
     [
         ('<link name="$(arg part)"/>', {"name": "a.xacro"}, "xacro fails: .*part.*; give arguments as NAME:=V"),
+        ("<link", {}, "is no valid URDF: ParseError.*; run check_urdf"),
+        ('<link name="plate"><collision/></link>', {}, "is no valid URDF: .*; run check_urdf"),
         (CART.replace("base_footprint", "foot"), {}, "no link base_footprint, the robot_base_frame of .*: add it"),
         (CART, {"places": [*NO_PLANNER, "common.yaml"]}, "robot_base_frame is no parameter of move_base itself: give"),
         (

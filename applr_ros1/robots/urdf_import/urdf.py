@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Iterator, List, Mapping, Set
 
@@ -45,6 +46,15 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
         ) from error
 
 
+@contextmanager
+def _named(path: str) -> Iterator[None]:
+    """Add the path to any error of a parser. The parsers raise various exceptions for invalid files."""
+    try:
+        yield
+    except Exception as error:
+        raise ApplrError(f"{path} is no valid URDF: {error!r}; run check_urdf to find the error") from error
+
+
 class UrdfFile:
     """One URDF with the poses of its links in the base frame.
 
@@ -67,7 +77,7 @@ class UrdfFile:
             base_frame: Base frame of the robot.
 
         Raises:
-            ApplrError: The file has no links, xacro fails, or there is no link base_frame.
+            ApplrError: The file is no valid URDF, has no links, xacro fails, or there is no link base_frame.
         """
         import yourdfpy
 
@@ -76,13 +86,15 @@ class UrdfFile:
         content = read_bytes(path)
         _find_packages(path)
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
-        self.xml = ElementTree.fromstring(text)
+        with _named(path):
+            self.xml = ElementTree.fromstring(text)
         if not path.endswith(".xacro") and any("xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()):
             raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
         if self.xml.find("link") is None:
             raise ApplrError(f"{path} has no links: give a URDF, or if it only defines macros, the file that uses them")
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # yourdfpy warns about joints that mimic others.
-        self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
+        with _named(path):
+            self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
